@@ -10,9 +10,9 @@ Value = TypeVar("Value")
 class ThreadSafeCache(Generic[Value]):
     """Cache that computes each value only once per process, even if several threads request it at the same time.
 
-    If several threads request a value before it is cached, `functools.cache` computes it in each of them and keeps one
-    of the results. This wastes time if a value takes seconds to compute, and is wrong for values that own memory
-    outside Python, such as machine code.
+    If several threads request a value before it is cached, `functools.cache` computes it in each of them and keeps only
+    one result. This wastes time if a value takes seconds to compute, and is wrong for values that own memory outside
+    Python, such as machine code.
 
     Reading a cached value never waits. While one thread computes a value, other threads that need to compute a value
     wait, even if the keys differ. The computation of a value may use other values of the same cache.

@@ -103,7 +103,7 @@ def _error_output_discarded() -> Iterator[None]:
 
 
 without_error_output = ProcessSetting(_error_output_discarded)
-"""Redirection that discards the standard error output of the process, including that of compiled libraries."""
+"""Redirection that discards the standard error output of the process, including the output of compiled libraries."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""

@@ -247,7 +247,7 @@ class CrashTime(NamedTuple):
 
 
 # Signals of a fuzzy neural network have a row for each rule, for each axis, or for each parameter of a membership
-# function. Rows for rules are ordered by axis: all rules of the first axis precede those of the second.
+# function. Rows for rules are ordered by axis: all rules of the first axis precede all rules of the second.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]

@@ -55,7 +55,7 @@ ALL_IMPERFECTIONS = [
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"
     " {kind: fan, position: [1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75}]",
 ]
-# Additional inputs of a network beside the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
+# Inputs of a network in addition to the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
 _POSITION_INPUTS = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
 _TWO_SETS = [
     f"control.network.inputs.{name}.{numbers}"
@@ -360,7 +360,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
-    # Times below those of the fastest minimum-snap path activate the limits and the walls.
+    # Times shorter than those of the fastest minimum-snap path activate the limits and the walls.
     tight_times = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {

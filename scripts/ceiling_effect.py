@@ -16,7 +16,7 @@ from drake_quad.vehicle.aerodynamics import Flow, Load
 
 
 class Ceiling(NamedTuple):
-    """Ceiling above the rotors. Its field names are those of the scenario language."""
+    """Ceiling above the rotors. Its fields have the names of the scenario language."""
 
     rotor_radius: Annotated[Row, Quantity("m")]
     height: PositionW

@@ -12,8 +12,8 @@ sheet = load_undesigned(SHEET)
 result = identify([record], sheet, held_out_share=1.0 / 3.0)
 print(result.estimates)
 
-# In the last third of the flight, predictions start from logged states and use logged commands. The fit also used
-# this part of the log.
+# In the last third of the flight, predictions start from logged states and use logged commands. The fit also used this
+# part of the log.
 predictions = predict(record, {"identified": result.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
 for horizon in (0.1, 0.2, 0.5):
     error = predictions.rmse("position", "identified", horizon).text(unit="cm", size=0.01)

@@ -21,7 +21,7 @@ MAX_SPEED = 1.2  # m/s, along each axis
 NUM_POINTS = 24  # control points
 START, END = np.array([0.0, 0.0, 1.0]), np.array([5.0, 0.0, 1.0])
 GATES = {2.5: [1.0, 1.5, 1.5], 5.0: [2.5, -1.0, 2.0], 7.5: [4.0, 1.0, 1.2]}  # centre (m) by time of passage (s)
-TOLERANCE = np.array([0.02, 0.3, 0.3])  # m, of the passage along x, y and z
+TOLERANCE = np.array([0.02, 0.3, 0.3])  # m, largest distance from the centre of a gate along x, y and z
 
 basis = BsplineBasis(8, NUM_POINTS, KnotVectorType.kClampedUniform, 0.0, DURATION)
 spline = BsplineTrajectory(basis, np.zeros((NUM_POINTS, 3, 1)))

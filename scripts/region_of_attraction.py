@@ -18,7 +18,7 @@ from pydrake.systems.primitives import LogVectorOutput, SymbolicVectorSystem
 from drake_quad import load_scenario
 
 G = load_scenario("hover").nominal.gravity
-# Errors e (m, rad, m/s, rad/s) that have equal cost, and likewise vertical (m/s²) and angular (rad/s²) acceleration.
+# Errors e (m, rad, m/s, rad/s), and vertical (m/s²) and angular (rad/s²) accelerations, that have equal cost.
 ERROR, COMMAND = np.array([2.5, 2.5, 0.2, 2.5, 2.5, 4.0]), np.array([1.6, 5.5])
 A = np.diag([1.0, 1.0, 1.0], 3) + G * np.outer(np.eye(6)[3], np.eye(6)[2])
 K, S = LinearQuadraticRegulator(A, np.eye(6)[:, 4:], np.diag(ERROR**-2), np.diag(COMMAND**-2))

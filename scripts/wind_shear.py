@@ -25,7 +25,7 @@ class ShearNumbers(NamedTuple):
 
 def shear_wind(state: State, shear: ShearNumbers) -> Wind:
     """Return the wind velocity v (z / h)^a at the height of a vehicle."""
-    factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # the slope is infinite at 0 m
+    factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # infinite derivative at 0 m
     return Wind._make(factor * part for part in shear.velocity)
 
 

@@ -1,4 +1,4 @@
-"""Examples of all systems: of each FleetSystem, and of each diagram that a function of the package builds."""
+"""Examples of all systems: each FleetSystem, and each diagram that a function of the package builds."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -135,7 +135,7 @@ class Example(NamedTuple):
 
     Attributes:
         system: class of the system.
-        numbers: numbers of the system, all different and neither zero nor infinite; None if it has no numbers.
+        numbers: parameters of the system, all different, nonzero and finite; None if the system has none.
         structure: arguments of the constructor that determine the ports and events.
         num_vehicles: number N of vehicles.
         has_all_ports: whether the example has all ports that its class can have.
@@ -169,14 +169,14 @@ class Example(NamedTuple):
 
     @property
     def other_numbers(self) -> Any:
-        """Numbers that differ from those of the example and between vehicles."""
+        """Numbers that differ from the example's numbers, and between vehicles."""
         if self.numbers is None:
             return None
         if isinstance(self.numbers, Samples):
             return Samples(self.numbers.seed + 1, [sample + 10 for sample in self.numbers.numbers])
         layout = layout_of(type(self.numbers), self.numbers)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Every row has its own factor, so that the ratios of two rows also differ.
+        # Every row has its own factor, so the ratios of two rows also differ.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.numbers))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
@@ -606,7 +606,7 @@ def _cascade() -> Any:
 
 
 def _corrected_pid() -> Any:
-    """Return a PID with all ports: it has an integral, and takes a correction."""
+    """Return a PID with all ports, for an integral and a correction."""
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
 

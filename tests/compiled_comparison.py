@@ -4,7 +4,7 @@ import numpy as np
 
 from drake_quad.flight.simulation import simulate_batch
 
-# The tolerance is relative to the size of a signal, or to 1 in its units.
+# The tolerance is relative to the amplitude of a signal, or to 1 in its units.
 TOLERANCE = 1e-9
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 
-# Options for each part of a scenario. Every option of a list is used before one is used again.
+# Options for each part of a scenario. Every option of a list is used before any is repeated.
 STRUCTURES = {
     "position": [
         "pd",
@@ -101,7 +101,7 @@ FEED_FORWARD_REPLACEMENTS = {
 
 
 def structures(rng, count):
-    """Return a number of structures, each of which maps the parts of a scenario to options."""
+    """Return `count` structures, each of which maps the parts of a scenario to options."""
     columns = {name: rng.permutation(np.arange(count) % len(options)) for name, options in STRUCTURES.items()}
     return [{name: STRUCTURES[name][column[i]] for name, column in columns.items()} for i in range(count)]
 

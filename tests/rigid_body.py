@@ -1,4 +1,4 @@
-"""Time derivative of a rigid body's state, for comparison with that of the vehicle."""
+"""Time derivative of a rigid body's state, for comparison with the vehicle."""
 
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.signals import Attitude, BodyRates, State

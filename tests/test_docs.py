@@ -27,7 +27,7 @@ ROOT = Path(__file__).parent.parent
 GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
 DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED_FOLDERS]
 PAGES = [ROOT / "README.md", *DOCS]
-# The links and names of these pages are checked, but not their commands, which are not for users.
+# The links and names of these pages are checked, but not their commands, which are for developers.
 OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 # Options that shorten the commands of the pages, to which they are appended. A later option replaces an earlier one.
 SHORT_OPTIONS = {
@@ -127,7 +127,7 @@ def test_every_block_of_commands_runs(block, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
-def test_every_walkthrough_prints_what_it_shows(page, monkeypatch, capsys):
+def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
     """The blocks of the page run in order, and each line of a text block is in the output of the commands before it."""
     printed = ""
     for language, text in re.findall(r"```(\w+)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
@@ -146,7 +146,7 @@ def test_every_walkthrough_prints_what_it_shows(page, monkeypatch, capsys):
 
 
 def begins(printed, shown):
-    """Tell whether a printed line begins with a shown one: with the same words, and numbers within 1 %."""
+    """Return whether a printed line begins with a shown line: the same words, and numbers within 1 %."""
     number = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
     words, numbers = re.sub(number, " # ", shown).split(), re.findall(number, shown)
     begun = re.sub(number, " # ", printed).split()[: len(words)]
@@ -253,7 +253,7 @@ def test_every_page_is_linked_from_the_index():
 
 
 def row_of(system):
-    """Return a system's cells on the page of systems, as lists of names and numbers of rows (empty if not given)."""
+    """Return a system's cells on the page of systems, as lists of names and numbers of rows (empty if absent)."""
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
@@ -274,7 +274,7 @@ def test_the_page_of_systems_lists_the_ports_of_each_system(documented, make):
 
 @pytest.mark.parametrize("system", dict.fromkeys(each.system for each in FLEET_SYSTEMS), ids=lambda each: each.__name__)
 def test_the_page_of_systems_lists_the_parameters_and_states_of_each_system(system):
-    """The page lists those of all examples, because the structure of a system determines which of them it has."""
+    """The page lists the parameters and states of all examples, since they depend on the structure of a system."""
     _, _, parameters, states = row_of(system)
     made = [example.make() for example in FLEET_SYSTEMS if example.system is system]
     for documented_names, groups in (
@@ -289,7 +289,7 @@ def test_the_page_of_systems_lists_the_parameters_and_states_of_each_system(syst
 
 def test_the_page_of_systems_lists_the_observations_of_policies():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
-    table = page.partition("| signal | rows | what it is |")[2].partition("\n\n")[0]
+    table = page.partition("| signal | rows | description |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
     assert rows == [(name, str(signal.rows or ""), signal.meaning) for name, signal in OBSERVABLE_SIGNALS.items()]
 

@@ -1,4 +1,4 @@
-"""Tests that process-wide settings are changed for a while and then restored."""
+"""Tests that process-wide settings are changed temporarily and then restored."""
 
 import gc
 import logging

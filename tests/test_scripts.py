@@ -1,4 +1,4 @@
-"""Tests of the example scripts, which are run as users run them, and of the development tools."""
+"""Tests of the example scripts, run as by users, and of the development tools."""
 
 import ast
 import re
@@ -90,7 +90,7 @@ def numbers(pattern, text):
 def test_the_figure_eight_in_drakes_simulator_has_the_errors_of_simulate(run_script, tmp_path):
     text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
-    # The times of the logs differ from those of the metrics, which start after a second.
+    # The logs cover the whole flight, whereas metrics start after a second.
     flight = simulate(variables["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)
@@ -98,7 +98,7 @@ def test_the_figure_eight_in_drakes_simulator_has_the_errors_of_simulate(run_scr
 
 
 @pytest.mark.slow
-def test_a_diagram_built_block_by_block_flies_like_a_scenario_with_its_gains(run_script, tmp_path):
+def test_a_diagram_built_block_by_block_has_the_flight_of_a_scenario_with_its_gains(run_script, tmp_path):
     text, _ = run_script("build_diagram.py")
     (rmse,) = numbers("RMSE # cm in low wind", text)
     attitude = {"kind": "pd", "k_p": [25.0, 25.0, 5.0], "k_d": [8.0, 8.0, 3.5]}
@@ -154,7 +154,7 @@ def deviation(states):
 # Products of Drake's expressions set the flag of invalid operations. Drake itself ignores the resulting warnings.
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 @pytest.mark.slow
-def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(run_script, tmp_path):
+def test_a_region_of_attraction_is_certified_and_holds_for_the_scenarios_vehicle(run_script, tmp_path):
     """The certificate is checked by samples of V', and by flights of the scenario's vehicle from the boundary.
 
     The vehicle has almost no rotor lag, which the certificate neglects. Its rotors have no angular momentum and almost
@@ -270,7 +270,7 @@ def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(ru
 
 
 @pytest.mark.slow
-def test_a_custom_controller_is_compared_with_that_of_the_scenario(run_script):
+def test_a_custom_controller_is_compared_with_the_scenario_s_controller(run_script):
     """Both errors are slightly more than a centimetre."""
     text, _ = run_script("sliding_mode_controller.py")
     (pd,), (custom,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)

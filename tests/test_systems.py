@@ -282,7 +282,7 @@ def loop_period(system, argument):
 
 
 @examples
-def test_defaults_are_those_of_the_scenario_language(example):
+def test_defaults_agree_with_the_scenario_language(example):
     """The constructor of a system has the same defaults as the scenario language."""
     system = example.system
     parameters = inspect.signature(system.declare).parameters.values()

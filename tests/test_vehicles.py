@@ -10,7 +10,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
-# Limits of the RMSE, m. The limit is wide for a Crazyflie without onboard attitude control, whose attitude takes a
+# Largest accepted RMSE, m. The limit is wide for a Crazyflie without onboard attitude control, whose attitude takes a
 # third of a second to respond.
 MAX_RMSE = {
     "paper": 0.02,
@@ -26,8 +26,8 @@ def test_every_vehicle_is_simulated_here_or_compared_with_real_flights():
     assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
-# Limits of the share of 200 samples that crash. The limit is wide for a Crazyflie without onboard attitude control,
-# whose rotors lag by 80 to 220 ms behind commands that a radio link delays by 20 to 60 ms.
+# Largest accepted fraction of 200 samples that crash. The limit is wide for a Crazyflie without onboard attitude
+# control, whose rotors lag by 80 to 220 ms behind commands that a radio link delays by 20 to 60 ms.
 MAX_CRASH_SHARE = {
     "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
@@ -44,7 +44,7 @@ def test_a_vehicle_rarely_crashes_in_its_bad_day_scenario(name):
     assert metrics.crashed.mean() <= MAX_CRASH_SHARE[name]
 
 
-def test_every_vehicle_except_those_of_the_paper_has_a_bad_day_scenario():
+def test_every_vehicle_except_the_paper_s_has_a_bad_day_scenario():
     others = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
     shipped = {name for name in shipped_scenarios() if name.startswith("bad_day:")}
     assert shipped == {f"bad_day:{name}" for name in others}

@@ -48,7 +48,7 @@ def link_required(distribution, extras, site):
             continue
         dependency = metadata.distribution(required.name)
         assert required.specifier.contains(dependency.version), text
-        # Each name is that of a module, a package, or a folder with metadata or libraries.
+        # Each entry is a module, a package, or a folder with metadata or libraries.
         names = {path.parts[0] for path in dependency.files} - {"..", "__pycache__"}
         missing = [name for name in names if not (site / name).exists()]
         for name in missing:

@@ -61,7 +61,7 @@ def degrees_apart(angles, rotation):
 
 
 def flown(parameters, tumbles, duration, load=None, swings=None):
-    """Integrate tumbles, and return the final positions, rotations, velocities and body rates, and those of the load.
+    """Integrate tumbles, and return the final positions, rotations, velocities and body rates, and the load's state.
 
     Args:
         parameters: `QuadrotorParameters` of all vehicles.

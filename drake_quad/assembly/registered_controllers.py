@@ -24,6 +24,7 @@ from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
 from drake_quad.scenario.quantities import Number
 from drake_quad.scenario.sensors.sensor import SENSORS
@@ -92,10 +93,10 @@ def register_controller(system: Any) -> str:
     """Register a Drake system class as a kind of controller, and return the name of the kind.
 
     The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a kind of position
-    controller, one with the port `wrench` or `attitude_target` a kind of control.
+    controller, and a class with the port `wrench` or `attitude_target` a kind of control.
 
     Args:
-        system: class whose ports are those of a `position_controller` or of a `control` of `simulate`. For studies and
+        system: class with the ports of a `position_controller` or a `control` of `simulate`. For studies and
             fleets, its constructor takes `num_vehicles`, the number N of vehicles.
 
     Raises:
@@ -127,6 +128,20 @@ def register_controller(system: Any) -> str:
     )
     (CONTROLS if place == "control" else POSITION_CONTROLLERS).member(model)
     return kind
+
+
+def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
+    """Return new systems of the registered kinds in a scenario that are no `FleetSystem`.
+
+    The keys are the arguments of `simulate` that accept the systems.
+    """
+    control: Any = scenario.control
+    settings = {"control": control, "position_controller": getattr(control, "position", None)}
+    return {
+        argument: _recipe(each).build(num_vehicles)
+        for argument, each in settings.items()
+        if isinstance(each, _UserSystemSettings) and not hasattr(each.system, "declare")
+    }
 
 
 def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:

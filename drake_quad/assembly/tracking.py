@@ -133,7 +133,7 @@ def build_fleet_diagram(
 def reset_fleet(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
 ) -> None:
-    """Reset a context to the default context of a diagram that is built for another batch.
+    """Reset a context to the default context that the diagram would have if it were built for another batch.
 
     Args:
         diagram: diagram from `build_fleet_diagram` for a batch of the same scenario and size, and for the same plan.

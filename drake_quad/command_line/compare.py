@@ -1,4 +1,4 @@
-"""Fly several controllers in several laboratories on the same samples, and compare their errors."""
+"""Fly several controllers in several laboratories on the same samples, and compare the errors of the controllers."""
 
 import argparse
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ def options() -> argparse.ArgumentParser:
         "--scenario",
         action="append",
         metavar="FILE[:NAME]",
-        help="scenario whose laboratory is used; can be given several times (default: laboratory:nominal,"
+        help="scenario with the laboratory; can be given several times (default: laboratory:nominal,"
         " laboratory:low_wind and laboratory:high_wind)",
     )
     default = f"(default: {', '.join(_DEFAULT_CONTROLLERS)} of controllers/paper)"
@@ -79,8 +79,8 @@ def main(arguments: argparse.Namespace) -> None:
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(
-        f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to that of the"
-        " first controller, with its 95 % interval"
+        f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to the first"
+        " controller, with its 95 % interval"
     )
     print_comparison(flights)
     print_files(files)

@@ -55,7 +55,7 @@ def options() -> argparse.ArgumentParser:
         "scenario", metavar="SCENARIO", help="FILE or FILE:NAME; the reference of the log replaces its route"
     )
     result.add_argument(
-        "--mapping", metavar="FILE", help="YAML file that maps columns to signals, or the name of a shipped one"
+        "--mapping", metavar="FILE", help="YAML file that maps columns to signals, or the name of a shipped mapping"
     )
     result.add_argument("--samples", type=int, default=1000, help="number of simulated flights (default: %(default)s)")
     result.add_argument(
@@ -67,7 +67,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--start",
         type=float,
-        help="time of the log from which on errors are evaluated, s (default: when the reference begins to move)",
+        help="time in the log at which the evaluation of errors begins, s (default: when the reference begins to move)",
     )
     add_overrides(result)
     result.set_defaults(default_output=Path("out/compare_log"))
@@ -107,20 +107,20 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
     """Print the errors of open-loop predictions of a log, for a scenario without a controller."""
     vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     if distributions_in(vehicle):
-        remark("the predictions use the median of each distribution of the vehicle")
+        remark("the predictions use the medians of the vehicle's random parameters")
     believed = believed_estimates(vehicle)
     if believed and record.rotor_speed_command is None and record.motor_command is None:
         remark(
-            f"the logged thrust and torque are converted to rotor commands by `nominal` of {vehicle.name}, which has"
-            f" identified numbers ({listed(believed)}); the prediction is wrong unless the firmware that flew believed"
-            " these; the file that identify writes without --nominal has the numbers of the firmware"
+            f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
+            f" identified values ({listed(believed)}); the prediction is wrong unless the firmware assumed these values"
+            " in the flight; the file that identify writes without --nominal has the values of the firmware"
         )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: middle_of(vehicle)}))
 
 
 def print_comparison(comparison: LogComparison) -> None:
-    """Print a table of the measured and predicted errors, and a sentence that compares them."""
+    """Print a table of the measured and predicted errors, and a sentence that compares their RMSE."""
     time = comparison.time
     print(f"{comparison.record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
     print(f"reference: {comparison.reference}")
@@ -147,7 +147,7 @@ def verdict(comparison: LogComparison) -> str:
 
 def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
     """Write the table, the plot, a replay of both flights, and the scenario, and return the paths of the files."""
-    # Matplotlib takes half a second to load, so it is loaded only when there is something to draw.
+    # Matplotlib takes half a second to import, so it is imported only when there is something to draw.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
     from drake_quad.visualization.replay.page import save_replay
     from drake_quad.visualization.style import save_figures

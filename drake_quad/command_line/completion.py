@@ -14,7 +14,7 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 # Arguments whose values are completed with the names of shipped scenarios.
 _SCENARIO_ARGUMENTS = ("scenario", "controller", "vehicle")
-# Names of scenarios contain colons. Bash would end a word at a colon if COMP_WORDBREAKS contained the colon.
+# Names of scenarios contain colons. Colons are removed from COMP_WORDBREAKS, since Bash would end a word at a colon.
 _PREAMBLE = {
     "bash": """COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}
 _drake_quad_scenarios() {{
@@ -48,7 +48,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _complete(action: argparse.Action) -> None:
-    """Set the attribute from which shtab takes the completion of an argument."""
+    """Set the attribute of an argument from which shtab reads the completion."""
     function = "_drake_quad_scenarios"
     if action.dest in _SCENARIO_ARGUMENTS:
         action.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]

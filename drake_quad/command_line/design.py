@@ -1,8 +1,8 @@
 """Design the gains of a scenario's cascade for its laboratory, and print the stability margins of each loop.
 
 If an autopilot controls the attitude on board, only the position gains are designed, around the attitude loop of the
-autopilot. With --firmware nothing is designed: the command writes the controller of a flight controller, with the gains
-in its parameters.
+autopilot. With --firmware, nothing is designed: the command writes the controller of a flight-controller firmware, with
+the gains from the firmware's parameters.
 """
 
 import argparse
@@ -50,11 +50,11 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
-# Faster modes, rad/s, are not printed, since they belong to delay lines and filters.
+# Modes with a larger frequency, rad/s, are not printed, since they belong to delay lines and filters.
 _MAX_MODE_FREQUENCY = 60.0
 # Order in which the loops of the ground station are printed.
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
-# Share of the phase margin that the integral gains of a PID use up by default.
+# Fraction of the phase margin that the integral gains of a PID use by default.
 _DEFAULT_INTEGRAL_SHARE = 0.15
 _MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
 _RANGES = {
@@ -66,12 +66,12 @@ _RANGES = {
 
 
 class LoopRequest(Model):
-    """Requirements on a loop that the option `--loop` gives; None for the default.
+    """Requirements on a loop, from the option `--loop`; None for the default.
 
     Attributes:
         bandwidth: bandwidth of the pole pair, rad/s.
         damping: damping ratio of the pole pair.
-        rate_time: weight of the rate relative to the weight of the value in the cost of the method lqr, s.
+        rate_time: weight of the rate, relative to the weight of the value, in the cost of the method lqr, s.
     """
 
     bandwidth: Annotated[float, Field(ge=1e-3, le=100.0)] | None = None
@@ -80,7 +80,7 @@ class LoopRequest(Model):
 
 
 class LoopRequests(Model):
-    """Requirements on the loops of a cascade that the option `--loop` gives."""
+    """Requirements on the loops of a cascade, from the option `--loop`."""
 
     attitude: LoopRequest = LoopRequest()
     yaw: LoopRequest = LoopRequest()
@@ -191,19 +191,19 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         "--phase-margin",
         type=float,
         metavar="DEGREES",
-        help="least phase margin of every loop (default: 45, or 60 for loops on board)",
+        help="smallest phase margin of every loop (default: 45, or 60 for loops on board)",
     )
     options.add_argument(
         "--gain-margin",
         type=float,
         metavar="DB",
-        help="least gain margin of every loop (default: 6, or 10 for loops on board)",
+        help="smallest gain margin of every loop (default: 6, or 10 for loops on board)",
     )
     options.add_argument(
         "--delay-margin",
         type=float,
         metavar="TICKS",
-        help="least delay margin of attitude loops on the ground (default: 2)",
+        help="smallest delay margin of attitude loops on the ground (default: 2)",
     )
     options.add_argument(
         "--on-board",
@@ -214,8 +214,8 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         "--integral",
         type=float,
         metavar="SHARE",
-        help="design a PID for the position, whose integral gains use up this share of the phase margin (default:"
-        f" {_DEFAULT_INTEGRAL_SHARE:g} if the scenario has a PID, else no integral)",
+        help="design a PID for the position, whose integral gains use this fraction of the phase margin (default:"
+        f" {_DEFAULT_INTEGRAL_SHARE:g} if the scenario has a PID, otherwise no integral)",
     )
     options.add_argument(
         "--loop",
@@ -223,9 +223,9 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="change a requirement on a loop, as in position.damping=0.7. Loops are attitude, yaw, height and position."
-        " Fields are bandwidth (rad/s, by default the highest one that keeps the margins) and damping (default: 0.8) of"
-        " the pole pair; with --method lqr the field is rate_time (s), the weight of the rate in the cost relative to"
-        " that of the value",
+        " Fields are bandwidth (rad/s, default: the largest bandwidth with the required margins) and damping (default:"
+        " 0.8) of the pole pair; with --method lqr, the field is rate_time (s), the weight of the rate in the cost"
+        " relative to the weight of the value",
     )
 
 
@@ -233,8 +233,8 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
     """Return the design options of each axis: the defaults, with the changes that the arguments request.
 
     Raises:
-        InputError: if a number is out of range, or an option belongs to the other method, or to an attitude loop on the
-            ground, which the scenario does not have.
+        InputError: if a value is out of range, or an option belongs to the other method or to an attitude loop on the
+            ground that the scenario does not contain.
     """
     check_ranges(arguments, _RANGES)
     requests = model_of(LoopRequests, overrides_of(arguments.loop, "--loop"))
@@ -276,8 +276,8 @@ def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOpt
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: str) -> None:
     """Write the gains as YAML that a scenario can extend, with the command that designed them in a comment.
 
-    The file also contains the kind of the controller, its derivative and its feed-forward, so that it replaces every
-    other controller completely.
+    The file also contains the kind of the controller, its derivative and its feed-forward, so that it completely
+    replaces any other controller.
     """
     yaml = YAML()
     yaml.default_flow_style = None
@@ -318,7 +318,7 @@ def print_design(design: CascadeDesign) -> None:
                 f"{margins.bandwidth:.2f} rad/s",
                 f"{margins.sensitivity:.2f}",
                 (", ".join(loop.limits) or "as requested")
-                + (f"; cost {cost:.2f} × that of full state feedback" if cost is not None else ""),
+                + (f"; cost {cost:.2f} × the cost of full state feedback" if cost is not None else ""),
             )
         )
     rate_text = ", or rate" if design.on_board else ""
@@ -327,7 +327,7 @@ def print_design(design: CascadeDesign) -> None:
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Print the modes of the whole loop over one tick, the slowest first."""
+    """Print the modes of the whole loop, sampled at each tick, from the slowest to the fastest mode."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):

@@ -1,7 +1,7 @@
 """Design a linear-quadratic-Gaussian controller for a scenario, and print its stability margins.
 
-The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays: those
-that the distributions of the scenario contain or, without distributions, typical deviations from the given values.
+The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays, which
+follow from the distributions of the scenario or, without distributions, are typical deviations from the given values.
 """
 
 import argparse
@@ -39,14 +39,14 @@ def options() -> argparse.ArgumentParser:
         type=float,
         default=default.delay,
         metavar="SECONDS",
-        help="least delay margin, s (default: %(default)s)",
+        help="smallest delay margin, s (default: %(default)s)",
     )
     result.add_argument(
         "--snap",
         type=float,
         default=default.snap,
         metavar="SIZE",
-        help="largest root mean square of the command along x and y if torques go over the link, m/s⁴ (default:"
+        help="largest root mean square of the command along x and y if torques are sent over the link, m/s⁴ (default:"
         " %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
     )
     result.add_argument(

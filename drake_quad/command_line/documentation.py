@@ -9,10 +9,10 @@ _MARK = "<!-- What follows is written by scripts/development/document_scenarios.
 
 
 def command_page(page: str) -> str:
-    """Return the page on the command line, with its generated part brought up to date.
+    """Return the page on the command line with an updated generated part.
 
     Args:
-        page: current text of the page. The generated part follows the line that says so.
+        page: current text of the page. The generated part follows the line `_MARK`.
     """
     before, mark, _ = page.partition(_MARK)
     parts = []
@@ -39,5 +39,5 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text with the characters escaped that a cell of a Markdown table cannot contain."""
+    """Return a text in which characters are escaped that a cell of a Markdown table cannot contain."""
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")

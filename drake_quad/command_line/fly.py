@@ -43,12 +43,12 @@ def options() -> argparse.ArgumentParser:
         "--rate",
         type=float,
         default=1.0,
-        help="ratio of simulated time to real time with --meshcat; 0 for as fast as possible (default: 1)",
+        help="ratio of simulated time to real time with --meshcat; 0 to run as fast as possible (default: 1)",
     )
     result.add_argument(
         "--save-network",
         metavar="FILE",
-        help="write the learned weights of the network, which `control.network.learned: FILE` loads for another flight",
+        help="write the learned weights of the network; `control.network.learned: FILE` loads them for another flight",
     )
     for flight_format in FORMATS:
         result.add_argument(f"--{flight_format.option}", action="store_true", help=flight_format.help)
@@ -77,7 +77,7 @@ def main(arguments: argparse.Namespace) -> None:
     with progress_bar("flying", **FLIGHT_BAR) as progress:
         compiled = False if arguments.wired else None
         flight = simulate(scenario, sample=sample, plan=plan, compiled=compiled, prepare=prepare, progress=progress)
-    # Matplotlib takes half a second to load, so it is loaded after all input has been checked.
+    # Matplotlib takes half a second to import, so it is imported after all input has been checked.
     from drake_quad.visualization.plots import save_plots
     from drake_quad.visualization.replay.page import save_replay
 
@@ -115,7 +115,7 @@ def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> 
         meshcat: server that shows the scene.
         scenario: scenario of the flight.
         plan: plan of the flight.
-        rate: ratio of simulated time to real time; 0 for as fast as possible.
+        rate: ratio of simulated time to real time; 0 to run as fast as possible.
     """
     from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
@@ -140,7 +140,7 @@ def show_replay(meshcat: Meshcat, name: str, flight: Flight) -> None:
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:
-    """Return a row of name, value and unit for each metric; a dash replaces a value that is not finite."""
+    """Return a row of name, value and unit for each metric. A dash replaces a value that is not finite."""
     rows = [("flight time", flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}", "s")]
     for name, metric in METRICS.items():
         if metric.display is not None:

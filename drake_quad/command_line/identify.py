@@ -2,7 +2,7 @@
 
 The command prints the signals of the logs, the identified parameters with 95 % intervals, and the parameters that the
 logs do not identify, with the reasons. It also prints two scores on held-out data, the last third of each flight: the
-variance that a forecast explains, and the errors of open-loop predictions, compared with those of the initial vehicle.
+variance that a forecast explains, and the errors of open-loop predictions, compared with the initial vehicle.
 """
 
 import argparse
@@ -38,7 +38,7 @@ from drake_quad.written_numbers import parse_float
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
 _MAX_WIND = 100.0  # m/s, the limit of scenarios
-_HELD_OUT_SHARE = 1.0 / 3.0  # the last third of the airborne time of each flight is held out
+_HELD_OUT_SHARE = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
 
 def options() -> argparse.ArgumentParser:
@@ -49,9 +49,9 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument(
         "--vehicle",
-        help="FILE or FILE:NAME of the initial vehicle (default: vehicle that the mapping or the saved flight names)",
+        help="FILE or FILE:NAME of the initial vehicle (default: the vehicle that the mapping or saved flight names)",
     )
-    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped one")
+    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
     result.add_argument(
         "--wind",
         metavar="X,Y,Z",
@@ -71,7 +71,7 @@ def options() -> argparse.ArgumentParser:
         help="also write the estimates to `nominal`, the parameters that planner and controllers use",
     )
     result.add_argument(
-        "--name", help="name of the vehicle (default: name of the output file, or else of the first log)"
+        "--name", help="name of the vehicle (default: name of the output file or, without --output, of the first log)"
     )
     add_vector(result)
     return result
@@ -144,7 +144,10 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
         except ValueError:
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):
-            raise InputError(f"--wind {shown(text)}: must be three numbers below {_MAX_WIND:g} m/s, as in -8.5,0,0")
+            raise InputError(
+                f"--wind {shown(text)}: must be three numbers between -{_MAX_WIND:g} and {_MAX_WIND:g} m/s, as in"
+                " -8.5,0,0"
+            )
         if record.wind is not None:
             remark(f"{record.name}: the log contains the wind, so --wind is ignored")
         records_with_wind.append(
@@ -154,7 +157,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the path of the initial vehicle: that which the mapping names, or the scenario saved with a flight.
+    """Return the path of the initial vehicle: the vehicle that the mapping names, or the scenario saved with a flight.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.
@@ -188,8 +191,8 @@ def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
     distributions = distributions_in(base)
     if distributions:
         raise InputError(
-            f"{spec}: {next(iter(distributions))} is a distribution, but the initial vehicle must have numbers; replace"
-            " it by a number"
+            f"{spec}: {next(iter(distributions))} is a distribution, but the initial vehicle must not contain"
+            " distributions; replace it by a number"
         )
     return base
 
@@ -254,7 +257,7 @@ def print_estimates(identification: Identification) -> None:
         )
     print(
         "identified parameters with 95 % intervals, the half-width of the interval for a new flight, the number of"
-        " held-out segments whose estimate is within it, and the variance of held-out flight that they explain"
+        " held-out segments whose estimate is within it, and the explained variance of held-out flight"
     )
     print_columns(("parameter", "value", "unit", "new flight", "within", "explained variance"), rows)
     if identification.delay is not None:
@@ -273,7 +276,7 @@ def print_estimates(identification: Identification) -> None:
 
 
 def coverage_text(identification: Identification, name: str) -> str:
-    """Return how many held-out segments have an estimate within the interval of a parameter; empty if unknown."""
+    """Return as text how many held-out segments have an estimate within a parameter's interval; empty if unknown."""
     if name not in identification.held_out:
         return ""
     errors = identification.held_out[name]
@@ -331,7 +334,7 @@ def print_hover(records: list[FlightRecord], weight: float) -> None:
 
 
 def variance_text(share: float) -> str:
-    """Return the explained share of the variance as text."""
+    """Return the explained fraction of the variance as text."""
     if not math.isfinite(share):
         return "–"
     return f"{100.0 * share:.1f} %" if share > 0.0 else "none"

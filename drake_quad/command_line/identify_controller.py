@@ -25,7 +25,7 @@ from drake_quad.statistics.interval import plus_minus
 _FORM_DESCRIPTIONS = {
     "acceleration": "thrust along the commanded attitude",
     "heading": "thrust along the commanded roll and pitch at the measured yaw",
-    "decoupled": "tilt from the horizontal acceleration alone, and vertical thrust",
+    "decoupled": "tilt from the horizontal acceleration only, and vertical thrust",
     "projected": "component of the commanded force along the measured thrust axis",
     "tilt": "roll, pitch and thrust, independently of each other",
 }
@@ -38,7 +38,7 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument("log", nargs="+", type=Path, help="flight logs with the same controller")
     result.add_argument("--vehicle", help="FILE or FILE:NAME of the vehicle whose parameters the controller uses")
-    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped one")
+    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
     result.add_argument("--mass", type=float, metavar="KG", help="mass that the controller uses")
     result.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field of the vehicle"

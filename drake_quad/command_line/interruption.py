@@ -1,8 +1,8 @@
 """Handling of Ctrl-C while a command loads its libraries.
 
-The imports of a command take about a second. During this time Ctrl-C must not raise KeyboardInterrupt, because a
-library that is being imported might print it, suppress it, or report it as an error of its own. Instead, the process
-ends at once with a message. Python's default behaviour is restored before the command runs.
+The imports of a command take about a second. During this time, Ctrl-C must not raise KeyboardInterrupt, because a
+library that is being imported might print the exception, suppress it, or convert it to another error. Instead, the
+process ends at once with a message. Python's default behaviour is restored before the command runs.
 """
 
 import multiprocessing

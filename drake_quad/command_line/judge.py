@@ -1,7 +1,7 @@
 """Fly all designed controllers in all laboratories, and write a report that compares their performance.
 
-With --tune, the command instead designs the controllers for families of laboratories, all by the same protocol, and
-writes them into diagrams/controllers/designed. A second run without --tune then writes the report.
+With --tune, the command instead designs the controllers for families of laboratories by one protocol, and writes them
+into diagrams/controllers/designed. A second run without --tune then writes the report.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--only", action="append", metavar="NAME", help="designed controller; can be given several times (default: all)"
     )
-    add_controller(result, several="can be given several times; it is compared with the designed ones and not tuned")
+    add_controller(result, several="can be given several times; is compared with the designed controllers, not tuned")
     result.add_argument(
         "--samples",
         type=int,
@@ -55,8 +55,8 @@ def options() -> argparse.ArgumentParser:
         "--tune",
         nargs="*",
         choices=[*FAMILIES, PRICED_DESIGNS],
-        help="design the controllers for these families, or for all if none is named;"
-        f" {PRICED_DESIGNS} designs the controllers under other stability limits",
+        help="design the controllers for these families, or for all families if none is named;"
+        f" {PRICED_DESIGNS} designs controllers with other stability limits",
     )
     result.add_argument(
         "--rounds", type=int, default=Budget().rounds, help="number of rounds of each search (default: %(default)s)"
@@ -95,7 +95,7 @@ def main(arguments: argparse.Namespace) -> None:
 def own_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers that `--controller` names.
 
-    A controller with the same short name as a designed one keeps its full name.
+    If a designed controller has the same short name, the full name of the user's controller is used.
 
     Raises:
         InputError: if a controller cannot be loaded, or two controllers have the same name.
@@ -115,8 +115,8 @@ def tune(arguments: argparse.Namespace) -> None:
     """Design controllers, and print a line for each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError(
-            "--tune writes into diagrams/ of a source checkout, but the package is installed without one; run it in a"
-            " checkout"
+            "--tune writes into diagrams/ of a source checkout, but the package is installed without a checkout; run"
+            " the command in a checkout"
         )
     budget = Budget(rounds=arguments.rounds)
     for name in arguments.tune or [*FAMILIES, PRICED_DESIGNS]:
@@ -146,12 +146,12 @@ def print_errors(evaluation: Evaluation) -> None:
         (CONTROLLER_NAMES[name], *(error_text(evaluation.flights[laboratory].get(name)) for laboratory in laboratories))
         for name in evaluation.controllers
     ]
-    print("mean RMSE in cm, followed by the share of crashes if there are any")
+    print("mean RMSE in cm, followed by the fraction of crashes if there are any")
     print_columns(("", *laboratories), rows)
 
 
 def error_text(metrics: Metrics | None) -> str:
-    """Return the mean error in cm as text, with the share of crashes; a dash if the controller did not fly."""
+    """Return the mean error in cm as text, with the fraction of crashes; a dash if the controller did not fly."""
     if metrics is None:
         return "–"
     error = mean_interval(values_without_crashes(metrics, "rmse")).without_interval().text(size=0.01)

@@ -24,7 +24,7 @@ def options() -> argparse.ArgumentParser:
         "--rate",
         type=float,
         default=1.0,
-        help="ratio of simulated time to real time; 0 for as fast as possible (default: 1)",
+        help="ratio of simulated time to real time; 0 to run as fast as possible (default: 1)",
     )
     result.add_argument(
         "--time", type=float, metavar="SECONDS", help="end after this simulated time (default: when you click on stop)"
@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
-    # Meshcat is slow to load, so it is imported after the input has been checked.
+    # Meshcat is slow to import, so it is imported after the input has been checked.
     from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
 
     print_flight_remarks([scenario])

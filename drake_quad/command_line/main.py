@@ -56,14 +56,14 @@ def main(*first_arguments: str) -> None:
     """Run `drake-quad` with the arguments of this process, and exit.
 
     Args:
-        first_arguments: arguments that precede those of the process, as in `main("fly")`.
+        first_arguments: arguments that precede the arguments of the process, as in `main("fly")`.
     """
     # Libraries and scenarios consist of hundreds of thousands of objects that live until the end of the process. With
     # Python's default thresholds, the garbage collector visits them repeatedly, which takes half a second per command.
     gc.set_threshold(_GC_THRESHOLD, 20, 50)
     atexit.register(gc.freeze)
-    # On small matrices, two BLAS threads can take a hundred times as long as one. NumPy and SciPy read this variable
-    # when they are loaded.
+    # For small matrices, two BLAS threads can take a hundred times as long as one. NumPy and SciPy read this variable
+    # when they are imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # This import makes Ctrl-C end the command without a traceback.
     from drake_quad.command_line.running import orderly_exit, run

@@ -1,4 +1,4 @@
-"""Map which gains stabilise a loop, for the scenario and for a worst case with more lag and delay.
+"""Map which gains stabilise a loop, for the scenario and for a worst case with larger lag and delay.
 
 Each map shows the stability of the linear model, and the errors of simulated flights. With an autopilot of kind
 attitude, the gains of the attitude loop are k_attitude and k_rate on board.
@@ -58,8 +58,8 @@ def options() -> argparse.ArgumentParser:
         "--worst",
         metavar="FIELD=VALUE",
         action="append",
-        help="value of a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
-        f" {_WORST_LAG_FACTOR:g} times as slow, and one more tick of delay)",
+        help="value of a field of vehicle or laboratory in the worst case; can be given several times (default: rotor"
+        f" time constant × {_WORST_LAG_FACTOR:g}, and an additional delay of one tick)",
     )
     result.add_argument("--quick", action="store_true", help="map 12 by 12 gains with flights of 5 s, as a quick test")
     add_controller(result)
@@ -122,7 +122,7 @@ def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.n
 
 
 def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
-    """Print the share of the gains that are stable, the share that does not crash, and the best pair of gains."""
+    """Print the fraction of stable gains, the fraction of gains without a crash, and the best pair of gains."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     best = "all flights with stable gains crashed"
@@ -157,6 +157,6 @@ def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
     minimum, maximum = limits
     if not 0.0 <= minimum < maximum < math.inf:
         raise InputError(
-            f"{name} is {minimum:g} {maximum:g}, but must be two gains: a smaller one of at least 0, and a larger one"
+            f"{name} is {minimum:g} {maximum:g}, but must be two gains, the first at least 0, and the second larger"
         )
     return np.linspace(minimum, maximum, size)

@@ -75,7 +75,7 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
         action=_Import,
         dest="imports",
         default=[],
-        help="Python file to run first, such as one that registers a kind of wind; can be given several times",
+        help="Python file to run first, for example to register a kind of wind; can be given several times",
     )
     options.add_argument("--seed", type=int, help="seed of all random numbers (default: seed of the scenario)")
 
@@ -119,7 +119,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """Return the output folder: that of `--output`, or by default the folder with the name of a scenario."""
+    """Return the output folder: the value of `--output`, or by default the folder with the name of a scenario."""
     folder: Path = arguments.output or arguments.default_output / name
     return folder
 
@@ -130,14 +130,14 @@ def add_vector(options: argparse.ArgumentParser) -> None:
 
 
 def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Check that the given numbers are within their ranges.
+    """Check that the given values are within their ranges.
 
     Args:
         arguments: arguments of the command.
-        ranges: smallest and largest value of each option, by the name of the option without dashes in front.
+        ranges: smallest and largest value of each option, by the name of the option without leading dashes.
 
     Raises:
-        InputError: if a number is out of its range.
+        InputError: if a value is out of its range.
     """
     for option, (minimum, maximum) in ranges.items():
         value = getattr(arguments, option.replace("-", "_"))
@@ -155,12 +155,12 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`; error messages about them name the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about them name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
 def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
-    """Return the overrides that the options `--set` and `--seed` give."""
+    """Return the overrides from the options `--set` and `--seed`."""
     seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
     return [*overrides_of(arguments.set), *seed]
 
@@ -173,8 +173,8 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
         several: phrase for the help on the use of several controllers; None if the command takes only one.
     """
     help_text = (
-        "controller that replaces that of the scenario: a layer in YAML as FILE:NAME, or a Drake system in Python as"
-        " FILE.py:CLASS"
+        "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, or a Drake system in"
+        " Python as FILE.py:CLASS"
     )
     if several is None:
         options.add_argument("--controller", metavar="FILE:NAME", help=help_text)
@@ -189,8 +189,8 @@ class NamedController(NamedTuple):
 
     Attributes:
         name: short name of the controller.
-        layers: layers that are laid over the scenario.
-        overrides: overrides of fields of the scenario, which `--set` can override in turn.
+        layers: scenario files that are merged over the scenario.
+        overrides: overrides of fields of the scenario. Overrides by `--set` take precedence.
     """
 
     name: str
@@ -203,7 +203,7 @@ def controller_of(spec: str, scenario: str) -> NamedController:
 
     Args:
         spec: value of the option, FILE:NAME or FILE.py:CLASS.
-        scenario: scenario that will use the controller; a position controller in Python keeps its feed-forward.
+        scenario: scenario that will use the controller. Its feed-forward is kept for a position controller in Python.
 
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
@@ -211,7 +211,7 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     file, _, name = spec.rpartition(":")
     if not file.endswith(".py"):
         return NamedController(Path(name).stem, layers=(spec,))
-    # Modules with systems take half a second to load, so they are imported only when they are needed.
+    # Modules with systems take half a second to import, so they are imported only when they are needed.
     from drake_quad.assembly.registered_controllers import register_controller
     from drake_quad.scenario.controls.control import CONTROLS
 
@@ -244,7 +244,7 @@ def scenario_of(
 
     Args:
         arguments: arguments of the command.
-        further: overrides in addition to those of the arguments.
+        further: overrides in addition to the overrides in the arguments.
         load: function that loads the scenario.
     """
     spec = getattr(arguments, "controller", None)
@@ -258,7 +258,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
 
     Args:
         arguments: arguments with the controllers and overrides.
-        spec: FILE or FILE:NAME of the scenario; by default that of the arguments.
+        spec: FILE or FILE:NAME of the scenario; by default `arguments.scenario`.
 
     Returns:
         The scenarios by the names of the controllers, or the unchanged scenario by its own name.

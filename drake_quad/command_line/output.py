@@ -59,12 +59,12 @@ def print_margins(margins_by_signal: dict[str, Any]) -> None:
 
 
 def remark(sentence: str) -> None:
-    """Print a remark on standard error, about something that the user may not have intended."""
+    """Print a remark on standard error about a result or an input that the user may not have intended."""
     print(f"remark: {sentence}", file=sys.stderr)
 
 
 def print_predictions(predictions: "Predictions") -> None:
-    """Print the prediction errors of vehicles at several horizons, and how much smaller those of the first one are."""
+    """Print the prediction errors of vehicles at several horizons, and the improvement by the first vehicle."""
     names, rows = predictions.vehicles, []
     first, second, *_ = names
     for quantity, (size, unit) in _DISPLAY_UNITS.items():

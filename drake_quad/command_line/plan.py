@@ -38,7 +38,7 @@ def main(arguments: argparse.Namespace) -> None:
     plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
-    # The planner adds corners to a path around obstacles. They are not waypoints of the route, so they are left out.
+    # The planner adds corners to a path around obstacles. These are not waypoints of the route, so they are left out.
     regions = (
         () if problem is None else problem.waypoints if waypoints is None else [problem.waypoints[i] for i in waypoints]
     )
@@ -118,7 +118,7 @@ def binding_summary(constraints: list[ActiveConstraint]) -> str:
 
 
 def _ranges(numbers: set[int]) -> str:
-    """Return whole numbers as text, with runs abbreviated as in `0, 2-4`."""
+    """Return whole numbers as text, with consecutive numbers abbreviated as in `0, 2-4`."""
     runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
     parts = [[number for _, number in run] for _, run in runs]
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)

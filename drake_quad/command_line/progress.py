@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Options of tqdm for a bar that counts seconds of flight and appears after a delay in s.
+# Options of tqdm for a bar that counts seconds of flight, and that appears after `delay` seconds.
 FLIGHT_BAR: dict[str, Any] = {
     "bar_format": "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} remaining",
     "delay": 1.0,
@@ -12,10 +12,10 @@ FLIGHT_BAR: dict[str, Any] = {
 
 
 def new_bar(*items: Any, **options: Any) -> Any:
-    """Return a tqdm progress bar that is shown only on a terminal, and disappears at its end."""
+    """Return a tqdm progress bar that is shown only on a terminal, and disappears when it is finished."""
     from tqdm import tqdm
 
-    # tqdm must not start its monitor thread, since worker processes are forked only from a single-threaded process.
+    # tqdm must not start its monitor thread, since worker processes can be forked only from a single-threaded process.
     tqdm.monitor_interval = 0
     return tqdm(*items, leave=False, disable=None, **options)
 

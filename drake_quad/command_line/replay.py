@@ -18,7 +18,7 @@ def options() -> argparse.ArgumentParser:
         "--samples", type=int, default=100, help="number of samples of each scenario (default: %(default)s)"
     )
     result.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
-    add_controller(result, several="can be given several times; all fly the same samples, each in its own colour")
+    add_controller(result, several="can be given several times; each flies the same samples and has its own colour")
     return result
 
 
@@ -39,6 +39,6 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_crashes(flights: dict[str, list[Flight]]) -> None:
-    """Print the number of flights and of crashes of each scenario."""
+    """Print the numbers of flights and crashes of each scenario."""
     for name, group in flights.items():
         print(f"{name}: {len(group)} flights, {sum(bool(flight.metrics.crashed) for flight in group)} crashed")

@@ -65,7 +65,7 @@ def load(cell: Cell) -> Scenario:
 
 
 def print_errors(entries: Sequence[TableEntry]) -> None:
-    """Print the simulated errors of Table II beside those that the paper reports."""
+    """Print the simulated errors of Table II beside the errors in the paper."""
     rows = [
         (
             WINDS[entry.cell.wind],

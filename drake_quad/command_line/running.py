@@ -37,8 +37,8 @@ def run(main: Callable[[], None]) -> None:
 def orderly_exit() -> Iterator[None]:
     """End the process with a message and no traceback if the body of a `with` statement fails.
 
-    Inside the statement, characters that the encoding of a terminal or file lacks are printed as escape sequences. A
-    standard output that cannot be written to, such as a file on a full disk, is a failure.
+    Inside the statement, characters that the encoding of a terminal or file does not contain are printed as escape
+    sequences. If the standard output cannot be written, for example to a full disk, the command fails.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -54,7 +54,7 @@ def orderly_exit() -> Iterator[None]:
         status, has_exited = stop.code, True
     except InputError as error:
         status, message = 2, f"error: {error}"
-    except BrokenPipeError:  # the process that reads the pipe has ended, so nobody would see a message
+    except BrokenPipeError:  # the process that reads the pipe has ended, so a message would not be read
         status = 1
     except MemoryError as error:
         status, message = 1, f"failed: {str(error) or 'not enough memory'}"
@@ -73,7 +73,7 @@ def orderly_exit() -> Iterator[None]:
 
 
 def _flush_error() -> str:
-    """Flush the standard output, and discard the rest of the output if this fails.
+    """Flush the standard output. If this fails, discard the rest of the output.
 
     Returns:
         The error message; empty if the output has been written.

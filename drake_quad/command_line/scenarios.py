@@ -1,6 +1,6 @@
 """List the shipped scenarios by name, or print one scenario in full.
 
-The names are valid in every command and in Python. A scenario that is printed in full includes everything that it
+The names are valid in every command and in Python. A scenario that is printed in full includes all scenarios that it
 extends and all default values, so it is a starting point for your own file.
 """
 

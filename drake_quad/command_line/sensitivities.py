@@ -20,12 +20,12 @@ from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# Default fields that every vehicle has, and whose values are uncertain for a real vehicle.
+# Default fields that exist for every vehicle and are uncertain for a real vehicle.
 _COMMON_FIELDS = (
     *("vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"),
     "vehicle.rotor_time_constant",
 )
-# Beginnings of the paths of drag fields, which are default fields if they are not 0.
+# Prefixes of the paths of drag fields, which are default fields if they are not 0.
 _DRAG_FIELDS = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
 # Gains of loops on the ground that are default fields.
 _GAINS = ("k_p", "k_d")
@@ -37,7 +37,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     Inertia and rotor positions are left out if the autopilot models the attitude response, which replaces them.
     """
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
-    # Gains of 0 are left out, because the diagram may lack their terms and then has no derivative with respect to them.
+    # Gains of 0 are left out, because the diagram may not contain their terms, and then has no derivative.
     fields = [
         *_COMMON_FIELDS,
         *(path for path, value in leaves(scenario) if path.startswith(_DRAG_FIELDS) and value),
@@ -101,7 +101,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
-    """Print the derivative of a metric with respect to each field, sorted by the effect of a change of 1 %."""
+    """Print the derivative of a metric with respect to each field, sorted by the effect of a change by 1 %."""
     if sensitivities.crash_time < math.inf:
         print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
     print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")

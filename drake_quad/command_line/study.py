@@ -71,8 +71,8 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--over",
         metavar="FIELD",
-        help="random parameter over which the crash probability is plotted (default: the one with the largest influence"
-        " on crashes)",
+        help="random parameter over which the crash probability is plotted (default: the parameter with the largest"
+        " influence on crashes)",
     )
     result.add_argument(
         "--parquet", action="store_true", help=f"also write the table as {PARQUET_FILE}, for large studies"
@@ -126,7 +126,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
-    """Return the scenarios to fly by name: one for each controller, or the only one."""
+    """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
     print_flight_remarks(scenarios.values())
     for name, scenario in scenarios.items():
@@ -151,7 +151,7 @@ def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
 
 @contextmanager
 def open_executor(arguments: argparse.Namespace) -> Iterator[WorkerPool]:
-    """Open the workers that fly the batches: processes on this machine, or those of a Dask cluster."""
+    """Open the workers that fly the batches: processes on this machine, or the workers of a Dask cluster."""
     if arguments.cluster is None:
         with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
             yield workers
@@ -167,7 +167,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
-    # Matplotlib takes half a second to load, so it is loaded only in the main process, and after the flights.
+    # Matplotlib takes half a second to import, so it is imported only in the main process, and after the flights.
     from drake_quad.visualization.study_plots import (
         plot_convergence,
         plot_crash_probability,
@@ -202,7 +202,7 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
         first, others = pairs[0], f"; {len(pairs) - 1:,} more pairs" if len(pairs) > 1 else ""
         print(
             f"random parameters are correlated ({first.first} and {first.second}: {first.correlation:+.2f}{others}), so"
-            " the influence of a parameter includes that of the correlated ones"
+            " the influence of a parameter includes the influences of correlated parameters"
         )
     if len(study.samples):
         print("worst samples:")
@@ -222,7 +222,7 @@ def _outcome_of(study: Study, index: int) -> str:
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
-    """Print a paired comparison of each controller with the first, on the samples that neither crashes."""
+    """Print a paired comparison of each controller with the first, on the samples in which neither crashes."""
     print(f"paired comparison with {next(iter(studies))} on the same samples:")
     print_summary(comparison_table(studies, metric))
 

@@ -1,7 +1,7 @@
 """Tune parameters of a scenario's controller for the smallest error on training samples, under limits on its loops.
 
-The limits are the peak sensitivity and the delay margin. Several fields can share a tuned value, such as the gain of x
-and y.
+The limits apply to the peak sensitivity and the delay margin. Several fields can share a tuned value, for example the
+gains of x and y.
 """
 
 import argparse
@@ -17,7 +17,8 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import values_without_crashes
 
-# A parameter without a given range is searched from its value divided by this factor to its value times this factor.
+# A parameter without a given range is searched from its current value divided by this factor to its value times this
+# factor.
 _DEFAULT_RANGE_FACTOR = 4.0
 # Number of held-out samples on which the tuned controller is tested. They follow the training samples.
 _NUM_TEST_SAMPLES = 32
@@ -55,7 +56,7 @@ def options() -> argparse.ArgumentParser:
         type=float,
         default=limit.delay,
         metavar="SECONDS",
-        help="least delay margin, s (default: %(default)s)",
+        help="smallest delay margin, s (default: %(default)s)",
     )
     result.add_argument(
         "--samples", type=int, default=budget.samples, help="number of training samples (default: %(default)s)"
@@ -94,12 +95,12 @@ def main(arguments: argparse.Namespace) -> None:
     print()
     print_margins(link_margins(tuned))
     if result.share < 1.0:
-        print(f"\nno candidate keeps the limits; the best one meets {100.0 * result.share:.0f} % of them")
+        print(f"\nno candidate keeps the limits; the best candidate meets {100.0 * result.share:.0f} % of them")
     print_files([file])
 
 
 def knob_of(text: str, scenario: Scenario) -> Knob:
-    """Return the parameter and its range that a value of `--tune` gives."""
+    """Return the parameter and its range from a value of `--tune`."""
     fields, _, limits = text.partition("=")
     paths = tuple(fields.split(","))
     values = [value_at(scenario, path) for path in paths]

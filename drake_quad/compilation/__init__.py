@@ -1,1 +1,1 @@
-"""Diagrams compiled to machine code."""
+"""Compilation of diagrams to machine code."""

@@ -1,6 +1,6 @@
-"""Blocks: leaf systems that can be compiled, with the computation of their outputs and updates on rows.
+"""Blocks: leaf systems that can be compiled, with the formulas for their outputs and updates.
 
-A FleetSystem declares its computations. Of Drake's own systems, the compiler supports those that a fleet needs, which
+A FleetSystem declares its formulas. In addition, the compiler supports those systems of Drake that a fleet needs, which
 select, join, add, scale or hold rows.
 """
 
@@ -38,7 +38,7 @@ class BlockUpdate(NamedTuple):
         compute: function of a view of the trace that returns the new rows of state groups, by the number of the group.
         period: period of the update, s; None for an update at the start of a simulation.
         unrestricted: True for an update before all discrete updates of the same instant.
-        at_start: True for an update at time zero, too.
+        at_start: True if the update also takes place at time zero.
     """
 
     compute: Callable[[BlockView], dict[int, Rows]]
@@ -65,7 +65,7 @@ class Block(ABC):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key; blocks with equal keys have equal computations, for any number of vehicles."""
+        """Hashable key. The computations of blocks with equal keys are equal, for any number of vehicles."""
         return type(self), *[work.period for work in self.updates]
 
     @abstractmethod
@@ -88,12 +88,12 @@ def block_of(system: Any) -> Block | None:
 
 
 def reason_not_compilable(system: Any) -> str:
-    """Return the reason why a leaf system cannot be compiled, for a message."""
+    """Return the reason why a leaf system cannot be compiled, for an error message."""
     if isinstance(system, FleetSystem):
         if "continuous" in system.states:
             return "its state is continuous"
-        return "it declares ports, states or events by Drake's own methods"
-    return "only systems that declare formulas and the simplest of Drake's own systems can be compiled"
+        return "it declares ports, states or events directly with Drake's methods"
+    return "only systems that declare formulas, and some simple systems of Drake, can be compiled"
 
 
 def has_vectors(system: Any) -> bool:
@@ -137,7 +137,7 @@ class _Declared(Block):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key of the computations, see `Block`."""
+        """Hashable key of the computations; see `Block`."""
         outputs = [_signature(each) for each in self.system.outputs.values()]
         updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
         return *outputs, *updates, *map(_signature, self.system.initializations)
@@ -155,7 +155,7 @@ class _Declared(Block):
 
 
 def _signature(computation: Computation) -> tuple[Any, ...]:
-    """Return a key of a computation: its formula, and the kinds and layouts of its arguments and results."""
+    """Return a key of a computation: its formula, and the types and layouts of its arguments and results."""
     reads: list[tuple[Any, ...]] = []
     for read in computation.reads:
         if isinstance(read, Input):
@@ -201,7 +201,7 @@ def _group_number(group: StateGroup) -> int:
 
 
 class _PassThroughBlock(Block):
-    """Block of a system that passes its rows on."""
+    """Block of a system whose output rows are its input rows."""
 
     def output(self, index: int, view: BlockView) -> Rows:
         return _connected(view.input(0))
@@ -219,7 +219,7 @@ class _Demultiplexer(Block):
         sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
         if any(size % unit for size in sizes):
             raise InputError(
-                f"{self.system.get_name()} cannot be compiled: an output has only some vehicles of the fleet"
+                f"{self.system.get_name()} cannot be compiled: an output contains only some vehicles of the fleet"
             )
         return rows[sum(sizes[:index]) // unit : sum(sizes) // unit]
 

@@ -1,7 +1,8 @@
-"""Compiled fleet in which every vehicle has its own clock.
+"""Compiled fleet in which every vehicle has an individual clock.
 
-Drake's simulator has one time for all vehicles. If vehicles of a fleet restart at different times, each needs its own
-time. The clock of a vehicle counts the ticks since its last restart, and selects its reference and random numbers.
+In Drake's simulator, the time is the same for all vehicles. If vehicles of a fleet restart at different times, each
+needs an individual clock. This clock counts the ticks since the last restart of the vehicle. It determines the
+reference and the random numbers of the vehicle.
 """
 
 import itertools
@@ -17,7 +18,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# Index of the first row, and layout, by name.
+# Index of the first row in the log, and layout, of each port or state group, by name.
 _LogRows = dict[str, tuple[int, Layout]]
 
 
@@ -39,7 +40,7 @@ class Initializer:
     """Machine code that initializes simulations of a diagram.
 
     Args:
-        diagram: diagram for any number of vehicles, all of whose systems can be compiled.
+        diagram: diagram for any number of vehicles; all its systems must be compilable.
         outputs: names of the selected output ports.
 
     Raises:
@@ -66,27 +67,28 @@ def _compilable(diagram: Diagram) -> Program:
     program = Program(diagram)
     for path, system in program.uncompiled.items():
         raise InputError(
-            f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles of its diagram cannot have clocks"
+            f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles of its diagram cannot have individual"
+            " clocks"
         )
     return program
 
 
 class ClockedFleet:
-    """Vehicles of a diagram in machine code, simulated tick by tick, each with its own clock.
+    """Vehicles of a diagram in machine code, simulated tick by tick, each with an individual clock.
 
-    A tick lasts from the discrete updates of one instant until before those of the next instant. The updates use the
-    value of the diagram's input port, and the outputs are those at the end of the tick.
+    A tick starts with the discrete updates at an instant and ends just before the discrete updates at the next instant.
+    The updates use the value of the diagram's input port. The outputs are evaluated at the end of the tick.
 
     Args:
-        diagram: diagram for any number of vehicles with one input port, all of whose systems can be compiled.
+        diagram: diagram for any number of vehicles with one input port; all its systems must be compilable.
         tick: period of the ticks, s, of which all periods in the diagram must be divisors.
-        num_ticks: largest number of ticks of a clock, which stops there.
+        num_ticks: number of ticks at which a clock stops.
         outputs: names of the selected output ports of the diagram, without duplicates.
-        monitor: path of a system whose next discrete state can be read, too.
+        monitor: path of a system whose next discrete state can also be read.
 
     Attributes:
         num_vehicles: number N of vehicles.
-        clocks: (N,) number of ticks since the last restart of each vehicle, int64.
+        clocks: (N,) numbers of ticks since the last restart of each vehicle, int64.
 
     Raises:
         InputError: if the diagram cannot be compiled with such ticks.
@@ -132,12 +134,12 @@ class ClockedFleet:
         np.minimum(self._all_clocks + 1, self._max_clock, out=self._all_clocks)
 
     def columns(self, name: str) -> slice:
-        """Return the columns of a selected output port, given its name, in the outputs of `InitialValues`."""
+        """Return the columns of `InitialValues.outputs` that contain a selected output port, given its name."""
         first, layout = self._output_rows[name]
         return slice(first, first + layout.num_rows)
 
     def outputs(self, name: str, dtype: Any = float) -> np.ndarray:
-        """Return the (N, rows) value of a selected output port after a tick, given its name, in a NumPy type."""
+        """Return the (N, rows) value of a selected output port after a tick, given its name and the NumPy type."""
         rows = self._loop.log[:, self.columns(name)]
         return np.array(rows.transpose(0, 2, 1), dtype, order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
@@ -146,7 +148,7 @@ class ClockedFleet:
         return self._record(*self._output_rows[name])
 
     def next_state(self, name: str) -> Any:
-        """Return the next value of a state group of the monitor, given its name, as a record of (N,) rows."""
+        """Return the value of a state group of the monitor after its next update, as a record of (N,) rows."""
         return self._record(*self._state_rows[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
@@ -154,7 +156,7 @@ class ClockedFleet:
         return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
     def _log_rows(self, outputs: Sequence[str], monitor: str) -> tuple[_LogRows, _LogRows]:
-        """Return the rows of the selected ports and of the monitor's state groups in the log."""
+        """Return the positions of the selected ports, and of the monitor's state groups, in the log."""
         ports = []
         for name in outputs:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles

@@ -1,11 +1,11 @@
 """Machine code of a tick for vehicles with individual clocks.
 
-All rows of a vector of vehicles are contiguous in memory, and remain there from tick to tick:
+All rows of a vector of vehicles are stored contiguously in memory, and remain there from tick to tick:
 
     rows    (vectors, rows, lanes)      [state of vehicles 0 to 7] [state of vehicles 8 to 15] ...
 
-A table has the numbers that depend on the time only, one row per tick, and each vehicle uses the row of its clock.
-Results that depend on parameters only are computed when the parameters change.
+A table contains the numbers that depend only on time, one row per tick. For each vehicle, its clock selects the row.
+Results that depend only on parameters are computed when the parameters change.
 """
 
 import copy
@@ -28,7 +28,7 @@ class ClockedLoop:
     Args:
         listing: listing of a tick, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
         changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
-        logged: symbols or numbers that are written to the log.
+        logged: symbols or numbers to write to the log.
         sizes: numbers of rows of the groups.
         width: number of columns of the table.
         num_vehicles: number N of vehicles.
@@ -39,7 +39,7 @@ class ClockedLoop:
         parameters: (vectors, rows, lanes) parameters; `prepare` must be called after they change.
         inputs: (vectors, rows, lanes) inputs.
         log: (vectors, rows, lanes) logged values of the last tick.
-        clocks: (vectors, lanes) index of the row of the table that each vehicle uses, int64.
+        clocks: (vectors, lanes) indices of the table rows that the vehicles use, int64.
     """
 
     def __init__(
@@ -72,7 +72,10 @@ class ClockedLoop:
         self._allocate(num_vehicles)
 
     def with_num_vehicles(self, num_vehicles: int) -> Self:
-        """Return a loop with the same machine code for another number of vehicles; both numbers are 1, or neither."""
+        """Return a loop with the same machine code for another number of vehicles.
+
+        Loops for a single vehicle and loops for several vehicles cannot be converted to each other.
+        """
         result = copy.copy(self)
         result._allocate(num_vehicles)
         return result
@@ -87,7 +90,7 @@ class ClockedLoop:
         self._arrays = self.state, self.parameters, self.inputs, self._precomputed, self.log, self.clocks, self._shared
 
     def prepare(self, vectors: Sequence[int]) -> None:
-        """Compute the results that depend on parameters only, for the vectors with these indices."""
+        """Compute the results that depend only on parameters, for the vectors with the given indices."""
         for vector in vectors:
             self._run(vector, 1, 1, *self._arrays, self._shared)
 
@@ -95,7 +98,7 @@ class ClockedLoop:
         """Simulate one tick for all vehicles.
 
         Args:
-            table: (ticks, width) numbers that depend on the time only.
+            table: (ticks, width) numbers that depend only on time.
         """
         self._run(0, len(self.state), 0, *self._arrays, table)
 
@@ -107,7 +110,7 @@ def _zeros(vectors: int, rows: int, lanes: int) -> np.ndarray:
 
 
 def _take_function(width: int, lanes: int) -> str:
-    """Return the LLVM code of `take`, which copies for each vehicle of a vector the row of its clock from the table."""
+    """Return the LLVM code of `take`, which copies the table row selected by the clock of each vehicle of a vector."""
     driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
     with driver.loop("lane", 0, lanes):
         driver.at("clock_at", "clocks", "%lane", "i64")
@@ -125,7 +128,7 @@ def _take_function(width: int, lanes: int) -> str:
 
 
 def _driver(rows: Mapping[str, int], lanes: int) -> str:
-    """Return the LLVM code of the function that Python calls, which prepares several vectors or simulates a tick."""
+    """Return the LLVM code of the function that Python calls, which prepares vectors or simulates a tick."""
     arrays = [f"{name}_rows" for name in rows]
     driver = Driver.of_arrays("i64 %begin, i64 %count, i64 %prepares", [*arrays, "clock_rows", "shared", "table"])
     driver.let("end", "add i64 %begin, %count")

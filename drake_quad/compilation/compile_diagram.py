@@ -1,4 +1,4 @@
-"""Compilation of a diagram to a diagram with a compiled system."""
+"""Compilation of a diagram: its systems are replaced with one compiled system."""
 
 from collections import defaultdict
 from typing import Any
@@ -23,25 +23,26 @@ def compile_diagram(
 ) -> Diagram:
     """Compile a diagram to machine code.
 
-    All systems that declare formulas and the simplest of Drake's own systems are compiled to one system. Every other
-    system, such as a controller in plain Python, remains a system of its own beside the compiled one.
+    All systems that declare formulas, and some simple systems of Drake, are compiled to a single system. Every other
+    system, such as a controller in plain Python, remains a separate system in the compiled diagram.
 
     Args:
         diagram: diagram of systems with discrete state, for any number of vehicles. The compiled diagram refers to it
             and does not change it.
         ticks: largest number of ticks that one event may simulate, if no other system uses the results in between.
-            Outputs are then those at the end of an event, and simulations must start at time zero. None for an event at
-            every instant at which the diagram has one, so that state and outputs are those of the diagram at any time.
+            Outputs are then updated only at the end of an event, and simulations must start at time zero. None for an
+            event at every instant at which an event of the diagram occurs, so that state and outputs equal the state
+            and outputs of the original diagram at any time.
         tick: period of the ticks, s, which must be one of the diagram's periods; by default, the least common multiple
             of all periods.
         record: True to record the output ports at every tick, with the values before the discrete updates.
 
     Returns:
-        Diagram with the same exported ports and the same default state. Its subsystem `compiled` is a `CompiledSystem`,
-        and the names of its other subsystems are their paths in the given diagram.
+        Diagram with the same exported ports and the same default state. Its subsystem `compiled` is a `CompiledSystem`.
+        Its other subsystems are named after their paths in the original diagram.
 
     Raises:
-        InputError: if the diagram cannot be compiled; the message gives the reason.
+        InputError: if the diagram cannot be compiled; the message states the reason.
     """
     if INTERPRETED:
         raise InputError(
@@ -64,7 +65,7 @@ def compile_diagram(
             port = uncompiled[source.path].get_output_port(source.number)
             builder.Connect(port, core.GetInputPort(input_name(program, source)))
     exported = _connect_uncompiled(builder, program, core, uncompiled)
-    # The exported input ports have the same order as those of the diagram.
+    # The input ports are exported in the order of the original diagram.
     for number in range(diagram.num_input_ports()):
         name = diagram.get_input_port(number).get_name()
         ports = exported[name]
@@ -87,9 +88,9 @@ def compiled_part(diagram: Diagram) -> CompiledSystem:
 
 
 def as_compilable(system: Any) -> Any:
-    """Return a system itself if it can be compiled, and otherwise a `StandIn` for a diagram that will be compiled.
+    """Return the system if it can be compiled, else a `StandIn` for use in a diagram that will be compiled.
 
-    The compiled diagram contains the system itself instead of the stand-in.
+    In the compiled diagram, the stand-in is replaced with the system.
     """
     leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
     return system if all(map(block_of, leaves)) else StandIn(system)
@@ -98,7 +99,7 @@ def as_compilable(system: Any) -> Any:
 def _connect_uncompiled(
     builder: DiagramBuilder, program: Program, core: Any, uncompiled: dict[str, Any]
 ) -> dict[str, list[Any]]:
-    """Connect the inputs of uncompiled systems; return those that the diagram exports, by name of the exported port."""
+    """Connect the inputs of uncompiled systems; return the inputs to export, by the name of the exported port."""
     exported: dict[str, list[Any]] = defaultdict(list)
     for path, system in uncompiled.items():
         for index, source in enumerate(program.topology.sources(path)):
@@ -118,7 +119,7 @@ def _check_uncompiled(path: str, system: Any) -> None:
     if has_state(system):
         raise InputError(
             f"{path}, a {type(system).__name__}, cannot be compiled: {reason_not_compilable(system)}. It cannot be"
-            " combined with compiled systems either, since it has a state of its own"
+            " combined with compiled systems either, since it has a state"
         )
     if not has_vectors(system):
         raise InputError(
@@ -127,5 +128,5 @@ def _check_uncompiled(path: str, system: Any) -> None:
         )
     if not system.num_output_ports():
         raise InputError(
-            f"{path}, a {type(system).__name__}, cannot be compiled: it has no output, and its effect is unknown"
+            f"{path}, a {type(system).__name__}, cannot be compiled: it has no output ports, and its effect is unknown"
         )

@@ -1,4 +1,4 @@
-"""Drake system of the compiled part of a diagram."""
+"""Drake system that replaces the compiled systems of a diagram."""
 
 import functools
 from collections.abc import Iterable, Sequence
@@ -15,29 +15,29 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, entry
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Number of cached tables of shared numbers; further tables are computed again in each flight.
+# Largest number of cached tables of shared numbers. Further tables are computed again in each flight.
 _MAX_TABLES = 256
-# Number of events in a table, for events that are requested one at a time.
+# Number of events in a table if events are requested one at a time.
 _TABLE_EVENTS = 64
 
 
 class Log:
-    """Recorded outputs of a compiled system since time zero: consecutive arrays of shape (ticks, rows, N)."""
+    """Recorded outputs of a compiled system since time zero, as consecutive arrays (ticks, rows, N)."""
 
     def __init__(self) -> None:
         self.parts: list[np.ndarray] = []
 
 
 class CompiledSystem(LeafSystem):
-    """Compiled systems of a diagram as one system.
+    """Single system that replaces all compiled systems of a diagram.
 
-    The discrete state contains the states of all compiled systems, row after row. The first numeric parameter contains
-    all their parameters.
+    The discrete state contains the rows of the states of all compiled systems, system by system. The first numeric
+    parameter contains the rows of all their parameters.
 
     Args:
         program: compiler of the diagram.
         ticks: largest number of ticks that one event may simulate, if no other system uses the results in between; None
-            for an event at every instant at which the diagram has one.
+            for an event at every instant at which an event of the diagram occurs.
         tick: period of the ticks, s, which must be one of the diagram's periods; None for the least common multiple of
             all periods.
         record: True to record the diagram's output ports at every tick.
@@ -48,7 +48,7 @@ class CompiledSystem(LeafSystem):
         recorded: recorded output ports, by name.
 
     Raises:
-        InputError: if the diagram has no event with the period of the ticks.
+        InputError: if the period of the ticks does not match the periods of the diagram.
     """
 
     def __init__(self, program: Program, *, ticks: int | None, tick: float | None, record: bool) -> None:
@@ -73,7 +73,7 @@ class CompiledSystem(LeafSystem):
         self.recorded = dict(program.topology.outputs) if record else {}
         self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
-        # An event may only span several instants if no other system uses the results of the instants in between.
+        # An event may span several instants only if no other system uses the results of the instants in between.
         is_alone = not program.row_ranges.inputs
         strides, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
@@ -117,7 +117,7 @@ class CompiledSystem(LeafSystem):
         return group.layout.build(rows)
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
-        """Return a copy of the record of a FleetSystem's parameter; arguments are those of `get_state`."""
+        """Return a copy of the record of a FleetSystem's parameter; the arguments are as in `get_state`."""
         parameter = entry(self._system(path).parameters, name, "parameter")
         row_range = self.program.row_ranges.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), row_range))
@@ -150,7 +150,7 @@ class CompiledSystem(LeafSystem):
         return part.tolist() if n == 1 else part.reshape(count, n)  # type: ignore[return-value]
 
     def _declare_instants(self) -> None:
-        """Declare events at every instant at which the diagram has one."""
+        """Declare events at every instant at which an event of the diagram occurs."""
         program, ports = self.program, tuple(self.recorded.values())
         discrete = [
             program.event_at(instant, () if instant % self._instants else ports) for instant in range(program.cycle)
@@ -194,8 +194,8 @@ class CompiledSystem(LeafSystem):
             begin = context.get_time() / (period * ticks)
             if abs(begin - round(begin)) > ROUNDING:
                 raise InputError(
-                    f"a simulation cannot begin at {context.get_time():g} s if events simulate {ticks} ticks at once,"
-                    f" since events are {period * ticks:g} s apart; compile the diagram with ticks=None"
+                    f"a simulation cannot begin at {context.get_time():g} s, since an event simulates {ticks} ticks and"
+                    f" events are {period * ticks:g} s apart; compile the diagram with ticks=None"
                 )
 
         self.DeclareInitializationDiscreteUpdateEvent(check)
@@ -205,7 +205,7 @@ class CompiledSystem(LeafSystem):
         self._run_now(self._first, context, values.get_mutable_value(self._state))
 
     def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
-        """Run `count` consecutive events; `first` is the number of the first one, counted from time zero."""
+        """Run `count` consecutive events; `first` is the number of the first event, counted from time zero."""
         log = self._run(event, context, state, self._table(event, first, count))
         if event.loop.num_logged:
             parts = context.get_abstract_parameter(self._log).get_value().parts
@@ -214,7 +214,7 @@ class CompiledSystem(LeafSystem):
             parts.append(log)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the shared numbers of some events; a cache for later flights is filled with many events at once."""
+        """Return the shared numbers of consecutive events, from a cache that is filled for many events at once."""
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
@@ -236,7 +236,7 @@ class CompiledSystem(LeafSystem):
         return log
 
     def _input_rows(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
-        """Return the rows of all external inputs; those of inputs that are not among `sources` are uninitialized."""
+        """Return the rows of all external inputs; rows of inputs that are not in `sources` are uninitialized."""
         n, sizes = self.program.num_vehicles, self.program.sizes
         inputs = np.empty(sizes.inputs * n)
         for source in sources:
@@ -268,7 +268,7 @@ class CompiledSystem(LeafSystem):
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
     def _shared_at(self, code: Event, time: float) -> np.ndarray:
-        """Return the shared numbers at a time (s); those at instants are cached."""
+        """Return the shared numbers at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
             return self._table(code, instant, 1)[0]

@@ -1,11 +1,11 @@
-"""Machine code that simulates several events for one vector of vehicles after another.
+"""Machine code that simulates several events, vector by vector of vehicles.
 
-The rows of a vector of vehicles are copied out of the fleet to contiguous memory, which stays in the processor's
+The rows of a vector of vehicles are copied from the fleet to contiguous memory, which remains in the processor's
 fastest cache during all events, and are copied back at the end:
 
     fleet  ──gather──▶  rows of a vector's vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
-Results that depend on parameters only are computed before the first event and stored beside these rows.
+Results that depend only on parameters are computed before the first event and stored next to these rows.
 """
 
 import ctypes
@@ -27,10 +27,10 @@ class Loop:
     Args:
         listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
         changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
-        logged: symbols or numbers that are written to the log at every event.
+        logged: symbols or numbers to write to the log at every event.
         sizes: numbers of rows of the groups.
         width: number of shared numbers of an event, which are the same for all vehicles.
-        single_vehicle: True for machine code that computes one vehicle only.
+        single_vehicle: True for machine code that computes only one vehicle.
 
     Attributes:
         num_logged: number of rows that are written to the log at every event.
@@ -48,7 +48,7 @@ class Loop:
     ) -> None:
         self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
         preparation, event = split_listing(listing, changes, logged)
-        # Calls can share the memory, since the function holds Python's global lock while it runs.
+        # All calls can share this memory, since the function holds Python's global interpreter lock while it runs.
         self._scratch = aligned((sum(sizes) + len(preparation.stores)) * self._lanes)
         text = "\n".join(
             [
@@ -63,7 +63,7 @@ class Loop:
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
 
     def padded(self, num_vehicles: int) -> int:
-        """Return the number of vehicles of a log: the number of vehicles, rounded up to whole vectors."""
+        """Return the number of vehicles in a log, which is the number of vehicles rounded up to whole vectors."""
         return -(-num_vehicles // self._lanes) * self._lanes
 
     def run(

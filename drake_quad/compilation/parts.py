@@ -1,4 +1,4 @@
-"""Split of the listing of an event: results that depend on parameters only are computed in advance."""
+"""Split of the listing of an event, so that results that depend only on parameters are computed in advance."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,10 +9,10 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of the groups of precomputed and of logged rows, after those of a trace.
+# Numbers of the groups of precomputed and of logged rows, in addition to the groups of a trace.
 PRECOMPUTED = 3
 LOG = 4
-# Size of a line of the processor's cache, bytes. Arrays begin at a multiple of it.
+# Size of a line of the processor's cache, bytes. The addresses of arrays are multiples of this size.
 CACHE_LINE = 64
 # Names and arguments of the LLVM functions of both parts.
 PREPARE = "@prepare(ptr %parameters, ptr %precomputed)"
@@ -38,7 +38,7 @@ class Part(NamedTuple):
 
     Attributes:
         listing: operations of the part.
-        stores: results, each with the group and row that it is written to.
+        stores: results, each with the group and row to which it is written.
     """
 
     listing: Listing
@@ -51,7 +51,7 @@ class Part(NamedTuple):
             head: name and arguments of the function, `PREPARE` or `EVENT`.
             lanes: number of vehicles in a vector.
             log_stride: distance between consecutive rows of the log, in elements.
-            shared: shared numbers, as for `drake_quad.framework.instructions.function`.
+            shared: shared numbers, as in `drake_quad.framework.instructions.function`.
         """
         groups = {
             STATE: Rows("%state", lanes),
@@ -65,19 +65,19 @@ class Part(NamedTuple):
 
 
 def aligned(size: int) -> np.ndarray:
-    """Return an uninitialized array with `size` elements that begins at a line of the cache."""
+    """Return an uninitialized array with `size` elements that is aligned with the lines of the cache."""
     array = np.empty(size + CACHE_LINE // 8)
     first = -array.ctypes.data % CACHE_LINE // 8
     return array[first : first + size]
 
 
 def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
-    """Split a listing into the part that depends on parameters only and the rest, which reads the results of that part.
+    """Split a listing into a part that depends only on parameters, and the rest, which reads the results of this part.
 
     Args:
         listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
         changes: symbols or numbers of the new state, by the index of the row.
-        logged: symbols or numbers that are written to the log.
+        logged: symbols or numbers to write to the log.
     """
     results = [*changes.values(), *logged]
     targets = [*((STATE, row) for row in changes), *((LOG, row) for row in range(len(logged)))]
@@ -85,7 +85,7 @@ def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence
     fixed = _are_fixed(listing)
     preparation = _Copy(listing)
     rest = _RemainingPart(listing, fixed, preparation)
-    # In this order, the operands of each line have already been copied, which avoids deep recursion.
+    # In this order, the operands of each line are copied before the line, which avoids deep recursion.
     for line in _required_lines(listing, lines):
         if not fixed[line]:
             rest.line(line)
@@ -97,10 +97,10 @@ def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence
 
 
 class _Copy:
-    """Copy of the lines of a listing that are requested, and of their operands.
+    """Copy of the requested lines of a listing and of their operands.
 
     Args:
-        source: listing that is copied.
+        source: listing to copy.
 
     Attributes:
         listing: listing of the copied lines.
@@ -129,11 +129,11 @@ class _Copy:
 
 
 class _RemainingPart(_Copy):
-    """Copy of a listing that reads results that depend on parameters only, instead of computing them.
+    """Copy of a listing that reads the results that depend only on parameters, instead of computing them.
 
     Args:
-        source: listing that is copied.
-        fixed: for each line of the listing, True if it depends on parameters only.
+        source: listing to copy.
+        fixed: for each line of the listing, True if it depends only on parameters.
         preparation: copy that computes these lines.
 
     Attributes:
@@ -146,7 +146,7 @@ class _RemainingPart(_Copy):
         self._fixed, self._preparation = fixed, preparation
 
     def _copied(self, line: int, operation: Operation) -> int:
-        # Comparisons are faster to repeat than to store.
+        # Repeating a comparison is faster than storing its result.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
             self._preparation.line(line)
             self.precomputed.append(line)
@@ -155,7 +155,7 @@ class _RemainingPart(_Copy):
 
 
 def _are_fixed(listing: Listing) -> list[bool]:
-    """Return for each line of a listing whether it depends on parameters and constants only."""
+    """Return for each line of a listing whether it depends only on parameters and constants."""
     fixed: list[bool] = []
     for operation in listing.operations:
         name, operands = operation.name, operation.operands

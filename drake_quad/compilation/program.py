@@ -22,9 +22,10 @@ from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.process_settings import without_garbage_collection
 
-# Largest number of instants in the least common multiple of all periods.
+# Largest supported number of instants in the least common multiple of all periods.
 _MAX_CYCLE = 64
-# Diagrams that differ only in their numbers and the sizes of their fleets share the machine code of their events.
+# Largest number of events whose machine code is cached. Diagrams that differ only in their numbers and in the sizes of
+# their fleets share this machine code.
 _MAX_CACHED_EVENTS = 256
 _event_cache: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_CACHED_EVENTS)
 _Result = TypeVar("_Result")
@@ -66,10 +67,10 @@ class Program:
     """Compiler of a diagram.
 
     Args:
-        diagram: diagram that is compiled.
+        diagram: diagram to compile.
 
     Attributes:
-        diagram: diagram that is compiled.
+        diagram: diagram to compile.
         topology: leaf systems and connections of the diagram.
         blocks: leaf systems that can be compiled, by path.
         row_ranges: ranges of rows of all states, parameters and external inputs.
@@ -79,7 +80,7 @@ class Program:
         cycle: number of instants in the least common multiple of all periods.
 
     Raises:
-        InputError: if the diagram has no system for a fleet, or has periods that are not multiples of the shortest one.
+        InputError: if the diagram contains no FleetSystem, or if its periods are not multiples of the shortest period.
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -154,12 +155,12 @@ class Program:
     def event_at(
         self, instant: int | None, recorded: tuple[Port, ...] = (), unrestricted: bool = False
     ) -> Event | None:
-        """Return the event of a single instant of the cycle, or of the start of a simulation; None if there is none.
+        """Return the event of an instant of the cycle, or of the start of a simulation; None if nothing happens then.
 
         Args:
             instant: number of the instant in the cycle; None for the start of a simulation.
             recorded: ports that are logged before the updates.
-            unrestricted: True for the event of the unrestricted updates, False for that of the discrete updates.
+            unrestricted: True for the event of the unrestricted updates, False for the event of the discrete updates.
         """
         updates = self.updates(instant, unrestricted=unrestricted)
         trace, shared = self._trace(1)
@@ -184,7 +185,8 @@ class Program:
         instants = round(period / self.base)
         if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
             raise InputError(
-                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s, which do not fit its periods"
+                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s, which do not match its"
+                " periods"
             )
         return instants
 
@@ -192,9 +194,9 @@ class Program:
     def strides(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
         """Return the events of a cycle, each of which simulates as many instants as possible.
 
-        An event lasts from the discrete updates of an instant until before those of a later instant. A cycle has
-        several events if external inputs are read more than once, or if a single event would exceed `max_instants`
-        instants. The result is None if events cannot be joined at all.
+        An event starts with the discrete updates at an instant and ends just before the discrete updates at a later
+        instant. A cycle consists of several events if external inputs are read more than once, or if a single event
+        would exceed `max_instants` instants. The result is None if instants cannot be joined at all.
 
         Args:
             recorded: ports that are logged every `max_instants` instants, from the first instant on.
@@ -215,7 +217,7 @@ class Program:
         return None
 
     def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
-        """Return an event of several instants; None if it would read external inputs after the first one."""
+        """Return an event of several instants; None if it would read external inputs after the first instant."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
         trace.advance(self.updates(first), first=first == 0)
@@ -225,7 +227,7 @@ class Program:
         return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
-        """Trace from the end of the discrete updates of an instant until before those of a later instant."""
+        """Trace from the end of the discrete updates at an instant to just before the updates at a later instant."""
         for instant in range(first + 1, first + instants + 1):
             trace.next_instant()
             trace.advance(self.updates(instant % self.cycle, unrestricted=True))
@@ -237,8 +239,8 @@ class Program:
     ) -> tuple[ClockedLoop, SharedNumbers]:
         """Return the machine code of a tick for vehicles with individual clocks, and the shared numbers of its table.
 
-        At the end of a tick, the log has the rows of the ports, followed by those of the next state of a system, in the
-        order of its state groups.
+        At the end of a tick, the log contains the rows of the ports, followed by the rows of the next state of a
+        system, in the order of its state groups.
 
         Args:
             instants: number of instants in a tick, which must be a whole cycle.
@@ -252,12 +254,12 @@ class Program:
         name = self.diagram.get_name()
         if instants != self.cycle:
             raise InputError(
-                f"vehicles of {name} cannot have their own clocks: a period of the diagram is longer than a tick of"
+                f"vehicles of {name} cannot have individual clocks: a period of the diagram is longer than a tick of"
                 f" {instants * self.base:g} s"
             )
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
             raise InputError(
-                f"vehicles of {name} cannot have their own clocks: the diagram has an unrestricted update at time zero"
+                f"vehicles of {name} cannot have individual clocks: the diagram has an unrestricted update at time zero"
             )
         loop, shared = self._tick_loop(instants, logged_ports, monitor)
         return loop.with_num_vehicles(self.num_vehicles), shared
@@ -290,7 +292,7 @@ class Program:
 
     def table(self, shared: SharedNumbers, times: np.ndarray) -> np.ndarray:
         """Return the (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
-        # Each call creates its own contexts, so that threads that share a diagram do not set each other's time.
+        # Each call creates new contexts, so that threads that share a diagram do not change each other's time.
         contexts: dict[str, Context] = {}
 
         def values(path: str, output: int, time: float) -> np.ndarray:
@@ -305,7 +307,7 @@ class Program:
 
     @functools.cached_property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key; diagrams with equal keys have equal machine code."""
+        """Hashable key. The machine code of diagrams with equal keys is equal."""
         leaves = self.topology.leaves
         blocks = tuple(
             [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]
@@ -372,7 +374,7 @@ class Program:
         return RowRanges(_consecutive_ranges(states), _consecutive_ranges(parameters), _consecutive_ranges(inputs))
 
     def _external_sizes(self) -> dict[Port | ExportedPort, int]:
-        """Return the external sources of compiled systems and of the diagram's outputs, with their sizes."""
+        """Return the size of each external source of the compiled systems and of the diagram's outputs."""
         sizes: dict[Port | ExportedPort, int] = {}
         leaves = self.topology.leaves
         used = [source for path in self.blocks for source in self.topology.sources(path)]
@@ -425,5 +427,5 @@ def _consecutive_ranges(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, i
 
 
 def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
-    """Return the rows of several output ports, one port after another."""
+    """Return the rows of several output ports, port by port."""
     return [row for port in ports for row in trace.output(port)]

@@ -9,7 +9,7 @@ from drake_quad.framework.formulas import TickOf
 
 
 class NumberSource(NamedTuple):
-    """Element of an output port that depends on the time only.
+    """Element of an output port that depends only on time.
 
     Attributes:
         path: path of the leaf system.
@@ -23,14 +23,15 @@ class NumberSource(NamedTuple):
 
 
 class _Second(NamedTuple):
-    """Number that is 1 if an instant is the second of a pair of ticks, and else 0."""
+    """Number that is 1 if an instant is the second tick of a pair of ticks, else 0."""
 
     ticks: TickOf
 
 
-# Kinds of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
+# Types of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
 _SharedNumber = str | TickOf | _Second | NumberSource
 TIME_NUMBER = "time"
+"""Shared number that is the time of the instant, s."""
 
 
 class SharedNumbers:
@@ -45,20 +46,20 @@ class SharedNumbers:
         return len(self._columns)
 
     def column(self, instant: int, number: _SharedNumber) -> int:
-        """Return the index of the column of a number, which is added if there is none.
+        """Return the index of the column of a number; the column is added if it does not exist.
 
         Args:
-            instant: instant, counted from the first one of the event.
-            number: kind of the number.
+            instant: index of the instant in the event.
+            number: number in the column.
         """
         return self._columns.setdefault((instant, number), len(self._columns))
 
     def second(self, instant: int, ticks: TickOf) -> int:
-        """Return the index of the column that is 1 if an instant is the second of a pair of ticks, and else 0."""
+        """Return the index of the column that is 1 if an instant is the second tick of a pair of ticks, else 0."""
         return self.column(instant, _Second(ticks))
 
     def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
-        """Return the table, (events, width).
+        """Return the table, an array (events, width).
 
         Args:
             times: (events, instants) times of the instants, s.

@@ -1,4 +1,4 @@
-"""Stand-in for a system of another diagram, with the same ports."""
+"""Stand-in with the same ports as a system of another diagram."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class StandIn(LeafSystem):
-    """Stand-in for a system that belongs to another diagram, or will be added to one.
+    """Stand-in for a system that belongs to another diagram, or will be added to another diagram.
 
-    It has the ports of that system and computes its outputs by evaluating it. The outputs may depend on the inputs, the
-    time and the default parameters. The system must not have a state.
+    The stand-in has the same ports as the system, and evaluates the system to compute its outputs. The outputs may
+    depend on the inputs, the time and the default parameters. The system must not have a state.
 
     Args:
-        system: system that is evaluated.
+        system: system to evaluate.
 
     Attributes:
-        system: system that is evaluated.
-        random_inputs: properties of its input ports for random numbers, by name.
+        system: system to evaluate.
+        random_inputs: properties of the random input ports of the system, by name.
     """
 
     def __init__(self, system: Any) -> None:
@@ -44,12 +44,12 @@ class StandIn(LeafSystem):
 
 
 def original_system(system: Any) -> Any:
-    """Return the system that a stand-in evaluates; other systems are returned as they are."""
+    """Return the system that a stand-in evaluates; other systems are returned unchanged."""
     return system.system if isinstance(system, StandIn) else system
 
 
 def has_state(system: Any) -> bool:
     """Return whether a system has a state."""
     context = system.CreateDefaultContext()
-    # Drake's method for the total number of states ends the process if some are abstract.
+    # Drake's method for the total number of states terminates the process if there are abstract states.
     return bool(context.num_continuous_states() or context.num_discrete_state_groups() or context.num_abstract_states())

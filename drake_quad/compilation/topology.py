@@ -9,7 +9,7 @@ class Port(NamedTuple):
     """Port of a leaf system.
 
     Attributes:
-        path: path of the system: the names of its diagrams and its own name, joined by dots.
+        path: path of the system: the names of the diagrams that contain it, and its name, joined by dots.
         number: index of the port among the system's input ports or output ports.
     """
 
@@ -33,7 +33,7 @@ class Topology:
     """Leaf systems of a diagram and their connections.
 
     Args:
-        diagram: diagram, which may contain diagrams.
+        diagram: diagram, which may contain other diagrams.
 
     Attributes:
         leaves: leaf systems, by path.
@@ -43,7 +43,7 @@ class Topology:
     def __init__(self, diagram: Diagram) -> None:
         self.leaves: dict[str, Any] = {}
         self._diagrams: dict[str, Diagram] = {"": diagram}
-        # The source of an input port is an output port in the same diagram, or an input port of that diagram.
+        # The source of an input port is an output port in the same diagram, or an input port of the enclosing diagram.
         self._sibling_sources: dict[Port, Port] = {}
         self._parent_sources: dict[Port, Port] = {}
         self._walk("", diagram)

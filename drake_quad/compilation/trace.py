@@ -1,6 +1,7 @@
-"""Trace of a diagram, which executes its formulas on symbols, instant by instant.
+"""Trace of a diagram: its formulas are executed on symbols, instant by instant.
 
-The listing of a trace has all operations that the diagram performs between its state at the start and that at the end.
+The listing of a trace contains all operations by which the final state of the diagram is computed from its initial
+state.
 """
 
 from collections.abc import Iterable, Mapping
@@ -35,7 +36,7 @@ class RowRanges(NamedTuple):
 
 
 class Trace:
-    """Trace of the events of a diagram.
+    """Trace of an event of a diagram.
 
     Args:
         topology: leaf systems and connections of the diagram.
@@ -43,11 +44,11 @@ class Trace:
         row_ranges: ranges of rows of all states, parameters and external inputs.
         base: time between two instants, s.
         instants: number of instants of the event.
-        shared: numbers that all vehicles share, to which the trace adds those that it needs.
+        shared: numbers that all vehicles share, to which the trace adds the numbers that it needs.
 
     Attributes:
-        listing: operations so far.
-        instant: current instant, counted from the first one of the event.
+        listing: operations that have been traced.
+        instant: index of the current instant in the event.
         inputs: external inputs that have been read.
     """
 
@@ -80,13 +81,13 @@ class Trace:
 
         Args:
             updates: updates, each with the path of its block.
-            first: True if the time can be zero.
+            first: True if the updates may take place at time zero.
         """
         self._states |= self.updated_states(updates, first=first)
         self._outputs.clear()
 
     def updated_states(self, updates: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
-        """Return the new rows of state groups without applying the updates; arguments are those of `advance`."""
+        """Return the new rows of state groups without applying the updates; the arguments are as in `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, update in updates:
             for group, rows in update.compute(BlockView(self, path)).items():
@@ -116,8 +117,8 @@ class Trace:
     def tick(self, ticks: TickOf) -> Tick:
         """Return the tick at the current instant.
 
-        If the event consists of whole pairs of ticks, the position in the pair is a constant, and both ticks of a pair
-        use the same number of the pair.
+        If the event consists of whole pairs of ticks, the position in the pair is a constant, and both ticks share the
+        number of the pair.
         """
         step = round(ticks.period / self._base)
         on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
@@ -155,7 +156,7 @@ class Trace:
 
 
 class BlockView(NamedTuple):
-    """View of a trace from a block.
+    """View of a trace for a single block.
 
     Attributes:
         trace: trace of the diagram.
@@ -182,5 +183,5 @@ class BlockView(NamedTuple):
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:
-        """Return an element of an output port of the block, which depends on the time only."""
+        """Return an element of an output port of the block that depends only on time."""
         return self.trace.shared(NumberSource(self.path, output, element))

@@ -30,8 +30,8 @@ from drake_quad.linear.sampled_system import SampledSystem
 
 _MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that is tried
 _MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that is tried, relative to the Nyquist frequency
-_NUM_EFFORTS = 120
-# Number of bisections between the last acceptable effort and the first unacceptable one.
+_NUM_EFFORTS = 120  # number of efforts that are tried
+# Number of bisections between the last acceptable effort and the first unacceptable effort.
 _NUM_BISECTIONS = 12
 # Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of 4
 # / crossover.

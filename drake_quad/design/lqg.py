@@ -59,10 +59,10 @@ _MIN_ATTITUDE_NOISE = 2e-3  # rad
 _LAG_SPREAD = 1.6  # factor on the lag
 _RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude response
 _DELAY_SPREAD = 1  # additional frames of latency and ticks of delay
-_NUM_FREQUENCIES = 120
-_MIN_FREQUENCY = 0.3  # rad/s
+_NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is computed
+_MIN_FREQUENCY = 0.3  # rad/s, smallest of these frequencies
 _PENALTY_WEIGHT = 9.0  # weight of violated limits, relative to the logarithm of the error
-_MAX_EVALUATIONS = 600
+_MAX_EVALUATIONS = 600  # largest number of evaluations of the cost in a search
 # Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance.
 # With 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its `bad_day`.
 _TORQUE_HEADROOM = 2.0
@@ -179,7 +179,7 @@ class LqgDesign:
 
     Attributes:
         control: block `control` of a scenario.
-        plants: plants of the design, the nominal one first.
+        plants: plants of the design, the nominal plant first.
         conditions: disturbances and noise of the design.
         lateral: prediction along x or y for each plant.
         vertical: prediction along z for each plant.
@@ -366,7 +366,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
 
 
 def predicted(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
-    """Return the prediction of the linear model of an axis for a plant, which may differ from the nominal one."""
+    """Return the prediction of the linear model of an axis for a plant, which may differ from the nominal plant."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
 
@@ -521,7 +521,7 @@ class _LqgSearch:
     Attributes:
         axis_of: function that returns the axis with given parameters.
         loop_of: function that returns the filter and the regulator of an axis.
-        actual_plants: actual plants, the nominal one first.
+        actual_plants: actual plants, the nominal plant first.
         max_command: largest RMS of the command.
         timing: periods and delay.
         numbers: best parameters so far, or initial parameters.
@@ -585,7 +585,7 @@ class _LqgSearch:
         predictions = tuple(predicted(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
         if not math.isfinite(predictions[0].error):
             raise InputError(
-                f"no LQG design is stable for the nominal plant: the best one has a pole of magnitude"
+                f"no LQG design is stable for the nominal plant: the best design has a pole of magnitude"
                 f" {predictions[0].pole:.4f}"
             )
         return axis, predictions

@@ -22,11 +22,11 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
-_NUM_FREQUENCIES = 300
+_NUM_FREQUENCIES = 300  # number of frequencies on which the delay margin is interpolated
 # Difference of a gain between two linear models. The models are affine in the gain, so that any difference would give
 # the same result.
 _GAIN_STEP = 1.0
-# Entries below this, relative to the largest one, are rounding errors of states that do not depend on the gain.
+# Largest rounding error, relative to the largest entry, of entries of states that do not depend on the gain.
 _ROUNDING_TOLERANCE = 1e-9
 
 
@@ -69,7 +69,7 @@ class StabilityMap(NamedTuple):
     @property
     def stable(self) -> np.ndarray:
         """True where all poles lie inside the unit circle."""
-        return self.size < 1.0 - 1e-9  # Rounding moves the pole of an integrator slightly to either side of 1.
+        return self.size < 1.0 - 1e-9  # rounding moves the pole of an integrator slightly to either side of 1
 
 
 def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
@@ -140,8 +140,8 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     For a PD on the ground the plant follows from linear models of the whole closed loop, whose matrix over a tick is A
     - b (k_P c_P + k_D c_D). The plant therefore contains everything around the PD: the other loop of the cascade,
     integrals and estimators. It does not contain a network, which learns and has no linear model. For the attitude on
-    board the plant is that of the autopilot, over a period of the autopilot. It does not contain the position loop,
-    which has a longer period.
+    board, the plant is the plant of the autopilot, over a period of the autopilot. It does not contain the position
+    loop, whose period is longer.
 
     Raises:
         InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.

@@ -1,1 +1,1 @@
-"""Comparison of tuned controllers by one protocol, and a report."""
+"""Comparison of controllers that are tuned by the same protocol, and a report."""

@@ -23,7 +23,7 @@ from drake_quad.studies.statistics import Comparison, compare, values_without_cr
 
 
 class _ControllerNames(dict[str, str]):
-    """Names of controllers in the report, by their names in files; a user's controller has the same name in both."""
+    """Names of controllers in the report, by their names in files. A user's controller has the same name in both."""
 
     def __missing__(self, name: str) -> str:
         return name
@@ -83,13 +83,13 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
 
 
 def compare_common_samples(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compare two controllers on the samples that both flew: the first samples of each."""
+    """Compare two controllers on their common samples, which are the first samples of each."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.take(slice(count)), baseline.take(slice(count)))
 
 
 def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | None:
-    """Judge the claim that adding a network to a controller reduces its error; None if there are no flights."""
+    """Judge the claim that adding a network to a controller reduces the error; None if there are no flights."""
     kind = " over the position" if network.endswith("map") else ""
     statement = f"adding a type-2 network{kind} to {CONTROLLER_NAMES[base]} reduces the error"
     claim = judge_smaller_error(evaluation, network, base, statement)
@@ -107,7 +107,7 @@ def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> s
 
 
 def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, statement: str) -> Claim | None:
-    """Judge the claim that a controller has a smaller error than another one and does not crash more often.
+    """Judge the claim that a controller has a smaller error than another controller and does not crash more often.
 
     Args:
         evaluation: flights and traits of all controllers.
@@ -177,7 +177,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None if no designs with other limits flew."""
+    """Judge the claim that a smaller stability margin reduces the error; None without flights of such designs."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
@@ -215,11 +215,11 @@ def designs_by_sensitivity(evaluation: Evaluation, controller: str) -> list[tupl
 
 
 def best_controllers(evaluation: Evaluation, laboratory: str) -> list[str]:
-    """Return the controller with the smallest mean RMSE in a laboratory, followed by those that are equally good.
+    """Return the controller with the smallest mean RMSE in a laboratory, followed by the equally good controllers.
 
     Controllers that crash in more than 5 % of the samples are excluded, unless all controllers do. A controller is
-    equally good if the interval of the paired comparison contains no difference from the best. The best controller is
-    one of those that flew all samples.
+    equally good if its error does not differ significantly from the smallest one in the paired comparison. The best
+    controller is selected from the controllers that flew all samples.
     """
     flown = {name: each for name, each in evaluation.flights[laboratory].items() if "@" not in name}
     safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
@@ -248,12 +248,12 @@ def delay_text(delay: float) -> str:
 
 
 def shares_text(shares: Mapping[str, Interval]) -> str:
-    """Return shares of several laboratories as text."""
+    """Return fractions, by laboratory, as text."""
     return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in shares.items())
 
 
 def _crash_text(compared: Mapping[str, Comparison]) -> str:
-    """Return a text with the numbers of samples on which only one of two controllers crashes, by laboratory."""
+    """Return a text with the number of samples on which only one of two controllers crashes, for each laboratory."""
     parts = [
         f"{laboratory}: it alone crashes on {each.crashed} samples, the other alone on {each.baseline_crashed}"
         f" (p = {each.crash_significance:.2g})"

@@ -1,4 +1,4 @@
-"""Files of designed controllers, one for each family of laboratories; scenarios use them by `extends: FILE:NAME`."""
+"""Files of designed controllers, one for each family of laboratories. Scenarios use them by `extends: FILE:NAME`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +21,7 @@ def designs_in(path: Path) -> CommentedMap:
     """Return the designs in a file, by name; empty if the file does not exist.
 
     Raises:
-        InputError: the file does not contain a mapping.
+        InputError: if the file does not contain a mapping.
     """
     if not path.exists():
         return CommentedMap()
@@ -37,8 +37,8 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
     Args:
         path: path of the YAML file with the designs of a family.
         designs: fields of each design, by its name.
-        comments: comments that are written next to the names of the designs, by name.
-        header: new comment at the top of the file; the present comment is kept if it is empty.
+        comments: comment for the line with the name of each design, by name.
+        header: new comment at the top of the file; if empty, the present comment is kept.
     """
     tree = designs_in(path)
     for name, design in designs.items():
@@ -62,7 +62,7 @@ def _yaml() -> Any:
 
 
 def _in_flow_style(value: Any) -> Any:
-    """Return a tree whose lists, and whose flat mappings without a `kind`, are written in one line."""
+    """Return a tree in which lists, and flat mappings without a `kind`, are written in one line."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()

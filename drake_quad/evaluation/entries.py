@@ -1,7 +1,7 @@
-"""Controllers of the evaluation: their fields in a scenario, their tuned numbers, and their knowledge of the plant.
+"""Controllers of the evaluation: scenario fields, tuned parameters, and knowledge of the plant.
 
-The ranges of the tuned numbers are the same in all laboratories, and each covers a factor of ten or more. There is no
-initial guess, since the search begins with points that are distributed over the ranges.
+The ranges of the tuned parameters are the same in all laboratories, and each covers a factor of ten or more. There is
+no initial guess, since the search begins with points that are distributed over the ranges.
 """
 
 import math
@@ -20,12 +20,12 @@ class ControllerEntry(NamedTuple):
 
     Attributes:
         label: name in the report.
-        plant_knowledge: phrase for the report that says what the controller knows of the plant, in addition to mass,
-            inertia and reference.
+        plant_knowledge: phrase for the report that lists the plant properties that the controller uses, in addition to
+            mass, inertia and reference.
         control: fields of the scenario's `control`; for a controller with a network, only the fields of the network.
-        knobs: numbers that are tuned; empty for a controller with a design method that needs no tuning.
+        knobs: parameters that are tuned; empty for a controller with a design method that needs no tuning.
         base: name of the base controller to which a network is added; empty for a controller without a network.
-        trained_in_laps: True if the controller learns from lap to lap and is therefore trained in several laps.
+        trained_in_laps: True if the controller learns from lap to lap and is therefore trained over several laps.
         uncompiled: True if the controller cannot be compiled, and therefore flies fewer samples.
     """
 
@@ -62,21 +62,21 @@ def _key(step: str) -> str | int:
     return int(step) if step.isdecimal() else step
 
 
-# Names of the networks in the report, by the suffix of the controller's name.
+# Names of the networks in the report, by the suffix of the controller's file name.
 NETWORKS = {
     "t1fnn": "type 1",
     "t2fnn": "type 2",
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers to which a type-2 network is added. In addition, every kind of network is added to the PD.
+# Controllers to which a type-2 network is added. Networks of every kind are added to the PD.
 NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
 # Controllers to which a network over the position is added.
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 
 def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
-    """Return all controllers by their names in files, where each network follows its base controller.
+    """Return all controllers by their names in files. Each controller with a network follows its base controller.
 
     Args:
         on_board: True if an autopilot on board the vehicle controls the attitude.
@@ -173,10 +173,10 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
     """Return the fields of a cascade whose gains are not yet tuned.
 
-    With an autopilot on board, the limits of tilt and thrust are those of vehicles/neural_fly.yaml, which a wind of
-    12 m/s requires.
+    With an autopilot on board, the limits of tilt and thrust are as in vehicles/neural_fly.yaml. A wind of 12 m/s
+    requires them.
     """
-    # The yaw gains are those that `drake-quad design` finds for laboratory.yaml.
+    # The yaw gains are the result of `drake-quad design` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
     common = {
         "k_p": [1.0, 1.0, 1.0],
@@ -194,7 +194,7 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
 
 
 # Inputs of the networks: the tracking errors, as in the paper, or the position. The sets over the figure eight are from
-# docs/how_to/learn_in_laps.md. In neural_fly.yaml, whose autopilot is on board, the lemniscate is in the X-Z plane.
+# docs/how_to/learn_in_laps.md. In neural_fly.yaml, which has an autopilot on board, the lemniscate is in the X-Z plane.
 _ERROR_INPUTS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERROR_INPUTS: Tree = {"error": None, "error_rate": None}
 _FIVE_SETS: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}
@@ -208,7 +208,7 @@ _POSITION_INPUTS_ON_BOARD: Tree = _NO_ERROR_INPUTS | {
     "z": {"scale": 1.0, "centres": [0.75, 1.125, 1.5, 1.875, 2.25], "widths": [0.375] * 5},
 }
 # Learning laws: the paper's law, which learns from the sliding surface, and a gradient law, which learns from the
-# feedback.
+# output of the feedback controller.
 _COVARIANCE_LAW: Tree = {"kind": "covariance", "signal": "surface"}
 _GRADIENT_LAW: Tree = {"kind": "gradient", "signal": "feedback"}
 _LEARNING_RANGES = {

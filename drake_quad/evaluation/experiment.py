@@ -1,4 +1,4 @@
-"""Flights of the evaluation: designed controllers fly samples that were not used for tuning."""
+"""Flights of the evaluation, in which designed controllers fly samples that were not used for tuning."""
 
 import itertools
 import math
@@ -39,16 +39,16 @@ from drake_quad.scenario.batch import Batch, middle_of
 from drake_quad.scenario.files.loading import Override
 from drake_quad.scenario.models import Scenario
 
-_NUM_TIMED_FLIGHTS = 3  # flights of a single vehicle whose CPU time is measured
+_NUM_TIMED_FLIGHTS = 3  # number of single-vehicle flights whose CPU time is measured
 
 
 class UserController(NamedTuple):
-    """User's controller, which is compared with the designed ones.
+    """User's controller, which is compared with the designed controllers.
 
     Attributes:
         name: name in the report.
-        layers: layers that add the controller to the scenario of a laboratory.
-        overrides: overrides that add the controller to the scenario of a laboratory.
+        layers: scenario files that are merged over the scenario of a laboratory to add the controller.
+        overrides: `field=value` assignments that are applied after the layers.
     """
 
     name: str
@@ -62,10 +62,10 @@ class EvaluationSizes(NamedTuple):
     Attributes:
         samples: number of samples of each controller in each laboratory.
         uncompiled: number of samples of a controller that cannot be compiled.
-        laps: number of samples of each number of laps.
+        laps: number of samples for each number of laps.
         max_laps: largest number of laps.
-        delayed: number of samples of each additional delay.
-        max_delay_frames: largest additional delay, camera frames.
+        delayed: number of samples for each additional delay.
+        max_delay_frames: largest additional delay, in camera frames.
         duration: duration of a flight, s; None for the whole route.
     """
 
@@ -84,7 +84,7 @@ class EvaluationSizes(NamedTuple):
 
 
 QUICK = EvaluationSizes(samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0)
-# Laboratory, controller and metrics, or family, controller and traits.
+# Either laboratory, controller and metrics; or family, controller and traits.
 Result = tuple[str, str, Metrics | Traits]
 
 
@@ -106,14 +106,14 @@ def fly_evaluation(
         sizes: sizes of the evaluation.
         folder: folder for the results.
         only: names of the designed controllers; all by default.
-        own: further controllers, which are flown without tuning.
-        progress: called with the number of jobs that are done, the number of all jobs, and the name of the last one.
+        own: user's controllers, which are flown without tuning.
+        progress: called with the number of finished jobs, the total number of jobs, and the name of the last job.
 
     Returns:
-        The results, as `read_evaluation` reads them from the folder.
+        The results, which are also written to the folder (see `read_evaluation`).
 
     Raises:
-        InputError: none of these controllers has a design.
+        InputError: if none of these controllers has a design.
     """
     jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, own)]
     if not jobs:
@@ -129,7 +129,7 @@ def fly_evaluation(
                 flights.setdefault(laboratory, {})[controller] = numbers
         write_evaluation(folder, Evaluation(flights, traits))
 
-    # The jobs run one after another, since simultaneous processes would increase each other's CPU times.
+    # The jobs run one after another, since parallel processes would increase each other's CPU times.
     run_jobs(jobs, finished=keep, progress=progress)
     return read_evaluation(folder)
 
@@ -249,7 +249,7 @@ def fly_laps(
 def fly_priced(
     diagrams: Path, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
-    """Fly controllers that were designed with other limits on the peak sensitivity.
+    """Fly controllers that were designed with different limits on the peak sensitivity.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -275,7 +275,7 @@ def fly_priced(
 
 
 def timed_flights(scenario: Scenario, count: int, *, compiled: bool = True) -> tuple[Metrics, float]:
-    """Return the metrics of the samples of the evaluation, and the CPU time per vehicle and tick, s.
+    """Fly the samples of the evaluation, and return their metrics and the CPU time per vehicle and tick, s.
 
     Args:
         scenario: scenario to fly.
@@ -293,7 +293,7 @@ def _ticks(fleet: StudyFleet) -> float:
 
 
 def single_vehicle_time(scenario: Scenario, *, compiled: bool = True) -> float:
-    """Return the CPU time per tick of the whole loop with a single vehicle, the shortest of several flights, s."""
+    """Return the CPU time, s, per tick of the whole loop with a single vehicle; the minimum of several flights."""
     fleet, cpu_times = StudyFleet(scenario, plan_route(scenario), 1, compiled=compiled), []
     for sample in range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + _NUM_TIMED_FLIGHTS):
         start = time.process_time()
@@ -306,7 +306,7 @@ def single_vehicle_time(scenario: Scenario, *, compiled: bool = True) -> float:
 def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
     """Return the tolerated additional delay, s: one camera frame less than the smallest delay with a crash.
 
-    The delay is infinite if no sample crashes at any delay, and negative if a sample crashes without additional delay.
+    The result is infinite if no sample crashes at any delay, and negative if a sample crashes without additional delay.
     """
     samples = range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + sizes.delayed)
     frames = np.arange(sizes.max_delay_frames + 1)
@@ -324,7 +324,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 
 
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
-    """Return the peak sensitivity and the smallest delay margin (s) of the median plant; NaN without a linear model."""
+    """Return the peak sensitivity and the smallest delay margin, s, of the median plant; NaN without a linear model."""
     try:
         margins = [each for each in link_margins(middle_of(scenario)).values() if each is not None]
     except InputError:
@@ -333,6 +333,6 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 
 def missing_designs(diagrams: Path, name: str) -> list[str]:
-    """Return the names of the controllers for which the file of a family has no design."""
+    """Return the names of the controllers without a design in the file of a family."""
     designs = designs_in(design_file(diagrams, name))
     return [entry for entry in FAMILIES[name].entries if entry not in designs]

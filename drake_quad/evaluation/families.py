@@ -1,4 +1,4 @@
-"""Families of laboratories; a controller has one design per family, which is trained in some of its laboratories."""
+"""Families of laboratories. A controller has one design per family, trained in some laboratories of the family."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,11 +17,11 @@ class LaboratoryFamily(NamedTuple):
 
     Attributes:
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
-        training_laboratories: names of the laboratories in which designs are trained; the limit applies to the loops in
-            the first.
-        windiest_laboratory: name of the laboratory in which delay is added until vehicles crash.
+        training_laboratories: names of the laboratories in which designs are trained. The limit on the loops is checked
+            in the first one.
+        windiest_laboratory: name of the laboratory in which the tolerated delay is measured.
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks over the position, for disturbances that recur at the same place.
+        maps: True to include networks over the position, for disturbances that recur at the same position.
         lap_overrides: overrides for the training of a network over the position.
     """
 
@@ -49,14 +49,14 @@ class LaboratoryFamily(NamedTuple):
         Args:
             diagrams: folder of the shipped scenarios.
             laboratory: name of the laboratory in the report.
-            layers: FILE:NAME of each layer over the laboratory, such as a controller.
+            layers: FILE:NAME of each layer that is merged over the laboratory, such as a controller.
             overrides: assignments that take precedence over the layers.
         """
         return load_scenario(diagrams / self.laboratories[laboratory], overrides, layers=layers)
 
 
 def overrides_for_laps(count: int) -> tuple[str, ...]:
-    """Return overrides for a number of laps, the last of which counts for the metrics."""
+    """Return overrides for a number of laps. Metrics are computed over the last lap."""
     return f"route.laps={count}", f"metrics.first_lap={count}"
 
 

@@ -27,7 +27,7 @@ from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
-# Colours of the controllers in all figures; the marker distinguishes the networks.
+# Colours of the controllers in all figures. Markers distinguish the networks.
 _COLORS = {
     "pd": BLACK,
     "pid": ORANGE,
@@ -40,11 +40,11 @@ _COLORS = {
 }
 _OWN_COLOR = "saddlebrown"  # colour of the user's controllers
 _MARKERS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
-_MAX_CRASH_SHARE = 0.05  # markers of controllers that crash more often are hollow
+_MAX_CRASH_SHARE = 0.05  # markers of controllers with a larger fraction of crashes are hollow
 
 
 def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures for which there are flights, and yield the name of each with the figure."""
+    """Draw the figures for which there are flights, and yield the name of each figure with the figure."""
     yield "errors", errors_figure(evaluation)
     if reductions_by_network(evaluation):
         yield "networks", networks_figure(evaluation)
@@ -56,7 +56,7 @@ def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
 
 
 def base_and_network(controller: str) -> tuple[str, str]:
-    """Return the name of the base controller and the kind of the network; "" if there is no network."""
+    """Return the name of the base controller and the kind of network; the kind is "" without a network."""
     if controller not in CONTROLLER_NAMES and "@" not in controller:  # a user's controller
         return controller, ""
     base = max((name for name in _COLORS if controller.startswith(name)), key=len)
@@ -98,7 +98,7 @@ def _plot_mean(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
 
 
 def _format_panel(axes: Axes, title: str) -> None:
-    """Set the title, and a logarithmic horizontal axis with round numbers as ticks."""
+    """Set the title, and a logarithmic horizontal axis with ticks at round numbers."""
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     low, high = low / 1.3, high * 1.3
@@ -111,7 +111,7 @@ def _format_panel(axes: Axes, title: str) -> None:
 
 
 def reductions_by_network(evaluation: Evaluation) -> dict[str, dict[str, Interval]]:
-    """Return the relative reduction of the error by each network, by controller and laboratory."""
+    """Return the relative error reduction that each network achieves, by name of the controller and laboratory."""
     names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in NETWORK_BASES]
     names += [f"{name}_t2fnn_map" for name in POSITION_NETWORK_BASES[1:]]
     compared = {name: comparisons_by_laboratory(evaluation, name, base_and_network(name)[0]) for name in names}
@@ -123,7 +123,7 @@ def reductions_by_network(evaluation: Evaluation) -> dict[str, dict[str, Interva
 
 
 def networks_figure(evaluation: Evaluation) -> Figure:
-    """Plot the error reduction by each network, with a row for each network and a marker for each laboratory."""
+    """Plot the error reduction that each network achieves: a row for each network, a marker for each laboratory."""
     reductions = reductions_by_network(evaluation)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
     with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN) as (figure, axes):
@@ -178,7 +178,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
                 )
             axes.set_yscale("log")
             axes.set_xlabel(label)
-        # The axes are wide, so that small differences between designs with the same limit are not exaggerated.
+        # The axis limits are wide, so that small differences between designs with the same limit are not exaggerated.
         row[0].set_xlim(min(1.5, row[0].get_xlim()[0]), max(3.1, row[0].get_xlim()[1]))
         row[1].set_xlim(0.0, max(100.0, row[1].get_xlim()[1]))
         low, high = row[0].get_ylim()

@@ -1,4 +1,4 @@
-"""Tuning protocol: all controllers of a family are tuned with the same budget and the same limit on their loops."""
+"""Tuning protocol: all controllers of a family are tuned with the same budget and the same stability limit."""
 
 import itertools
 import shutil
@@ -26,7 +26,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
-_HORIZON = 0.6  # s, of model predictive control, as in controllers/mpc.yaml
+_HORIZON = 0.6  # s, horizon of model predictive control, as in controllers/mpc.yaml
 
 
 class DesignResult(NamedTuple):
@@ -44,7 +44,7 @@ class DesignResult(NamedTuple):
 def tunable_entries(
     family: LaboratoryFamily, path: Path, names: Sequence[str] | None = None
 ) -> dict[str, ControllerEntry]:
-    """Return the entries of a family that the protocol tunes, by name; each network follows its base controller.
+    """Return the entries of a family that the protocol tunes, by name. Each network follows its base controller.
 
     A network is omitted if its base controller is neither in the file nor among the chosen entries.
 
@@ -54,7 +54,7 @@ def tunable_entries(
         names: names of the chosen entries; all by default.
 
     Raises:
-        InputError: there is no entry of this name that the protocol tunes.
+        InputError: if a name is not one of the tunable entries.
     """
     entries = {name: each for name, each in family.entries.items() if each.knobs}
     for name in names or ():
@@ -104,7 +104,7 @@ def design_family(
 
 
 def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
-    """Write a design of model predictive control with the regulator of the family's LQG design, if there is one."""
+    """Write a model predictive controller with the regulator of the family's LQG design, if there is such a design."""
     regulator = designs_in(path).get("lqg")
     if regulator is not None:
         control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
@@ -116,9 +116,9 @@ def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
 def _scenarios_before_tuning(
     diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry
 ) -> list[Scenario]:
-    """Return the training scenarios of an entry whose numbers are in the middle of their ranges."""
+    """Return the training scenarios of an entry whose parameters are at the geometric means of their ranges."""
     # The scenarios are read from a copy of the file, since the entry may extend other designs in the file. The copy is
-    # in the same folder, since paths in it are relative to the folder.
+    # in the same folder, since the paths in the file are relative to this folder.
     trial = path.with_name(f".tuning_{path.name}")
     try:
         if path.exists():
@@ -145,7 +145,7 @@ def training_scenarios(diagrams: Path, family: LaboratoryFamily, layer: str, ent
 def previous_numbers(
     diagrams: Path, family: LaboratoryFamily, path: Path, controller: str, entry: ControllerEntry
 ) -> list[float] | None:
-    """Return the tuned numbers in an earlier design of an entry; None if there is none, or if one is not positive."""
+    """Return the tuned parameters of an earlier design; None without a design, or if a parameter is not positive."""
     if controller not in designs_in(path):
         return None
     scenario, *_ = training_scenarios(diagrams, family, f"{path}:{controller}", entry)
@@ -178,7 +178,7 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
 
 
 def _limit_shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
-    """Return a function from a scenario to the shares of a limit that the loops of its median plant meet."""
+    """Return a function from a scenario to the fractions of a limit that the loops of its median plant meet."""
     return lambda scenario: limit.shares_met(middle_of(scenario))
 
 

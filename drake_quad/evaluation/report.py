@@ -36,7 +36,7 @@ CAPTIONS = {
     " network increases the error.",
     "laps": "RMSE in each lap in high wind, with 95 % intervals, with and without a network over the position.",
 }
-# Metrics whose means are in the summary, by the name of the column.
+# Metrics whose means are columns of the summary, by the name of the column.
 _MEAN_COLUMNS = {
     "rmse": "rmse",
     "peak": "peak_error",
@@ -46,7 +46,7 @@ _MEAN_COLUMNS = {
 }
 
 
-# Fields of `Claim` by the headings of their columns, in the file answers.csv and in the report.
+# Fields of `Claim` by the headings of their columns, in the file answers.csv and then in the report.
 _FILE_COLUMNS = {"statement": "statement", "verdict": "verdict", "evidence": "evidence", "rule": "rule"}
 _REPORT_COLUMNS = {"claim": "statement", "evidence": "evidence"}
 
@@ -118,7 +118,7 @@ def write_summary(path: Path, evaluation: Evaluation) -> Path:
 
 
 def machine() -> str:
-    """Return the names of the processor and the Python version, on which the computing times depend."""
+    """Return the name of the processor and the Python version, on which the computing times depend."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return f"{models[0] if models else platform.machine()}, Python {platform.python_version()}"
@@ -183,7 +183,7 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         *_TRAIT_HEADINGS,
     )
     shares = _crash_shares(evaluation, family, traits)
-    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrashes: {shares}." if shares else "")
+    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {shares}." if shares else "")
 
 
 _TRAIT_HEADINGS = (
@@ -206,9 +206,9 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
 
 
 def _crash_shares(evaluation: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
-    """Return the crash probabilities of all controllers and laboratories with a crash as text, with intervals."""
+    """Return, as text, the crash probability with its interval for all controllers and laboratories with a crash."""
     shares = [
-        f"{CONTROLLER_NAMES[name]} in {laboratory} {crash_probability(evaluation.flights[laboratory][name]).percent()}"
+        f"{CONTROLLER_NAMES[name]} ({laboratory}): {crash_probability(evaluation.flights[laboratory][name]).percent()}"
         for laboratory in family.laboratories
         for name in traits
         if evaluation.flights[laboratory][name].crashed.any()

@@ -13,25 +13,25 @@ _FLIGHT_KEYS = ("laboratory", "controller")
 _TRAIT_KEYS = ("family", "controller")
 _DIGITS = 9  # significant digits in the files
 LAPS_LABORATORY = "high wind"  # laboratory in which networks over the position fly several laps
-# Designs with other limits on the peak sensitivity, which show the price of stability margin.
-PRICED_DESIGNS = "priced"  # name of their file
-PRICED_LABORATORY = "high wind"  # laboratory in which they are tuned and flown
+# "Priced" designs have different limits on the peak sensitivity, and show how much accuracy the stability margin costs.
+PRICED_DESIGNS = "priced"  # name of the file of these designs
+PRICED_LABORATORY = "high wind"  # laboratory in which these designs are tuned and flown
 PRICED_CONTROLLERS = ("indi", "lqg")
 SENSITIVITY_LIMITS = (1.6, 1.9, 2.6, 3.0)
 
 
 class Traits(NamedTuple):
-    """Margins and computing times of a controller in a family of laboratories; NaN if a number does not exist.
+    """Margins and computing times of a controller in a family of laboratories; NaN for values that do not exist.
 
-    The margins are those of the loops at the command link, with the median plant and without a network.
+    The margins are computed for the loops at the command link, with the median plant and without a network.
 
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)|, where L is the loop transfer function.
         delay: smallest delay margin, s.
         delay_flown: largest additional delay that is tolerated in flight, s; infinite if no sample crashes with any
             delay, and negative if a sample crashes without additional delay.
-        lone: CPU time of the whole loop per tick for a single vehicle, s.
-        fleet: CPU time of the whole loop per tick and vehicle in a fleet of all samples, s.
+        lone: CPU time per tick of the whole loop for a single vehicle, s.
+        fleet: CPU time per tick and vehicle of the whole loop in a fleet of all samples, s.
     """
 
     sensitivity: float
@@ -61,7 +61,7 @@ class Evaluation:
 
 
 def laboratory_with_laps(count: int) -> str:
-    """Return the name of a laboratory with several laps, the last of which counts for the metrics."""
+    """Return the name of a laboratory with several laps. Metrics are computed over the last lap."""
     return f"{LAPS_LABORATORY}, lap {count}"
 
 
@@ -71,7 +71,7 @@ def priced_name(controller: str, sensitivity: float) -> str:
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Write a row for each flight, and a row for each controller of each family, and return the two files."""
+    """Write a file with a row for each flight, and one with a row for each controller and family; return the paths."""
     flights: dict[tuple[str, ...], dict[str, Any]] = {
         (laboratory, name): {
             "sample": range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + len(metrics.rmse)),
@@ -95,7 +95,7 @@ def read_evaluation(folder: Path) -> Evaluation:
     """Read the results that `write_evaluation` wrote to a folder.
 
     Raises:
-        InputError: a file is missing or invalid.
+        InputError: if a file is missing or invalid.
     """
     flights: dict[str, dict[str, Metrics]] = {}
     for (laboratory, name), columns in read_groups(folder / "flights.csv", _FLIGHT_KEYS, Metrics._fields).items():

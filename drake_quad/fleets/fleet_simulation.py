@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.laboratory import jump_times
 from drake_quad.assembly.recorder import clear_recorder, read_recorder
+from drake_quad.assembly.registered_controllers import registered_leaf_systems
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
@@ -120,7 +121,14 @@ class CompiledSimulation(FleetSimulation):
 
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan = plan
-        self._own = UserSystems(**{name: as_compilable(system) for name, system in own.given.items()})
+        # A system that cannot be compiled keeps its state in the compiled diagram only if a stand-in takes its place.
+        registered = {
+            name: system
+            for name, system in registered_leaf_systems(batch.scenario, len(batch)).items()
+            if as_compilable(system) is not system
+        }
+        systems = {**registered, **own.given}
+        self._own = UserSystems(**{name: as_compilable(system) for name, system in systems.items()})
         # The parameters of a batch are set in this diagram and copied to the compiled diagram. To read the state, it is
         # copied back.
         self._wired = build_fleet_diagram(batch, plan, own=self._own)

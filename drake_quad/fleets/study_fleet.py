@@ -42,10 +42,9 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # With a continuous state, the steps of the integrator would depend on the errors of all vehicles of a
-            # fleet.
+            # The steps of an integrator with a continuous state would depend on all vehicles of a fleet.
             raise InputError(
-                "vehicle.time_step is 0; it must be positive, so that the flight of a sample does not depend on the fleet"
+                "vehicle.time_step is 0; it must be positive, so that the flight of a sample is the same in any fleet"
             )
         check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles

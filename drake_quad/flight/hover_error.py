@@ -32,8 +32,8 @@ It is several time constants of the slowest integrator of the shipped controller
 HOVER_TIME = 40.0
 """Duration of a hover, s."""
 
-_FLEET_SIZE = 64
-_MAX_HOVERS = 1024
+_FLEET_SIZE = 64  # number of hovers that are simulated at once
+_MAX_HOVERS = 1024  # largest number of simulated hovers, even if the intervals are still wide
 # Hovers are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
 # RMS error, and an absolute one for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05

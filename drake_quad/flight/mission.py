@@ -24,7 +24,7 @@ from drake_quad.scenario.paths import distributions_in, refuse_distributions
 from drake_quad.scenario.routes.route import Planned
 from drake_quad.space.space import Space
 
-_MAX_OBSTACLE_PLANS = 16
+_MAX_OBSTACLE_PLANS = 16  # largest number of cached plans
 # Cache of plans around obstacles. The key is the part of the scenario on which the plan depends, as JSON.
 _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 

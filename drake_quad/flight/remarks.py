@@ -25,7 +25,7 @@ _MIN_RELATIVE_DIFFERENCE = 0.2
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
-_MIN_STANDARD_DEVIATIONS = 5.0
+_MIN_STANDARD_DEVIATIONS = 5.0  # smallest reported difference, in standard deviations of the flown value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal random variable is more than one standard deviation below its mean.

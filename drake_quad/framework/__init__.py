@@ -1,1 +1,1 @@
-"""Declared systems for fleets, and their formulas, from Python to machine code."""
+"""Base class of systems for fleets, and compilation of their formulas to machine code."""

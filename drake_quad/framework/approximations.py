@@ -1,10 +1,10 @@
 """Elementary functions of symbols, in vector arithmetic that computes several vehicles at once.
 
-The results agree with those of a mathematical library within two units in the last place. There are two exceptions:
-sines and cosines of angles beyond a million radians are NaN, and results below 1e-307 may be zero.
+The results agree with a mathematical library to within two units in the last place. There are two exceptions: sines and
+cosines of angles beyond a million radians are NaN, and results below 1e-307 may be zero.
 
 Each function reduces its argument to a small range and evaluates a polynomial. The polynomials of sine and cosine are
-the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his Cephes
+the minimax approximations from S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in the Cephes
 library. All others are Chebyshev fits computed with mpmath.
 """
 
@@ -16,27 +16,28 @@ import numpy as np
 
 from drake_quad.framework.symbols import Symbol, SymbolKind, lifted, number, operation, truth
 
-# Adding this number rounds a float to a whole number, whose lowest bits are then the lowest bits of the sum.
+# Adding this number to a float rounds the float to a whole number. The lowest bits of the sum are the lowest bits of
+# this whole number.
 _ROUNDING_OFFSET = 1.5 * 2.0**52
 # Layout of a double: a sign bit, 11 bits of the biased exponent, and 52 bits of the mantissa.
 _EXPONENT_SHIFT = np.uint64(52)
 _EXPONENT_BIAS = np.uint64(1023)
 _MANTISSA_MASK = np.uint64(2**52 - 1)
 _SIGN_MASK = np.uint64(1 << 63)
-# Shifts that move the lowest bit, or the second lowest, to the sign bit.
+# Left shifts that move the lowest bit, or the second lowest bit, to the sign bit.
 _SIGN_SHIFT = np.uint64(63)
 _BELOW_SIGN_SHIFT = np.uint64(62)
 _ONE_BIT = np.uint64(1)
-_MIN_NORMAL = 2.0**-1022
+_MIN_NORMAL = 2.0**-1022  # smallest positive normal double
 _BITS_OF_ONE = np.uint64(1023 << 52)
 _BITS_OF_SQRT_HALF = np.float64(math.sqrt(0.5)).view(np.uint64)
-# The sum of 2**52 and a smaller whole number has that number in its lowest bits.
+# The lowest bits of the sum of 2**52 and a smaller whole number are the bits of this whole number.
 _TWO_52 = 2.0**52
 _BITS_OF_TWO_52 = np.uint64(1075 << 52)
 
 # π/2 as a sum of two doubles.
 _HALF_PI_PARTS = (1.5707963267948966, 6.123233995736766e-17)
-_MAX_ANGLE = 2.0**20
+_MAX_ANGLE = 2.0**20  # rad; sines and cosines of larger angles are NaN
 _SINE_COEFFICIENTS = (
     -1.66666666666666307295e-1,
     8.33333333332211858878e-3,
@@ -53,7 +54,7 @@ _COSINE_COEFFICIENTS = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-# ln 2 as a sum of two doubles, the first of which has few digits.
+# ln 2 as a sum of two doubles. The first has few digits, so that its products with whole numbers are exact.
 _LN_2_PARTS = (6.93145751953125e-1, 1.42860682030941723212e-6)
 # Polynomial of (exp r - 1 - r) / r² in r, for |r| <= ln 2 / 2. Its error in exp r is below 1.3e-17.
 _EXP_COEFFICIENTS = (
@@ -68,7 +69,7 @@ _EXP_COEFFICIENTS = (
     2.7620138719733994e-07,
     2.5100424157005067e-08,
 )
-# Outside of these arguments, the exponent of the result is that of infinity or zero.
+# Limits to which arguments are clipped. At these limits, the computed result is infinity or zero.
 _MAX_EXP_ARGUMENT = 710.0
 _MIN_EXP_ARGUMENT = -709.1
 # Polynomial of (ln((1 + s) / (1 - s)) - 2 s) / s³ in s², for (1 + s) / (1 - s) from √½ to √2. Its error is below 1e-17.
@@ -134,7 +135,7 @@ _TANH_COEFFICIENTS = (
     7.959955735264808e-05,
     -1.724487449484433e-05,
 )
-_MAX_SMALL_TANH_ARGUMENT = 0.625
+_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which this polynomial is used
 # Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
 _ERF_COEFFICIENTS = (
     -0.37612638903183754,
@@ -169,13 +170,13 @@ _ERFC_COEFFICIENTS = (
     -6.047405945991704e-12,
     6.0857915906870915e-12,
 )
-_MAX_ERF_ARGUMENT = 6.0  # erf x is 1 in double precision for larger x
+_MAX_ERF_ARGUMENT = 6.0  # for larger x, erf x is 1 in double precision
 _TAN_PI_8 = math.tan(math.pi / 8.0)
 _TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """Return x where the mask is true, else y; if only one of them is a truth value, it is converted to a number."""
+    """Return x where the mask is true, else y; if only one of x and y is a truth value, it is converted to a number."""
     _, x, y = lifted(mask, x, y)
     if x.kind is not y.kind:
         x, y = number(x), number(y)
@@ -183,14 +184,14 @@ def select(mask: Symbol, x: Any, y: Any) -> Symbol:
 
 
 def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
-    """Return x y + z, rounded once."""
+    """Return x y + z with a single rounding."""
     return operation("multiply_add", x, y, z)
 
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
     """Evaluate a polynomial with at least four coefficients, in increasing order of powers.
 
-    Even and odd powers are summed separately, so that neither sum waits for the other.
+    Even and odd powers are summed separately, so that a processor can compute both sums in parallel.
     """
     z = x * x
     return multiply_add(x, horner(z, coefficients[1::2]), horner(z, coefficients[::2]))
@@ -217,7 +218,7 @@ def sqrt(x: Symbol) -> Symbol:
 
 
 def nearest(x: Symbol) -> Symbol:
-    """Round to the nearest whole number, with ties to the even one."""
+    """Round to the nearest whole number, with ties to even."""
     return operation("nearest", x)
 
 
@@ -249,7 +250,7 @@ def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
 
 
 def exp(x: Symbol) -> Symbol:
-    """Return the exponential of x; it is infinite from x = 709.4 on."""
+    """Return the exponential of x, which is infinite for x of at least 709.4."""
     # These comparisons are false for NaN, so that NaN remains NaN.
     clamped = select(x < _MIN_EXP_ARGUMENT, _MIN_EXP_ARGUMENT, x)
     clamped = select(clamped > _MAX_EXP_ARGUMENT, _MAX_EXP_ARGUMENT, clamped)
@@ -277,7 +278,7 @@ def erf(x: Symbol) -> Symbol:
 
 
 def log(x: Symbol, *, normal: bool) -> Symbol:
-    """Return the natural logarithm of x; it is faster with `normal`, for positive normal numbers."""
+    """Return the natural logarithm of x; `normal` selects a faster variant for positive normal numbers."""
     # This addition increments the exponent of numbers whose mantissa is at least √2. Reduced mantissas are then from √½
     # to √2.
     bits = bits_of(x) + (_BITS_OF_ONE - _BITS_OF_SQRT_HALF)
@@ -301,12 +302,12 @@ def log1p(x: Symbol) -> Symbol:
     """Return the natural logarithm of 1 + x for x >= 0; it is accurate for small x."""
     rounded = 1.0 + x
     is_tiny = rounded == 1.0
-    # The quotient corrects the rounding error of the sum, which is also in the difference.
+    # The factor x / (rounded - 1) corrects the rounding error of the sum 1 + x.
     return select(is_tiny, x, log(rounded, normal=False) * (x / select(is_tiny, 1.0, rounded - 1.0)))
 
 
 def arctan(x: Symbol, *, small: bool) -> Symbol:
-    """Return the inverse tangent, rad; it is faster with `small`, for |x| up to 1/8."""
+    """Return the inverse tangent, rad; `small` selects a faster variant for |x| up to 1/8."""
     if small:
         return _odd(x, _SMALL_ARCTAN_COEFFICIENTS)
     return copysign(_slope_angle(abs(x), 1.0), x)
@@ -322,7 +323,8 @@ def arctan2(y: Any, x: Any) -> Symbol:
 def _slope_angle(rise: Symbol, run: Any) -> Symbol:
     """Return the angle of a slope, rad, given a non-negative rise and run; zero if both are zero."""
     flat, steep = rise <= _TAN_PI_8 * run, rise > _TAN_3_PI_8 * run
-    # A single division serves three ranges. It gives the tangent of the angle, or of the angle minus π/4 or π/2.
+    # A single division covers three ranges: t is the tangent of the angle, of the angle minus π/4, or of the angle
+    # minus π/2.
     numerator = select(flat, rise, select(steep, -run, rise - run))
     denominator = select(flat, run, select(steep, rise, rise + run))
     t = numerator / select(denominator == 0.0, 1.0, denominator)
@@ -333,7 +335,7 @@ def _slope_angle(rise: Symbol, run: Any) -> Symbol:
 
 
 def arcsin(x: Symbol, *, small: bool) -> Symbol:
-    """Return the inverse sine, rad, or NaN outside [-1, 1]; it is faster with `small`, for |x| up to 1/2."""
+    """Return the inverse sine, rad, NaN outside [-1, 1]; `small` selects a faster variant for |x| up to 1/2."""
     if small:
         return _odd(x, _ARCSIN_COEFFICIENTS)
     return arctan2(x, sqrt((1.0 - x) * (1.0 + x)))

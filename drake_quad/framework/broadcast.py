@@ -1,4 +1,4 @@
-"""System that gives every vehicle of a fleet the same rows."""
+"""System that copies the rows of one vehicle to every vehicle of a fleet."""
 
 from pydrake.systems.framework import BasicVector, BasicVector_, Context
 
@@ -7,7 +7,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 
 @fleet_system(float, AutoDiffXd)
 class Broadcast(FleetSystem):
-    """Broadcast of the rows of one vehicle to every vehicle of a fleet.
+    """Copy of the rows of one vehicle for every vehicle of a fleet.
 
     .. pydrake_system::
 

@@ -1,8 +1,8 @@
-"""On-disk cache of machine code and computed results, in a folder that only this user can write to.
+"""On-disk cache of machine code and computed results, in a folder to which only this user can write.
 
 Each file contains an object file or a pickled result, followed by a digest of the file's name and of its content. The
-digest detects files that are damaged or were renamed. It does not protect against other users. For that reason, the
-folder and the files must belong to this user, and nobody else may have write permission.
+digest detects files that were damaged or renamed. It does not protect against other users. For that reason, the folder
+and the files must belong to this user, and nobody else may have write permission.
 """
 
 import functools
@@ -17,18 +17,19 @@ from pathlib import Path
 
 from drake_quad.files import write_atomically
 
-# A kernel takes 5 to 200 kB, so the cache holds thousands of them.
+# Largest total size of the cache. The size of a kernel is 5 to 200 kB, so the cache can contain thousands of kernels.
 MAX_BYTES = 256 * 2**20
-_DIGEST_SIZE = 32
+_DIGEST_SIZE = 32  # bytes of a SHA-256 digest
 # The pattern matches only files and temporary files of the cache, so that pruning deletes no other file.
 _CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
-# Opening must not follow a symbolic link or block on a FIFO. Windows has neither, but it needs the binary mode.
+# Opening a file must not follow a symbolic link or block on a FIFO. These flags do not exist on Windows, which needs
+# the flag for binary mode instead.
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 
 
 def read(name: str) -> bytes | None:
-    """Return the cached object file or result of a name; None if there is none or it cannot be trusted."""
+    """Return the cached object file or result with a name; None if there is none, or if it cannot be trusted."""
     folder = cache_folder()
     if folder is None or not _is_trusted(folder):
         return None
@@ -50,9 +51,9 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, payload: bytes) -> None:
-    """Write an object file or a result to the cache; if writing fails, the next process computes it again.
+    """Write an object file or a result to the cache. If writing fails, the next process computes it again.
 
-    One write in sixteen, selected by the last digit of the name, prunes the folder to `MAX_BYTES`.
+    After one in sixteen writes, selected by the last digit of the name, the folder is pruned to `MAX_BYTES`.
     """
     folder = cache_folder()
     if folder is None:
@@ -71,9 +72,10 @@ def write(name: str, payload: bytes) -> None:
 
 
 def prune(folder: Path, max_bytes: int) -> None:
-    """Delete the least recently used files of the cache until the rest take no more than `max_bytes`.
+    """Delete the least recently used files of the cache until the total size is at most `max_bytes`.
 
-    Other processes may read, write and prune at the same time. If one of them misses a file, it only loses time.
+    Other processes may read, write and prune at the same time. A process that does not find a file computes its content
+    again.
     """
     files = []
     with os.scandir(folder) as entries:
@@ -92,12 +94,12 @@ def prune(folder: Path, max_bytes: int) -> None:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder that DRAKE_QUAD_CACHE names, or by default a folder in the user's cache directory.
+    """Return the folder in the variable DRAKE_QUAD_CACHE, or by default a folder in the user's cache directory.
 
     Returns:
-        The folder, which may not exist yet. None disables the cache: the variable is empty or not an absolute path, or
-        the user has no home directory. Relative paths in other variables are ignored, as the XDG Base Directory
-        Specification demands.
+        The folder, which may not exist yet. None if the cache is disabled: the variable is empty or not an absolute
+        path, or the user has no home directory. Relative paths in other environment variables are ignored, as the XDG
+        Base Directory Specification requires.
     """
     named = os.environ.get("DRAKE_QUAD_CACHE")
     if named is not None:
@@ -145,8 +147,8 @@ def _is_trusted(folder: Path) -> bool:
         return False
     if not _is_private(status):
         _warn_once(
-            f"{folder} belongs to another user or can be written by others, so machine code is not cached there; make"
-            " it private, or set DRAKE_QUAD_CACHE to another folder"
+            f"{folder} belongs to another user or is writable by others, so machine code is not cached there; make"
+            " the folder private, or set DRAKE_QUAD_CACHE to another folder"
         )
         return False
     return True
@@ -155,7 +157,7 @@ def _is_trusted(folder: Path) -> bool:
 def _is_private(status: os.stat_result) -> bool:
     """Return whether a file or folder belongs to this user and nobody else can write to it.
 
-    On Windows a user's folders are private, and the mode contains no further information.
+    On Windows the folders of a user are private by default, and the mode contains no information about this.
     """
     if sys.platform == "win32":
         return True

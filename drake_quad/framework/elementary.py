@@ -1,11 +1,11 @@
 """Elementary functions of Python floats, NumPy arrays, AutoDiffXd, Expression and symbols.
 
-A formula of this project is written once, on rows, which are one number per vehicle. A row is a float for one vehicle
-and an array for a fleet. It is an AutoDiffXd where Drake differentiates, an Expression where Drake computes
-symbolically, and a `Symbol` where a formula is compiled to machine code.
+Each formula of this package is written once, for rows. A row contains one number per vehicle: it is a float for one
+vehicle and an array for a fleet. The type of the numbers is AutoDiffXd for differentiation in Drake and Expression for
+symbolic computation in Drake. While a formula is compiled to machine code, a row is a `Symbol`.
 
-NumPy's functions do not suffice. On a Python float they take several times as long as those of `math`, `np.maximum` and
-`np.minimum` reject an Expression, and none of them accepts a symbol.
+NumPy's functions are not sufficient: for a Python float they are several times slower than the functions of `math`,
+`np.maximum` and `np.minimum` reject an Expression, and no function of NumPy accepts a symbol.
 """
 
 import math
@@ -40,21 +40,21 @@ def sin_cos(x: Row) -> tuple[Row, Row]:
 
 
 def sqrt(x: Row) -> Row:
-    """Return the square root; NaN for a negative number, which a diverged vehicle can cause."""
+    """Return the square root; NaN for a negative number, which can occur for a diverged vehicle."""
     if x.__class__ is float:
         return math.sqrt(x) if x >= 0.0 else math.nan
     return untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
 
 
 def arctan(x: Row, *, small: bool = False) -> Row:
-    """Return the inverse tangent, rad; it is faster with `small`, for |x| up to 1/8."""
+    """Return the inverse tangent, rad; `small` selects faster machine code for |x| up to 1/8."""
     if x.__class__ is float:
         return math.atan(x)
     return untyped(approximations.arctan(x, small=small)) if x.__class__ is Symbol else np.arctan(x)
 
 
 def arcsin(x: Row, *, small: bool = False) -> Row:
-    """Return the inverse sine, rad, or NaN outside [-1, 1]; it is faster with `small`, for |x| up to 1/2."""
+    """Return the inverse sine, rad, NaN outside [-1, 1]; `small` selects faster machine code for |x| up to 1/2."""
     if x.__class__ is float:
         return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
     return untyped(approximations.arcsin(x, small=small)) if x.__class__ is Symbol else np.arcsin(x)
@@ -95,7 +95,7 @@ def erf(x: Row) -> Row:
 
 
 def log(x: Row, *, normal: bool = False) -> Row:
-    """Return the natural logarithm of x; it is faster with `normal`, for finite x of at least 1e-307."""
+    """Return the natural logarithm of x; `normal` selects faster machine code for finite x of at least 1e-307."""
     if x.__class__ is float:
         return math.log(x)
     return untyped(approximations.log(x, normal=normal)) if x.__class__ is Symbol else np.log(x)
@@ -110,7 +110,7 @@ def log1p(x: Row) -> Row:
     if isinstance(x, np.ndarray):
         return _of_one_type(_log1p_of_objects(x))
     rounded = 1.0 + x
-    # The quotient corrects the rounding error of the sum, which is also in the difference.
+    # The factor x / (rounded - 1) corrects the rounding error of the sum 1 + x.
     return x if rounded == 1.0 else log(rounded) * (x / (rounded - 1.0))
 
 
@@ -135,7 +135,8 @@ def minimum(x: Row, y: Row) -> Row:
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     """Return x for the vehicles for which the mask is true, and y for the others.
 
-    Both are rows, or records of the same type; a field that is None stays None. Rows of Expression are not supported.
+    x and y are rows, or records of the same type; a field that is None remains None. Rows of Expression are not
+    supported.
     """
     if isinstance(mask, _BOOLEANS):
         return x if mask else y
@@ -150,20 +151,20 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
 
 
 def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
-    """Return `where(mask, formula(*arguments), otherwise)`, and evaluate the formula only where it is needed.
+    """Return `where(mask, formula(*arguments), otherwise)`, but evaluate the formula only where it is needed.
 
-    Use it for an expensive formula that few vehicles need. The formula is evaluated for the vehicles for which the mask
-    is true. Machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of Expression are not
-    supported.
+    This function is meant for expensive formulas that few vehicles need. The formula is evaluated only for vehicles for
+    which the mask is true; machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of
+    Expression are not supported.
 
     Args:
-        mask: truth value of each vehicle; true if the vehicle needs the formula.
+        mask: Boolean for each vehicle, true if the vehicle needs the formula.
         formula: function of rows that returns a row or a tuple of rows. All rows that it uses must be arguments.
         arguments: arguments of the formula.
-        otherwise: result of the other vehicles.
+        otherwise: result for the other vehicles.
 
     Raises:
-        TypeError: if the formula is compiled and uses rows that are not among its arguments.
+        TypeError: if the formula is compiled and uses rows that are not arguments.
     """
     if isinstance(mask, _BOOLEANS):
         return formula(*arguments) if mask else otherwise
@@ -181,7 +182,7 @@ def identity(x: _Rows) -> _Rows:
 
 
 def total(rows: Sequence[Row]) -> Row:
-    """Return the sum of at least one row; it does not start from zero, which saves an operation."""
+    """Return the sum of at least one row. The sum starts with the first row instead of zero, to save an operation."""
     first, *others = rows
     return sum(others, start=first)
 
@@ -192,10 +193,10 @@ def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
 
 
 def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row]) -> list[Row]:
-    """Return the outputs of a dense network layer: the activations of the matrix product plus the biases.
+    """Return the outputs of a dense network layer: the activation function of the matrix product plus the biases.
 
-    The sums add the columns in order. Machine code computes them in a loop, so that its size does not depend on that of
-    the matrix.
+    The columns are added in order. Machine code contains a loop over the columns, so that the size of the code does not
+    depend on the size of the matrix.
 
     Args:
         matrix: constant weights and biases.
@@ -215,7 +216,7 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
 
 
 def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Return rows that are `some` where the mask is true and `others` elsewhere; `some` has those vehicles only."""
+    """Return rows that are `some` where the mask is true, else `others`; `some` contains only the former vehicles."""
     if isinstance(others, tuple):
         rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
         return others._make(rows) if hasattr(others, "_make") else tuple(rows)
@@ -240,7 +241,7 @@ def nearest(x: Row) -> Row:
 
 
 def word_of(x: Row) -> Any:
-    """Convert whole numbers from 0 to 2**52 - 1 to uint64: a symbol, or else an array, even for one vehicle."""
+    """Convert whole numbers from 0 to 2**52 - 1 to uint64; the result is an array or a symbol, even for one vehicle."""
     if x.__class__ is Symbol:
         return approximations.word_of(untyped(x))
     return np.atleast_1d(np.asarray(without_derivatives(x), dtype=float)).astype(np.uint64)
@@ -259,12 +260,12 @@ def without_derivatives(x: Row) -> Row:
 
 
 def untyped(x: Any) -> Any:
-    """Return x as `Any`, so that a type checker does not take a row for a float."""
+    """Return x as `Any`, so that a type checker does not treat a row as a float."""
     return x
 
 
 def _of_one_type(x: Any) -> Any:
-    """Convert floats in an array of objects to the type of the objects, since NumPy's functions reject mixtures."""
+    """Convert the floats in an array of objects to the type of the other objects, since NumPy rejects mixed types."""
     if not (isinstance(x, np.ndarray) and x.dtype == object):
         return x
     kind = next((element.__class__ for element in x.flat if element.__class__ is not float), float)

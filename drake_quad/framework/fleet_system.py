@@ -1,7 +1,7 @@
 """LeafSystem for a fleet of vehicles, whose computations are declared as formulas.
 
-A port, parameter or state with k rows has k N elements for N vehicles, row after row (C order, shape (k, N)). For one
-vehicle, that is a plain k-vector. A record names the rows: `drake_quad.signals` defines the records of the ports.
+A port, parameter or state with k rows has k N elements for N vehicles, in C order of the shape (k, N). For one vehicle,
+this is a k-vector. A record names the rows: `drake_quad.signals` defines the records of the ports.
 
 A system declares its ports, parameters and states, and the formula that computes each output or update from them:
 
@@ -13,9 +13,10 @@ Drake's callbacks for all scalar types, and the machine code for floats, are der
 takes and returns records whose fields are rows: numbers for one vehicle and arrays for a fleet. It consists of
 arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
 
-`declare` has two kinds of arguments. The structure determines the ports and events. `numbers` is a record of numbers
-that may differ from vehicle to vehicle. Each parameter and each initial state has a recipe, which computes it from the
-numbers. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with other numbers.
+`declare` has two types of arguments. Structural arguments determine the ports and events. `numbers` is a record of
+numbers that may differ between vehicles. Each parameter and each initial state is computed from the numbers by a
+function, its recipe. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with
+other numbers.
 """
 
 import inspect
@@ -63,7 +64,7 @@ class Input:
         name: name of the port.
         index: Drake's index of the port.
         layout: layout of the rows.
-        absent: value that a formula gets if the port is not connected.
+        absent: value that a formula receives if the port is not connected.
     """
 
     name: str
@@ -72,7 +73,7 @@ class Input:
     absent: Any
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Return the BasicVector at the port; None if the port is not connected."""
+        """Return the BasicVector that the port receives; None if the port is not connected."""
         return system.EvalVectorInput(context, self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
@@ -97,11 +98,11 @@ class Parameter:
     recipe: Callable[[Any], Any]
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Return the BasicVector of the parameter."""
+        """Return the BasicVector of the parameter in a context."""
         return context.get_numeric_parameter(self.index)
 
     def mutable_vector(self, context: Context) -> BasicVector:
-        """Return the mutable BasicVector of the parameter."""
+        """Return the mutable BasicVector of the parameter in a context."""
         return context.get_mutable_numeric_parameter(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
@@ -126,13 +127,13 @@ class StateGroup:
     recipe: Callable[[Any], Any]
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Return the vector of the group."""
+        """Return the vector of this state group in a context."""
         if self.index is None:
             return context.get_continuous_state_vector()
         return context.get_discrete_state(self.index)
 
     def mutable_vector(self, context: Context) -> BasicVector:
-        """Return the mutable vector of the group."""
+        """Return the mutable vector of this state group in a context."""
         if self.index is None:
             return context.get_mutable_continuous_state_vector()
         return context.get_mutable_discrete_state(self.index)
@@ -151,8 +152,8 @@ class Computation:
     Attributes:
         formula: function of records and constants.
         reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-        results: layouts of the results; `ABSENT` for a state that the system does not have.
-        writes: state groups that the results replace; empty for an output.
+        results: layouts of the results; `ABSENT` for the result of an optional state that is not declared.
+        writes: state groups to which the results are written; empty for an output.
     """
 
     def __init__(self, formula: Callable[..., Any], reads: Sequence[Any], targets: Sequence[Any]) -> None:
@@ -160,7 +161,7 @@ class Computation:
         self.results = tuple([_layout_of_target(target) for target in targets])
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
-        # A state that is both read and written is read from the vector that it is written to.
+        # A state that is both read and written is read from the vector to which the result is written.
         written = {write.index: place for place, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
@@ -183,7 +184,7 @@ class Computation:
         return tickets or {system.nothing_ticket()}
 
     def run(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
-        """Compute the results and write them to BasicVectors, which for states contain the previous values."""
+        """Compute the results and write them to BasicVectors. Vectors of states must contain the previous values."""
         if system.scalar is not float or INTERPRETED:
             self.interpret(system, context, vectors)
             return
@@ -248,11 +249,11 @@ class Computation:
 
 
 class FleetSystem(_Base):
-    """Base class of the systems of this project; the decorator `fleet_system` makes a subclass a Drake system.
+    """Base class of the systems of this package. The decorator `fleet_system` converts a subclass to a Drake system.
 
-    A subclass defines `declare` instead of a constructor. It is called with the keyword arguments of the constructor
-    other than `num_vehicles`, and again with the same arguments when Drake converts the system to another scalar type.
-    The argument `numbers`, if `declare` has one, is the argument of the recipes of parameters and states.
+    A subclass defines `declare` instead of a constructor. `declare` is called with the keyword arguments of the
+    constructor except for `num_vehicles`, and again with the same arguments when Drake converts the system to another
+    scalar type. If `declare` has an argument `numbers`, it is passed to the recipes of parameters and states.
 
     Attributes:
         scalar: scalar type: float, AutoDiffXd or Expression.
@@ -260,12 +261,12 @@ class FleetSystem(_Base):
         structure: arguments that were given to the constructor, without `num_vehicles` and `numbers`.
         parameters: numeric parameters, by name.
         states: groups of the state, by name.
-        random_inputs: properties of the input ports for random numbers, by name.
+        random_inputs: properties of the random input ports, by name.
         outputs: computations of the output ports, by name.
         updates: periodic updates of the discrete state.
         initializations: computations at the start of a simulation.
-        packed: layouts of the signals that a packed output port contains, by name; empty without such a port.
-        num_events: number of declared events, including those declared by Drake's own methods.
+        packed: layouts of the signals in the packed output port, by name; empty if there is no such port.
+        num_events: number of declared events, including events declared directly with Drake's methods.
     """
 
     scalar: type
@@ -274,7 +275,7 @@ class FleetSystem(_Base):
     _numbers: Any
 
     def begin(self) -> None:
-        """Initialize the attributes that the declarations fill."""
+        """Initialize the attributes to which the declarations add entries."""
         self.parameters: dict[str, Parameter] = {}
         self.states: dict[str, StateGroup] = {}
         self.random_inputs: dict[str, RandomInput] = {}
@@ -293,8 +294,8 @@ class FleetSystem(_Base):
 
         Args:
             name: name of the port.
-            layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
-            absent: value that a formula gets if the port is not connected.
+            layout: layout of the port; by default the layout of the signal `name` in `drake_quad.signals`.
+            absent: value that a formula receives if the port is not connected.
 
         Raises:
             InputError: if no layout is given and there is no signal with this name.
@@ -303,13 +304,13 @@ class FleetSystem(_Base):
         return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
 
     def random_input(self, name: str, kind: Any, distribution: RandomDistribution, *, period: float) -> Input:
-        """Declare an input port for random numbers, which Drake's RandomSource provides.
+        """Declare a random input port, which can be connected to Drake's RandomSource.
 
         Args:
             name: name of the port.
             kind: type of the record at the port.
             distribution: distribution of each row.
-            period: period after which the system uses new random numbers, s.
+            period: period at which the system uses new random numbers, s.
         """
         layout = layout_of(kind)
         index = self.DeclareVectorInputPort(name, self._model(layout), distribution).get_index()
@@ -347,7 +348,7 @@ class FleetSystem(_Base):
             name: name of the port.
             formula: function that returns the value of the port.
             reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-            layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
+            layout: layout of the port; by default the layout of the signal `name` in `drake_quad.signals`.
 
         Raises:
             InputError: if no layout is given and there is no signal with this name.
@@ -362,7 +363,7 @@ class FleetSystem(_Base):
         self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
 
     def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
-        """Declare an output port that packs several signals, which `wiring.split_output` splits again.
+        """Declare an output port that packs several signals, which `wiring.split_output` can separate.
 
         Args:
             name: name of the port.
@@ -408,11 +409,11 @@ class FleetSystem(_Base):
             period: period h, s.
             formula: function that returns the new value of the group, or a tuple with the new values of several groups.
             reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-                States have their values from before this instant.
-            writes: groups that are updated; no other update may write them. For None or an empty tuple, which stand
-                for a group that this system does not have, the corresponding result is ignored.
+                States are passed with their values before the update.
+            writes: groups to update; no other update may write them. None or an empty tuple stands for an optional
+                group that is not declared; the corresponding result is ignored.
             unrestricted: True for an update before all discrete updates of the same instant, which use its result.
-            at_start: True for an update at time zero, too.
+            at_start: True if the update also takes place at time zero.
         """
         computation = Computation(formula, reads, writes)
         self.updates.append(Update(period, computation, unrestricted, at_start))
@@ -432,13 +433,13 @@ class FleetSystem(_Base):
         Args:
             formula: function that returns the new values of the groups.
             reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-            writes: groups that are updated, as for `update`.
+            writes: groups to update, as in `update`.
         """
         computation = Computation(formula, reads, writes)
         self.initializations.append(computation)
         indices = [group.index for group in computation.writes]
 
-        # The formula runs once per simulation, so compiling it would take longer than interpreting it.
+        # The formula runs only once per simulation, so compiling it would take longer than interpreting it.
         def write(system: FleetSystem, context: Context, groups: Any) -> None:
             computation.interpret(system, context, [groups.get_mutable_vector(index) for index in indices])
 
@@ -452,14 +453,14 @@ class FleetSystem(_Base):
         """Compute the time derivatives of the continuous state; Drake calls this method."""
         if self._derivative is None:
             return
-        # Floating-point flags that arithmetic on arrays of objects sets are meaningless.
+        # Floating-point flags are meaningless for arithmetic on arrays of objects.
         with np.errstate(all=None if self.scalar is float else "ignore"):
             rates = BasicVector_[self.scalar](derivatives.size())
             self._derivative.run(self, context, [rates])
         derivatives.get_mutable_vector().SetFromVector(rates.CopyToVector())
 
     def reset(self, context: Context, numbers: Any) -> None:
-        """Reset parameters and state of a context to the defaults of a system that is built with other numbers.
+        """Reset parameters and state of a context to the default values of a system built with other numbers.
 
         Args:
             context: context of this system.
@@ -470,11 +471,11 @@ class FleetSystem(_Base):
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
 
     def set_numbers(self, context: Context, numbers: Any) -> None:
-        """Set the parameters of a context to what they would be by default, had these been the numbers.
+        """Set the parameters of a context to the default values of a system built with other numbers.
 
         Args:
             context: context of this system.
-            numbers: numbers as at construction; each row may be an (N,) array.
+            numbers: record of numbers, as for the constructor; each row may be an (N,) array.
         """
         for part in self.parameters.values():
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
@@ -513,7 +514,7 @@ class FleetSystem(_Base):
 
 
 def _layout_of_target(target: Any) -> Layout:
-    """Return the layout of a result: that of an output port, or that of a state group."""
+    """Return the layout of a result, given the layout of an output port or a state group; `ABSENT` for no group."""
     if isinstance(target, Layout):
         return target
     return target.layout if isinstance(target, StateGroup) else ABSENT
@@ -524,12 +525,12 @@ def _layout_of_signal(name: str) -> Layout:
 
 
 class RandomInput(NamedTuple):
-    """Properties of an input port for random numbers.
+    """Properties of a random input port.
 
     Attributes:
         num_rows: number of random numbers for each vehicle.
         distribution: distribution of each row.
-        period: period after which new random numbers are used, s.
+        period: period at which new random numbers are used, s.
     """
 
     num_rows: int
@@ -544,7 +545,7 @@ class Update(NamedTuple):
         period: period of the update, s.
         computation: formula with its arguments and the state groups that it updates.
         unrestricted: True for an update before all discrete updates of the same instant.
-        at_start: True for an update at time zero, too.
+        at_start: True if the update also takes place at time zero.
     """
 
     period: float
@@ -553,7 +554,7 @@ class Update(NamedTuple):
     at_start: bool
 
 
-# Drake's methods that declare events which a simulator triggers.
+# Names of Drake's methods that declare events for a simulator.
 _EVENT_METHODS = [
     f"Declare{when}{what}Event"
     for when in ("Initialization", "Periodic", "PerStep")
@@ -562,7 +563,7 @@ _EVENT_METHODS = [
 
 
 def _counted(declare: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a method of Drake that declares an event, so that the event is counted."""
+    """Return a wrapper that counts the events declared by a method of Drake."""
 
     def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
         """Declare an event as Drake's method does, and count it.
@@ -577,9 +578,9 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
 
 @contextmanager
 def _quick_templates() -> Iterator[None]:
-    """Skip Drake's search for the name of the module in which a template is instantiated.
+    """Skip Drake's search for the module in which a template is instantiated.
 
-    The search reads the source of every caller and took half of the time of importing this package.
+    The search reads the source of every caller, which took half of the time of importing this package.
     """
     search = getattr(cpp_template, "_get_module_from_stack", None)
     if search is None:
@@ -593,7 +594,7 @@ def _quick_templates() -> Iterator[None]:
 
 
 def _constructor_signature(cls: type[FleetSystem]) -> inspect.Signature:
-    """Return the signature of a system's constructor: the number of vehicles and the arguments of `declare`."""
+    """Return the signature of a system's constructor: the number of vehicles, then the arguments of `declare`."""
     _, *declared = inspect.signature(cls.declare).parameters.values()
     num_vehicles = inspect.Parameter("num_vehicles", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=1, annotation=int)
     options = (parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in declared)
@@ -601,12 +602,13 @@ def _constructor_signature(cls: type[FleetSystem]) -> inspect.Signature:
 
 
 def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
-    """Return a class decorator that makes a FleetSystem a Drake system, which converts between scalar types.
+    """Return a class decorator that converts a FleetSystem to a Drake system with scalar conversion.
 
-    The decorated class is that of the first scalar type, and its attribute `template` has those of all types.
+    The decorated class is the class for the first scalar type. Its attribute `template` contains the classes for all
+    scalar types.
 
     Args:
-        scalars: supported scalar types, of which float must be the first.
+        scalars: supported scalar types; the first must be float.
     """
 
     def decorate(cls: type[FleetSystem]) -> Any:

@@ -1,7 +1,7 @@
 """Execution of formulas for every vehicle of a fleet, as machine code or as plain Python.
 
-A formula is a Python function of records and constants. For floats it is compiled to machine code once. Python executes
-it for AutoDiffXd and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set.
+A formula is a Python function of records and constants. For floats, it is compiled to machine code once. For AutoDiffXd
+and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set, Python executes it.
 """
 
 import os
@@ -17,7 +17,7 @@ from drake_quad.framework.records import ABSENT, Layout
 from drake_quad.framework.symbols import ALLOWED, Listing, Symbol, number
 from drake_quad.signals import Row
 
-# Without machine code, a debugger can stop in formulas.
+# True if Python executes all formulas, so that a debugger can stop in them.
 INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
 
 
@@ -29,14 +29,15 @@ class _Time:
 
 
 TIME = _Time()
+"""Placeholder for the time (s) among the arguments of a formula."""
 
 
 class Tick(NamedTuple):
-    """Number of a tick, as the number of a pair of ticks and the position in the pair.
+    """Number of a tick, given by the number of a pair of ticks and the position in the pair.
 
     Attributes:
         pair: number of the pair, a whole number from 0 on.
-        second: True for the second tick of the pair.
+        second: True if the tick is the second tick of the pair.
     """
 
     pair: Row
@@ -44,7 +45,7 @@ class Tick(NamedTuple):
 
 
 class TickOf(NamedTuple):
-    """Placeholder for the tick nearest to the time, a `Tick`, among the arguments of a formula.
+    """Placeholder, among the arguments of a formula, for the `Tick` nearest to the current time.
 
     Attributes:
         period: period of the ticks, s.
@@ -69,12 +70,12 @@ def kernel(
 
     Args:
         formula: function to compile.
-        arguments: kinds of its arguments: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
-        results: layouts of its results: that of a single record, or those of the parts of a tuple or record.
-        single_vehicle: True for machine code that computes one vehicle only.
+        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `TickOf`, or a constant.
+        results: layout of the result if it is a single record; else the layouts of all parts of a tuple or record.
+        single_vehicle: True for machine code that computes only one vehicle.
 
     Raises:
-        TypeError: if the results do not fit the layouts, or the formula branches on a row.
+        TypeError: if the results do not match the layouts, or the formula branches on a row.
     """
     key = formula, tuple(map(hashable_key, arguments)), results, single_vehicle
     return _kernels.get(key, lambda: _compile(formula, arguments, results, single_vehicle))
@@ -85,7 +86,7 @@ def hashable_key(constant: Any) -> tuple[Any, str]:
     try:
         hash(constant)
     except TypeError:
-        # A mutable object, such as a list, gets a key that differs from all others.
+        # The key of a mutable object, such as a list, differs from all other keys.
         return object(), ""
     return constant, repr(constant)
 
@@ -93,7 +94,7 @@ def hashable_key(constant: Any) -> tuple[Any, str]:
 def _compile(
     formula: Callable[..., Any], arguments: Sequence[Any], results: Sequence[Layout], single_vehicle: bool
 ) -> Callable[..., None]:
-    """Compile a formula to machine code; arguments are those of `kernel`."""
+    """Compile a formula to machine code; the arguments are as in `kernel`."""
     listing = Listing()
     values: list[Any] = []
     sizes: list[int] = []
@@ -110,7 +111,7 @@ def _compile(
 
 
 def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
-    """Run a formula on symbols, and return the rows of its results; truth values become 0 and 1.
+    """Run a formula on symbols, and return the rows of its results; truth values are converted to 0 and 1.
 
     Args:
         formula: function to trace.
@@ -118,14 +119,15 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
         results: layouts of the results.
 
     Raises:
-        TypeError: if the results do not fit the layouts, or the formula branches on a row or calls a function that does
-            not accept symbols.
+        TypeError: if the results do not match the layouts, or if the formula branches on a row or calls a function that
+            does not accept symbols.
     """
     try:
         return [_number(row) for row in flattened(formula(*values), results)]
     except (TypeError, AttributeError) as error:
         name = getattr(formula, "__name__", repr(formula))
-        # Authors of formulas know rows, not symbols, so messages of Python and NumPy about a Symbol need a hint.
+        # Authors of formulas use rows and need not know symbols. Messages of Python and NumPy about a Symbol are
+        # therefore explained.
         hint = f"; a Symbol is a row of a formula that is being traced: {ALLOWED}" if "Symbol" in str(error) else ""
         raise TypeError(f"formula {name}: {error}{hint}") from error
 
@@ -148,9 +150,9 @@ def interpret(
 
     Args:
         formula: function to execute.
-        arguments: kinds of its arguments: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
-        sources: elements of the records that are read, one array for each layout among the arguments.
-        results: layouts of the results: that of a single record, or those of the parts of a tuple or record.
+        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `TickOf`, or a constant.
+        sources: elements of the records to read, one array for each layout among the arguments.
+        results: layout of the result if it is a single record; else the layouts of all parts of a tuple or record.
         num_vehicles: number N of vehicles.
         time: time, s.
     """
@@ -179,7 +181,7 @@ def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
     """Return the rows of all results of a formula in order, without absent results.
 
     Raises:
-        TypeError: if the results do not fit the layouts.
+        TypeError: if the results do not match the layouts.
     """
     parts = [returned] if len(results) == 1 else returned
     if not isinstance(parts, tuple | list) or len(parts) != len(results):
@@ -191,7 +193,7 @@ def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
 
 def packed(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
     """Concatenate rows, each a number or an (N,) array, to one vector of num_rows · N elements."""
-    # `np.broadcast_to` would take twenty times as long.
+    # `np.broadcast_to` is twenty times slower.
     if num_vehicles == 1:
         return np.array([row.item() if row.__class__ is np.ndarray else row for row in rows])
     shape = (num_vehicles,)

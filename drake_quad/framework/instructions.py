@@ -6,9 +6,9 @@ Each line of the listing becomes one instruction, which computes a vector of veh
     %v13 = fmul <8 x double> %v12, %v7
     %v14 = fadd <8 x double> %v13, %v2
 
-The arithmetic is exactly that of the formula: sums are not reordered, and products are rounded before they are added.
-For that reason, the results of a vehicle are the same alone and in a fleet, on any processor. The order of the
-instructions is that of `drake_quad.framework.scheduling`.
+The instructions compute exactly the arithmetic of the formula: sums are not reordered, and products are rounded before
+they are added. The results for a vehicle are therefore the same whether it is simulated alone or in a fleet, and on any
+processor. `drake_quad.framework.scheduling` determines the order of the instructions.
 
 A `Branch` becomes a separate function, which is called if at least one vehicle of the vector needs it:
 
@@ -16,7 +16,7 @@ A `Branch` becomes a separate function, which is called if at least one vehicle 
     %v16_any = icmp ne i8 %v15_lanes, 0
     br i1 %v16_any, label %needed_16, label %beyond_16
 
-A layer of a network becomes a function with a loop over blocks of its rows and a loop over its columns.
+A layer of a network becomes a function with a loop over blocks of rows, which contains a loop over the columns.
 """
 
 import functools
@@ -29,8 +29,8 @@ import numpy as np
 from drake_quad.framework.scheduling import schedule
 from drake_quad.framework.symbols import LEAVES, Branch, Listing, Symbol, SymbolKind, SymbolLayer
 
-# LLVM instruction of each operation; {t} is the type of the first operand, {r} that of the result, and {s} the suffix
-# of intrinsic functions.
+# LLVM instruction for each operation. {t} is the type of the first operand, {r} the type of the result, and {s} the
+# suffix of intrinsic functions.
 INSTRUCTIONS = {
     "add": "fadd {t} {0}, {1}",
     "subtract": "fsub {t} {0}, {1}",
@@ -55,7 +55,7 @@ INSTRUCTIONS = {
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }
-# LLVM instructions of operations on words and truth values, where they differ from those on numbers.
+# LLVM instructions for operations on words and truth values that differ from the instructions for numbers.
 _BITWISE = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
@@ -66,7 +66,7 @@ _BITWISE = {
     "right_shift": "lshr {t} {0}, {1}",
 }
 _ELEMENT_TYPES = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
-# LLVM intrinsics that the instructions call, with their numbers of arguments.
+# LLVM intrinsics that the instructions call, with the number of arguments of each.
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 
 
@@ -88,7 +88,7 @@ class Store(NamedTuple):
     Attributes:
         target: group of the row.
         place: index of the row in the group.
-        symbol: value that is stored.
+        symbol: value to store.
     """
 
     target: Rows
@@ -120,13 +120,14 @@ def function(
     Args:
         head: name of the function with its arguments and attributes.
         listing: operations of the function.
-        stores: rows that are written.
-        sources: groups of rows that are read, by their number in the listing.
+        stores: rows to write.
+        sources: groups of rows to read, by their number in the listing.
         shared: name of the pointer to the shared numbers; or the rows of these numbers, if they differ between
             vehicles.
         lanes: number of vehicles in a vector.
-        overlapping: True if a row that is read may be written under another name. All rows are then read before the
-            first one is written. Otherwise a row is written as soon as its value is computed and its old value read.
+        overlapping: True if the same memory may be read and written through different pointers. All rows are then read
+            before the first row is written. Otherwise a row is written as soon as its new value is computed and its old
+            value is no longer needed.
     """
     order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
@@ -162,7 +163,7 @@ def function(
     )
 
 
-# Number of rows of a layer that are summed in parallel, so that no sum waits for the previous product.
+# Number of rows of a layer that are summed in parallel, so that a processor need not wait for the previous addition.
 _BLOCK_ROWS = 8
 
 
@@ -170,7 +171,7 @@ class _Calls:
     """Functions for the branches and layers of a listing, and the calls of these functions.
 
     Args:
-        name: name of the function that calls them.
+        name: name of the calling function.
         lanes: number of vehicles in a vector.
 
     Attributes:
@@ -191,7 +192,7 @@ class _Calls:
         return [f"%given = {allocation}", f"%found = {allocation}"]
 
     def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
-        """Append the call that computes a line, unless it has been appended already; return the name of the result."""
+        """Append the call that computes a line, unless it was appended before, and return the name of the result."""
         operation = listing.operations[number]
         assert operation.inside is not None
         inside, place = operation.inside
@@ -216,7 +217,7 @@ class _Calls:
             f"needed_{number}:",
         ]
         self._store_arguments(lines, number, arguments)
-        # For a cold function, LLVM keeps other values in registers if the function is not called.
+        # The function is marked as cold, so that LLVM keeps other values in registers on the path without the call.
         lines += [
             f"call void {self._function_of(branch, 'noinline cold')}(ptr %given, ptr %found)",
             f"br label %beyond_{number}",
@@ -249,7 +250,7 @@ class _Calls:
         self._rows = max(self._rows, len(kinds))
 
     def _function_of(self, branch: Branch, attributes: str) -> str:
-        """Return the name of the function of a branch, which is generated at the first request."""
+        """Return the name of the function for a branch. The function is generated at the first request."""
         if branch not in self._called:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
             rows, results, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
@@ -264,7 +265,7 @@ class _Calls:
         return self._called[branch]
 
     def _function_of_layer(self, layer: SymbolLayer) -> str:
-        """Return the name of the function of a layer, which is generated at the first request."""
+        """Return the name of the function for a layer. The function is generated at the first request."""
         if layer not in self._called:
             activation = self._function_of(layer.activation, "alwaysinline")
             name = self._called[layer] = f"{self._name}_{len(self._called)}"
@@ -273,7 +274,10 @@ class _Calls:
 
 
 def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) -> str:
-    """Return the LLVM code of a layer; its constants are, for each block of rows, the biases and then the columns."""
+    """Return the LLVM code of a layer.
+
+    Its constants are stored by block of rows: first the biases, then the columns.
+    """
     rows, columns = layer.matrix.shape
     type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK_ROWS)
     blocks = -(-rows // _BLOCK_ROWS)
@@ -380,7 +384,7 @@ def _write_operation(
 
 @functools.cache
 def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
-    """Return the template of an instruction, given the kinds of its first operand and of its result."""
+    """Return the template of an instruction, given the types of its first operand and of its result."""
     templates = INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _BITWISE else _BITWISE
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 

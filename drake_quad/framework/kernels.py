@@ -1,8 +1,8 @@
 """Kernels: machine code that applies a formula to every vehicle of a fleet, `LANES` vehicles at a time.
 
-A group of k rows is an array of k N numbers, row after row. Row i of the vehicles from `first` on begins at element
-`first + i N`. If N is not a multiple of `LANES`, the remaining vehicles are copied to a full vector, computed by the
-same instructions, and copied back.
+A group of k rows is an array of k N numbers, in which row i starts at element i N. The rows of a vector of vehicles
+that starts with vehicle `first` are at the elements `first + i N`. If N is not a multiple of `LANES`, the remaining
+vehicles are copied to a full vector, computed by the same instructions, and copied back.
 
     sources  ┌─────────────┐  load   %v12 = <8 x double>      store  ┌─────────────┐  targets
     (k N,)   │ row 0       │ ──────▶ %v13 = fmul %v12, %v7   ──────▶ │ row 0       │  (m N,)
@@ -27,14 +27,14 @@ def compile_kernel(
 
     Args:
         listing: listing of the formula. Its groups are the sources, and its only shared number is the time.
-        results: symbols or constants of the rows that are written, one target after another.
-        sources: number of rows of each source, a group that is read.
-        targets: number of rows of each target, a group that is written.
-        single_vehicle: True for machine code that computes one vehicle only.
+        results: symbols or constants of the rows to write, target by target.
+        sources: number of rows of each source, a group to read.
+        targets: number of rows of each target, a group to write.
+        single_vehicle: True for machine code that computes only one vehicle.
 
     Returns:
-        Function of the number of vehicles, the time (s), and the arrays, targets first. The arrays must be contiguous
-        and of the right size, which is not checked. A target may also be a source.
+        Function of the number of vehicles, the time (s), the arrays of the targets, and the arrays of the sources. The
+        arrays must be contiguous and of the correct size, which is not checked. A target may also be a source.
     """
     text = _module(listing, results, sources, targets, 1 if single_vehicle else LANES)
     arguments = [ctypes.py_object] * (len(targets) + len(sources))
@@ -61,7 +61,7 @@ def _module(
 
 
 def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
-    """Return the LLVM code of the function that Python calls; it computes the last, incomplete vector in a copy."""
+    """Return the LLVM code of the function that Python calls. The last vector, if incomplete, is computed in a copy."""
     sizes = {f"target_{i}": rows for i, rows in enumerate(targets)}
     sizes |= {f"source_{i}": rows for i, rows in enumerate(sources)}
     driver = Driver.of_arrays("i64 %n, double %now", [*sizes])

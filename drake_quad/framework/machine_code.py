@@ -1,7 +1,7 @@
 """Compilation of LLVM code to machine code in this process, with a cache in memory and on the disk.
 
 The key of the cache is a digest of the LLVM code, the processor and the compiler. If a formula changes, its LLVM code
-and therefore its key change, so that outdated machine code is never used.
+and therefore the key change, so that outdated machine code is never used.
 """
 
 import ctypes
@@ -15,11 +15,12 @@ import numpy as np
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework import code_cache
 
-# Process-wide options. The first two keep instructions in the order of `drake_quad.framework.scheduling`, because
-# LLVM's own schedulers look fewer instructions ahead. The basic register allocator reduces the time of compilation to
-# 60 %, and the kernels are as fast.
+# Process-wide options. The first two preserve the order of instructions from `drake_quad.framework.scheduling`, because
+# LLVM's schedulers consider fewer instructions at a time. The basic register allocator reduces the compilation time to
+# 60 %, without making the kernels slower.
 _LLVM_OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false", "-regalloc=basic")
-# In NumPy's C interface, the pointer to the elements of an array follows the header that all Python objects have.
+# Offset in bytes of the pointer to the elements in a NumPy array. In NumPy's C interface, this pointer follows the
+# header of a Python object.
 ELEMENTS_POINTER_OFFSET = object.__basicsize__
 # Instruction sets of this processor, in LLVM's notation.
 _FEATURES = str(llvm.get_host_cpu_features().flatten())
@@ -31,7 +32,7 @@ LANES = 8 if _HAS_AVX512 else 4
 
 
 def _check_pointer() -> None:
-    """Raise ImportError if NumPy's arrays have another memory layout than machine code expects."""
+    """Raise ImportError if the memory layout of NumPy's arrays is not the layout that machine code expects."""
     array = np.zeros(1)
     if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
         raise ImportError("machine code cannot find the elements of NumPy's arrays in this Python")
@@ -49,9 +50,9 @@ def _target_machine() -> Any:
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=_FEATURES, opt=1, jit=True)
 
 
-# An engine frees its machine code when it is deleted, so one engine lives as long as the process. Creating it during
-# the import avoids races, since Python imports a module once. Only the code that makes values of `_addresses` uses the
-# engine and the target machine, and `ThreadSafeCache` runs that code in one thread at a time.
+# An engine frees its machine code when it is deleted, so a single engine exists for the whole process. It is created
+# during the import to avoid races, since Python imports a module once. Only the function that computes values of
+# `_addresses` uses the engine and the target machine, and `ThreadSafeCache` runs this function in one thread at a time.
 _MACHINE = _target_machine()
 _ENGINE = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _MACHINE)
 _addresses: ThreadSafeCache[int] = ThreadSafeCache()
@@ -60,8 +61,8 @@ _addresses: ThreadSafeCache[int] = ThreadSafeCache()
 def kernel_address(text: str) -> int:
     """Return the address of the function `kernel` in an LLVM module, given the LLVM code of the module.
 
-    The machine code is loaded from the disk if it is cached there, and compiled otherwise, once per process. This
-    function is thread-safe.
+    Once per process, the machine code is loaded from the disk if it is cached there, else compiled. This function is
+    thread-safe.
     """
     name = _name(text)
     return _addresses.get(name, lambda: _load_or_compile(name, text))
@@ -83,12 +84,12 @@ def _load_or_compile(name: str, text: str) -> int:
         code_cache.write(name, code)
         address = _load(name, code)
     if not address:
-        raise RuntimeError(f"LLVM does not find {name}, which it has just compiled")
+        raise RuntimeError(f"LLVM does not find the function {name} in the machine code that it has just compiled")
     return address
 
 
 def _load(name: str, code: bytes) -> int:
-    """Load an object file and return the address of the function `name`; 0 if it has no such function."""
+    """Load an object file and return the address of the function `name`; 0 if the file contains no such function."""
     _ENGINE.add_object_file(llvm.ObjectFileRef.from_data(code))
     _ENGINE.finalize_object()
     return int(_ENGINE.get_function_address(name))
@@ -97,9 +98,9 @@ def _load(name: str, code: bytes) -> int:
 def _compile(text: str) -> bytes:
     """Compile an LLVM module to an object file.
 
-    LLVM's optimisation passes are not run. They take a third of the time, and made no kernel faster in measurements,
-    because the code is already scheduled and has no duplicate or unused instructions. A higher optimisation level did
-    not help either.
+    LLVM's optimisation passes are not run. They took a third of the compilation time and made no kernel faster in
+    measurements, because the code is already scheduled and contains no duplicate or unused instructions. A higher
+    optimisation level of the code generator did not make kernels faster, either.
     """
     code: bytes = _MACHINE.emit_object(llvm.parse_assembly(text))
     return code

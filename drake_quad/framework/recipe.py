@@ -11,9 +11,9 @@ class Recipe(NamedTuple):
     """Recipe for a system.
 
     Attributes:
-        system: class of the system, a `FleetSystem`; or a function that makes another Drake system.
+        system: class of the system, a `FleetSystem`; or a function that returns another Drake system.
         structure: arguments of the constructor that determine ports and events.
-        numbers: record of numbers, each of which may be an (N,) array; None for a system without numbers.
+        numbers: record of numbers, each of which may be an (N,) array; None if the system has no argument `numbers`.
     """
 
     system: Any
@@ -41,5 +41,5 @@ class Recipe(NamedTuple):
             system.SetDefaultContext(system.GetMyMutableContextFromRoot(context))
             return
         if system.structure != self.structure:
-            raise ValueError(f"{path} was built with {system.structure}, but these numbers need {self.structure}")
+            raise ValueError(f"{path} was built with {system.structure}, but this recipe requires {self.structure}")
         system.reset(system.GetMyMutableContextFromRoot(context), self.numbers)

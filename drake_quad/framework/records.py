@@ -1,11 +1,12 @@
 """Layout of records in the rows of a vector.
 
-A record is a NamedTuple whose fields are rows, other records, or tuples of either. The rows of a record are those of
-its fields in order, at any depth of nesting: for example a vehicle's mass, then its three moments of inertia.
+A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. The rows of a record are
+the rows of its fields in order, at any depth of nesting: for example the mass of a vehicle, then its three moments of
+inertia.
 
-The types of the fields determine the layout, with two exceptions that need an example of the record. Only a value has
-the length of a tuple of any length (`tuple[Row, ...]`), and shows whether an optional field (`Record | None`) is None,
-in which case it has no rows.
+The types of the fields determine the layout, with two exceptions for which an example of the record is required: the
+length of a tuple of any length (`tuple[Row, ...]`), and whether an optional field (`Record | None`) is None, in which
+case it has no rows.
 """
 
 import functools
@@ -34,10 +35,10 @@ class Layout(NamedTuple):
     num_rows: int
 
     def build(self, rows: Sequence[Any]) -> Any:
-        """Return the value with these rows.
+        """Return the value with given rows.
 
         Raises:
-            ValueError: if the number of rows is not that of the layout.
+            ValueError: if the number of rows does not match the layout.
         """
         if len(rows) != self.num_rows:
             raise ValueError(f"{self} has {self.num_rows} rows, not {len(rows)}")
@@ -55,13 +56,13 @@ class Layout(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the rows: field names and indices, joined by dots; the name of a single row is empty."""
+        """Names of the rows: field names and indices, joined by dots; an empty name if the value is a single row."""
         steps = self.kind._fields if hasattr(self.kind, "_fields") else map(str, range(len(self.parts)))
         inside = [f"{step}.{name}".rstrip(".") for step, part in zip(steps, self.parts) for name in part.names]
         return tuple(inside) if self is not ROW else ("",)
 
     def __str__(self) -> str:
-        """Return the name of the type, for messages."""
+        """Return the name of the type, for error messages."""
         return {float: "a row", NoneType: "None"}.get(self.kind, self.kind.__name__)
 
     def _built(self, rows: Iterator[Any]) -> Any:
@@ -90,10 +91,12 @@ class Layout(NamedTuple):
             part._flatten(inside, rows)
 
 
-# Types of values that a formula may return by mistake where a row is expected.
+# Types that are rejected where a row is expected. A formula may return them by mistake.
 _NO_ROWS = (tuple, list, dict, str, bytes, complex)
 ROW = Layout(float, (), 1)
+"""Layout of a single row."""
 ABSENT = Layout(NoneType, (), 0)
+"""Layout of None, which has no rows."""
 
 
 def rows_layout(num_rows: int) -> Layout:
@@ -102,14 +105,14 @@ def rows_layout(num_rows: int) -> Layout:
 
 
 def layout_of(kind: Any, value: Any = None) -> Layout:
-    """Return the layout of a type of rows.
+    """Return the layout of a row, a record or a tuple, given its type.
 
     Args:
-        kind: type of a row, a record, or a tuple of them, as in an annotation.
+        kind: type as in an annotation: a row, a record, or a tuple of rows or records.
         value: example of the type, which is required if the type contains tuples of any length.
 
     Raises:
-        TypeError: if `kind` is another type, or an example is missing.
+        TypeError: if `kind` is another type, or if a required example is missing.
     """
     return _fixed(kind) if value is None else _like(kind, value)
 
@@ -157,14 +160,14 @@ def _field_types(kind: Any) -> tuple[Any, ...]:
 
 
 def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
-    """Return a record whose fields have the values of the attributes of the same names.
+    """Return a record whose fields are the attributes of the same names of another object.
 
-    If the type of a field is a record, a tuple or model in the source is converted to that record.
+    If the type of a field is a record, a tuple or model in the source is converted to this record.
 
     Args:
         kind: type of the record.
         source: object with the attributes, such as a model of the scenario language.
-        given: values of fields that the source does not have.
+        given: values of fields that are not attributes of the source.
 
     Raises:
         AttributeError: if the source lacks a field that is not given.
@@ -175,7 +178,7 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
 
 
 def _nested(kind: Any, value: Any) -> Any:
-    """Return the value of a field, converted to a record if the type of the field is one."""
+    """Return the value of a field, converted to a record if the type of the field is a record."""
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     records = [choice for choice in choices if hasattr(choice, "_fields")]
     if len(records) != 1 or value is None or hasattr(value, "_fields"):
@@ -184,7 +187,7 @@ def _nested(kind: Any, value: Any) -> Any:
 
 
 def check_signs(record: Any, path: str = "numbers") -> None:
-    """Raise ValueError if a number in a record lacks the sign that the `Quantity` of its field demands.
+    """Raise ValueError if the sign of a number in a record is not the sign that the `Quantity` of its field requires.
 
     Args:
         record: record, or tuple of records, of numbers or (N,) arrays.

@@ -22,20 +22,20 @@ from drake_quad.framework import code_cache
 _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
 _PACKAGE = Path(__file__).parent.parent
-_LIBRARIES = ("drake", "numpy", "scipy")
-# Sources that are edited after this time, s, may differ from the modules that this process has imported.
+_LIBRARIES = ("drake", "numpy", "scipy")  # libraries whose versions can affect results
+# Time, s, after which edited sources may differ from the modules that this process has imported.
 _START_TIME = time.time()
 
 
 def cached_on_disk(
     function: Callable[_Arguments, _Value], *arguments: _Arguments.args, **named: _Arguments.kwargs
 ) -> _Value:
-    """Return the result of a pure function, from the disk if it has been computed with equal arguments before.
+    """Return the result of a pure function, from the disk if it was computed before with equal arguments.
 
     Exceptions are not cached. If the cache is not available, the function is called.
 
     Args:
-        function: function of this package whose result can be pickled and depends on its arguments only.
+        function: function of this package whose result can be pickled and depends only on its arguments.
         arguments: positional arguments, which can be pickled.
         named: keyword arguments, which can be pickled.
     """
@@ -55,10 +55,10 @@ def cached_on_disk(
 
 @functools.cache
 def _program() -> tuple[Any, ...] | None:
-    """Return everything besides arguments that results depend on; None if it cannot be determined."""
+    """Return everything except for arguments on which results depend; None if it cannot be determined."""
     digest, sources = hashlib.sha256(), sorted(_PACKAGE.rglob("*.py"))
     with suppress(OSError):
-        # If the package is inside an archive, its sources cannot be read.
+        # If the package is in an archive, its sources cannot be read.
         if not sources or max(source.stat().st_mtime for source in sources) > _START_TIME:
             return None
         for source in sources:

@@ -1,11 +1,11 @@
 """List scheduling of the lines of a listing.
 
 Most lines of a formula use the result of the previous line. In this order, a processor would wait for most results,
-since it looks only some dozens of instructions ahead. The schedule is that of a processor that looks much further
-ahead: each line follows as soon as its operands are ready, and of several ready lines the earliest in the formula comes
-first.
+since it looks ahead only by some dozens of instructions. The schedule is the order in which a processor with a much
+larger window would execute the lines: each line starts as soon as its operands are ready, and among several ready
+lines, the earliest in the formula starts first.
 
-    formula   a b c d e f     a, b, c: each uses the previous one; the same holds for d, e, f
+    formula   a b c d e f     b uses a, and c uses b; e uses d, and f uses e
     schedule  a d b e c f     each line uses a result that is two lines old
 
 The schedule does not change any result.
@@ -16,15 +16,16 @@ from heapq import heappop, heappush
 from drake_quad.framework.machine_code import REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
-# Number of lines among which the next one is selected, from the first unscheduled line on. A larger window needs more
-# registers. In measurements of a tick of 8,800 lines with 32 registers, a window of 300 was 4 % slower, and one of
-# 1,000 was as fast. With 16 registers, one of 60 was 2 % slower, and one of 400 was 6 % slower.
+# Number of lines among which the next line is selected, from the first unscheduled line on. A larger window needs more
+# registers. In measurements of a tick of 8,800 lines with 32 registers, a window of 300 lines was 4 % slower, and a
+# window of 1,000 lines was as fast. With 16 registers, a window of 60 lines was 2 % slower, and a window of 400 lines
+# was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
-# Number of lines that start in the same cycle.
+# Number of lines that start in each cycle.
 _WIDTH = 3
-# Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"); all other instructions have a latency of one cycle.
-# A number and its bits share a register. The result of a comparison goes to a mask register: if the schedule ignores
-# its latency, a tick with some arctangents takes 15 % longer for one vehicle.
+# Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.
+# A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a
+# mask register: without this latency in the schedule, a tick with some arctangents was 15 % slower for one vehicle.
 _LATENCY = {
     **dict.fromkeys(("bits_of", "number_of"), 0),
     **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
@@ -82,7 +83,7 @@ def schedule(listing: Listing) -> list[int]:
 
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
-    """Insert constants and rows into an order, each before the first line that uses it, and unused ones at the end."""
+    """Insert constants and rows into an order, each before the first line that uses it; append the unused ones."""
     operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:

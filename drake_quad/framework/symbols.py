@@ -1,13 +1,15 @@
-"""Symbols for tracing formulas: executing a formula on symbols leaves a listing of its operations.
+"""Symbols for tracing formulas: executing a formula on symbols records a listing of its operations.
 
-A formula is plain Python. Executed on symbols instead of numbers, it records all its operations in a `Listing`, from
-which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a constant, is executed
-during tracing. A formula cannot branch on a row, but `drake_quad.framework.elementary` has three replacements:
+A formula is plain Python. If it is executed on symbols instead of numbers, all its operations are recorded in a
+`Listing`, from which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a
+constant, is executed during tracing. A formula cannot branch on a row. `drake_quad.framework.elementary` contains three
+replacements:
 
 - `where` selects one of two rows.
 - `where_needed` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
   `Branch`.
-- `dense` evaluates a layer of a network. It records a loop, a `SymbolLayer`, instead of thousands of similar lines.
+- `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
+  similar lines.
 """
 
 import hashlib
@@ -27,9 +29,9 @@ class SymbolKind(IntEnum):
     WORD = 3
 
 
-# Hint for authors of formulas, which ends error messages.
+# Hint for authors of formulas, at the end of error messages.
 ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
-# Operations without operands that are other lines.
+# Operations whose operands are not other lines.
 LEAVES = ("constant", "row", "shared")
 
 
@@ -39,11 +41,11 @@ class Operation(NamedTuple):
     Attributes:
         name: name of the operation: a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`, or "constant",
             "row", "shared", "branch" or "layer".
-        operands: numbers of the lines that are the operands. A constant has its bits instead, a row its group and its
-            index in the group, and a shared number its index.
+        operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
+            constant, the group of a row and its index in the group, or the index of a shared number.
         kind: type of the result.
         inside: branch or layer that computes this line, and the index of the line among its results; None for other
-            operations. The first operand of a branch is the mask of the vehicles that need it.
+            operations. The first operand of a branch is the mask of the vehicles that need the branch.
     """
 
     name: str
@@ -53,7 +55,7 @@ class Operation(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """Part of a formula that is executed only if a vehicle needs it.
+    """Part of a formula that is executed only if at least one vehicle of a vector needs it.
 
     Attributes:
         operations: lines of the branch; its arguments are the rows of group 0.
@@ -129,7 +131,8 @@ class Listing:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        # The values are line numbers. Symbols would refer to the listing, and such a cycle would delay its deletion.
+        # The values are line numbers. Symbols would refer to the listing, and such a reference cycle would delay the
+        # deletion of the listing.
         self._lines: dict[tuple[Any, ...], int] = {}
 
     def line(
@@ -139,12 +142,13 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> int:
-        """Add a line unless the listing has it, and return its number; arguments are those of `Operation`."""
+        """Add a line unless the listing contains it, and return its number; the arguments are as in `Operation`."""
         key = name, operands, kind, inside
         line = self._lines.get(key)
         if line is None:
             line = self._lines[key] = len(self.operations)
-            # This skips the constructor, which is written in Python and takes half of the time of this function.
+            # `tuple.__new__` avoids the constructor, which is written in Python and would take half of the time of this
+            # function.
             self.operations.append(tuple.__new__(Operation, key))
         return line
 
@@ -155,7 +159,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> "Symbol":
-        """Add a line unless the listing has it, and return its symbol; arguments are those of `Operation`."""
+        """Add a line unless the listing contains it, and return its symbol; the arguments are as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
@@ -183,16 +187,16 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# These convert a double to the word with the same bits.
+# Packing with the first and unpacking with the second converts a double to the word with the same bits.
 _FLOAT = struct.Struct("<d")
 _WORD = struct.Struct("<Q")
 
 
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
-    """Return the methods of a binary operator of `Symbol`, with normal and with reflected operands."""
+    """Return the two methods of a binary operator of `Symbol`, for operands in normal and in reflected order."""
     takes_numbers, kind = name not in _LOGICAL, _TRUTH if name in _COMPARISONS else _NUMBER
 
-    # Most operands are two numbers of one listing, which do not need the checks of `operation`.
+    # Usually, both operands are numbers of the same listing. The checks of `operation` are then skipped.
     def operator(self: "Symbol", other: Any) -> "Symbol":
         if takes_numbers and self.kind is _NUMBER:
             listing = self.listing
@@ -213,9 +217,9 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
 class Symbol:
     """Row of a formula that is being traced, or a value computed from rows.
 
-    Authors of formulas see symbols only in a debugger. Numbers support arithmetic and comparisons. Truth values support
-    `&` and `|`, and are 0 or 1 beside numbers. Words support sums, products, shifts and bitwise operations with other
-    words.
+    Authors of formulas do not use symbols directly. Numbers support arithmetic and comparisons. Truth values support
+    `&` and `|`; in arithmetic with numbers, they are converted to 0 or 1. Words support sums, products, shifts and
+    bitwise operations with other words.
     """
 
     __slots__ = ("kind", "line", "listing")
@@ -247,7 +251,7 @@ class Symbol:
         return operation("absolute", self)
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
-        """Compute arithmetic and comparisons with NumPy's scalars, and reject all other functions of NumPy."""
+        """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
         name = function.__name__
         if name not in _UFUNCS or method != "__call__" or options:
             raise TypeError(f"numpy.{name} does not accept a row of a formula that is being traced; {ALLOWED}")
@@ -274,11 +278,12 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
 
     Args:
         name: name of the operation.
-        operands: its operands.
-        kind: kind of the result; if not given, a truth value for a comparison, and else that of the first symbol.
+        operands: operands of the operation.
+        kind: type of the result; by default a truth value for a comparison, else the type of the first symbol.
 
     Raises:
-        TypeError: if the operation does not apply to operands of these kinds, or they are of several listings.
+        TypeError: if the operation does not apply to operands of these types, or the operands belong to different
+            listings.
     """
     symbols = lifted(*operands)
     first = _first_symbol(operands)
@@ -295,7 +300,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
 
 
 def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol:
-    """Return the symbol of an operation that takes numbers, on operands of which some are truth values."""
+    """Return the symbol of an operation on numbers, given operands that include truth values."""
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
@@ -313,7 +318,7 @@ _TRUTHS_ADDED = (
 
 
 def number(symbol: Symbol) -> Symbol:
-    """Return the number 1 for a symbol that is true and 0 for one that is false; other symbols are returned as is."""
+    """Return the number 1 if a truth value is true, else 0; other symbols are returned unchanged."""
     if symbol.kind is not _TRUTH:
         return symbol
     _, one, zero = lifted(symbol, 1.0, 0.0)
@@ -321,7 +326,7 @@ def number(symbol: Symbol) -> Symbol:
 
 
 def truth(symbol: Symbol) -> Symbol:
-    """Return whether a number differs from zero; other symbols are returned as is."""
+    """Return whether a number differs from zero; other symbols are returned unchanged."""
     return operation("not_equal", symbol, 0.0) if symbol.kind is _NUMBER else symbol
 
 
@@ -349,7 +354,7 @@ def _first_symbol(operands: Sequence[Any]) -> Symbol:
 
 
 def are_same(x: Any, y: Any) -> bool:
-    """Return whether two rows are one object, or symbols of the same line."""
+    """Return whether two rows are the same object, or symbols of the same line."""
     if x.__class__ is Symbol and y.__class__ is Symbol:
         return x.listing is y.listing and x.line == y.line
     return x is y
@@ -366,7 +371,7 @@ def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]
     The results are a row or a tuple of rows. They are undefined for vehicles for which the mask is false.
 
     Raises:
-        TypeError: if the formula uses symbols that are not among its arguments.
+        TypeError: if the formula uses symbols that are not arguments.
     """
     inside, inputs = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
     rows = iter([inside.row(0, place, symbol.kind) for place, symbol in enumerate(inputs)])
@@ -391,7 +396,7 @@ def _branch(inside: Listing, results: Sequence[Symbol]) -> Branch:
 
 
 def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any]) -> list[Symbol]:
-    """Return the symbols of the outputs of a network layer, given its inputs, at least one of which is a symbol.
+    """Return the symbols of the outputs of a network layer, given inputs of which at least one is a symbol.
 
     Raises:
         TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.

@@ -1,4 +1,4 @@
-"""Additions to Drake's DiagramBuilder: ports connected by name or in order, and outputs split into signals."""
+"""Additions to Drake's DiagramBuilder: connection of ports by name or in order, and separation of packed outputs."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -9,10 +9,10 @@ from pydrake.systems.primitives import Demultiplexer
 
 
 def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, Any]:
-    """Add a system with a packed output to a builder, split the output, and return a port for each signal.
+    """Add a system with a packed output and a Demultiplexer to a builder, and return a port for each signal.
 
-    The system computes several signals with one formula, since a call of Python takes far longer than Drake's
-    Demultiplexer. The Demultiplexer is added beside the system under `name` with `_parts` appended.
+    A packed output computes several signals with one formula, since a Python call takes far longer than Drake's
+    Demultiplexer. The Demultiplexer is named after the system, with `_parts` appended.
     """
     builder.AddNamedSystem(name, system)
     sizes = [layout.num_rows * system.num_vehicles for layout in system.packed.values()]
@@ -22,7 +22,7 @@ def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, A
 
 
 def append(builder: DiagramBuilder, name: str, system: Any, *sources: Any) -> Any:
-    """Add a system, feed its input ports in their order by output ports, and return its first output port."""
+    """Add a system, connect the given output ports to its input ports in order, and return its first output port."""
     builder.AddNamedSystem(name, system)
     for i, source in enumerate(sources):
         builder.Connect(source, system.get_input_port(i))
@@ -35,13 +35,13 @@ def connect_inputs(
     sources: Mapping[str, Any] = MappingProxyType({}),
     exported: Container[str] = (),
 ) -> None:
-    """Connect input ports by their names; ports that are already connected do not change.
+    """Connect or export input ports by name; ports that are already connected or exported are not changed.
 
     Args:
-        builder: builder with the systems.
+        builder: builder that contains the systems.
         systems: systems whose input ports are connected.
-        sources: output ports that feed the input ports of the same names.
-        exported: names of input ports that are exported; ports of the same name become one input port of the diagram.
+        sources: output ports, by the names of the input ports to which they are connected.
+        exported: names of input ports to export; ports of the same name become a single input port of the diagram.
     """
     exported_names: set[str] = set()
     for system in systems:
@@ -66,9 +66,9 @@ def build(builder: DiagramBuilder, name: str) -> Diagram:
 
 
 def subsystem(diagram: Any, path: Sequence[str]) -> Any:
-    """Return the system with a path of names, such as `("laboratory", "vehicle")`; the diagram for an empty path.
+    """Return the system at a path of names, such as `("laboratory", "vehicle")`; the diagram if the path is empty.
 
-    Systems are identified by names because scalar conversion keeps names, but not the order of systems.
+    Systems are identified by names because scalar conversion preserves names, but not the order of systems.
     """
     system: Any = diagram
     for name in path:

@@ -1,9 +1,11 @@
-"""Gymnasium environments for training policies on fleets that are simulated in machine code::
+"""Gymnasium environments for training policies on fleets that are simulated in machine code.
 
-import gymnasium
-import drake_quad.gym
+This example creates 64 environments:
 
-envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=64, scenario="laboratory:low_wind", action="rates")
+    import gymnasium
+    import drake_quad.gym
+
+    envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=64, scenario="laboratory:low_wind", action="rates")
 """
 
 from drake_quad.extras import import_extra

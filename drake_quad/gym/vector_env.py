@@ -32,7 +32,7 @@ from drake_quad.signals import SIGNALS
 
 # Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
-_MONITOR = "monitor"
+_MONITOR = "monitor"  # name of the flight monitor in the diagram
 StepResult = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """Observations, rewards, terminations, truncations and infos of a step."""
 

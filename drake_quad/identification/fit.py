@@ -30,11 +30,11 @@ _RELATIVE_STEP = 1e-5
 _DELAY_STEP = 0.5
 _MAX_NUM_ROUNDS = 8
 # The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
-# and each logarithm of the disturbance changes by less than the second tolerance.
+# and each logarithm of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
-_MAX_EVALUATIONS = 5
-# Rounds that begin with a search for a smaller disturbance: the first round, and one in which the parameters are
+_MAX_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
+# Rounds in which a search for a smaller disturbance begins: the first round, and one in which the parameters are
 # already close to their final values.
 _TRIAL_ROUNDS = (1, 4)
 # Trial factors of the disturbance (force along x, y, z, torque about x, y, z). Trials are necessary, because scoring
@@ -55,8 +55,8 @@ _LOG_STEP = 1e-4
 # Largest change of a logarithm of the noise in one round, a factor of 12.
 _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 5
-_LIKELIHOOD_TOLERANCE = 0.1
-_INITIAL_DAMPING = 1e-3
+_LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
+_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps, and weak prior information in `noise_covariance`
 MIN_NOISE = 1e-5
 """Smallest estimate of the standard deviation of a measurement, in the SI unit of the signal."""
 _MAX_NOISE = 100.0  # largest such estimate

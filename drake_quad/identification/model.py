@@ -265,8 +265,9 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     if thrust is None or (torque is None and not responds):
         logged_kind = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
         has_rotor_commands = record.motor_command is not None or record.rotor_speed_command is not None
-        advice = f"; the log contains {logged_kind}, so use a vehicle whose vehicle.motors take them"
-        hint = advice if has_rotor_commands else ""
+        hint = (
+            f"; the log has {logged_kind}: use a vehicle whose vehicle.motors take them" if has_rotor_commands else ""
+        )
         needed = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
         raise InputError(
             f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: the vehicle needs {needed},"

@@ -19,11 +19,11 @@ from drake_quad.scenario.models import Scenario
 # Limits of a positive parameter, relative to its value in the scenario.
 _MIN_POSITIVE_RATIO = 0.02
 _MAX_POSITIVE_RATIO = 50.0
-# Standard deviations of the priors of time constants and of the delay. They do not depend on the initial values, which
-# may be zero.
-_TIME_CONSTANT_SCALE = 0.04  # s
-_DELAY_SCALE = 0.02  # s
+# The standard deviations of the priors of time constants and of the delay do not depend on the initial values, since
+# these may be zero.
+_TIME_CONSTANT_SCALE = 0.04  # s, standard deviation of the prior
 _MIN_TIME_CONSTANT = 2e-3  # s, lower bound of an estimated time constant of the rotors
+_DELAY_SCALE = 0.02  # s, standard deviation of the prior
 
 
 class Parameter(NamedTuple):
@@ -104,7 +104,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
     if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
         yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # An accelerometer alone identifies only the product of drag and velocity.
+    # Without a measured velocity, an accelerometer identifies only the product of drag and velocity.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:

@@ -281,7 +281,7 @@ class Predictor:
         return variances[self.rows]
 
     def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, 1, n, 1) of the state for C noises, divided by those of the filter."""
+        """Return the decay factors (C, 1, n, 1) of the state for C noises, divided by the filter's factors."""
         ratios = np.ones((len(noises), 1, NUM_BODY + NUM_DISTURBANCE, 1))
         for c, noise in enumerate(noises):
             ratios[c, 0, NUM_BODY:, 0] = self._decay(noise) / self._decay(filter_noise)

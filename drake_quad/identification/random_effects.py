@@ -98,7 +98,7 @@ class Stretches(NamedTuple):
         return cls(information, scores, evidence.values + steps, variances, freedom, duration)
 
     def without(self, b: int) -> "Stretches":
-        """Return all stretches except the one with index b."""
+        """Return all stretches except stretch b."""
         others = np.arange(len(self.scores)) != b
         return self._replace(
             information=self.information[others],

@@ -21,7 +21,7 @@ from drake_quad.identification.logs.timing import gaps
 _COLLISION_FORCE = 2.0 * 9.81
 # Time that is excluded around unusable samples, s, in which the vehicle may be about to crash, or in ground effect.
 _MARGIN = 1.0
-# Largest pitch of usable samples, rad. At 75°, the noise of roll and yaw is four times that in level flight.
+# Largest pitch of usable samples, rad. At 75°, the noise of roll and yaw is four times the noise in level flight.
 _MAX_PITCH = np.radians(75.0)
 _MIN_COMMAND_RATIO = 0.5  # command relative to its median; below this, the rotors do not carry the vehicle
 _PERIOD_TOLERANCE = 0.1  # relative difference of periods that count as equal

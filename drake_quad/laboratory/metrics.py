@@ -135,7 +135,7 @@ def _variation(axis: str) -> Metric:
     return Metric("m/s³", f"total variation of the command on {axis.upper()}", value)
 
 
-_CENTIMETRES = Display("cm", 0.01, 2)
+_CENTIMETRES = Display("cm", 0.01, 2)  # format of metrics in m
 
 _SATURATION = Metric(
     "1",

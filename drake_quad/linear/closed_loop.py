@@ -36,7 +36,7 @@ _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 _NUM_SETTLING_TICKS = 4
 # Largest change of the state over a period in an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
-_MAX_NEWTON_STEPS = 20
+_MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 
 
 class ClosedLoop(NamedTuple):

@@ -1,8 +1,8 @@
 """Disturbances of a vehicle along its plan: their magnitude and their correlation time.
 
 Consider a vehicle with the position, attitude and rotor speeds that the nominal vehicle needs to follow the plan. Wind,
-drag, and deviations from the nominal vehicle make its acceleration differ from the planned one. This difference is the
-disturbing acceleration, which a controller must compensate to stay on the plan.
+drag, and deviations from the nominal vehicle make its acceleration differ from the planned acceleration. This
+difference is the disturbing acceleration, which a controller must compensate to stay on the plan.
 """
 
 from typing import Any, NamedTuple

@@ -24,7 +24,7 @@ from drake_quad.signals import AttitudeTarget, Wrench
 _MIN_ECHO = 1e-9  # smallest difference of S from 1 for a signal that is fed back
 # Grid of `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins to 2e-4.
 _NUM_FREQUENCIES = 240
-_MIN_FREQUENCY = 0.3  # rad/s
+_MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid
 _NUM_NEAR_PEAK = 17  # number of frequencies between the two neighbours of the largest value on the grid
 
 

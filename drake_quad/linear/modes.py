@@ -17,7 +17,7 @@ class Mode(NamedTuple):
     """Eigenvalue, or pair of conjugate eigenvalues, of a linear system.
 
     Attributes:
-        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; for a pair, the pole with
+        pole: pole s of a continuous system, or log(z) / period of a sampled system, 1/s; for a pair, the pole with
             positive imaginary part.
         frequency: natural frequency |s|, rad/s.
         damping: damping ratio -Re s / |s|; nan for an integrator.
@@ -37,8 +37,8 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
 
     The participation of a state in a mode is its entry on the diagonal of the mode's spectral projector. For a single
     eigenvalue this is the participation factor, and it is also well defined for repeated eigenvalues. Modes that decay
-    within a period, such as those of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1 %
-    of their magnitude, count as one pole.
+    within a period, such as the modes of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1
+    % of their magnitude, count as one pole.
 
     Args:
         A: (n, n) system matrix.

@@ -41,8 +41,8 @@ SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # Largest acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
-_MAX_TRIM_TILT = 1.4  # rad
-_NUM_NEWTON_STEPS = 3
+_MAX_TRIM_TILT = 1.4  # rad, largest roll and pitch of an operating point
+_NUM_NEWTON_STEPS = 3  # number of steps that refine the solution of SNOPT
 
 
 class Trim(NamedTuple):

@@ -18,7 +18,7 @@ from drake_quad.reference.walls import wall_approaches
 
 # Factors on the durations that are tried if the necessary factor cannot be estimated.
 _TRIED_FACTORS = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
-_NUM_BISECTIONS = 10
+_NUM_BISECTIONS = 10  # number of bisections for the smallest sufficient factor
 _QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 

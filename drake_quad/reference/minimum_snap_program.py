@@ -38,7 +38,7 @@ WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
 # Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. A waypoint on a
 # wall leaves no room for a margin.
 _WALL_TOLERANCE = 1e-7
-_MAX_ROUNDS = 25
+_MAX_ROUNDS = 25  # largest number of solutions, each with additional bounds
 # Weight of the snap relative to the slack. It selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 

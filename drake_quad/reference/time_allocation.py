@@ -20,8 +20,8 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
     reduces these peaks.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m; successive points must differ. speed: largest speed of the
-            profile, m/s.
+        waypoints: (segments + 1, axes) points to pass, m; successive points must differ.
+        speed: largest speed of the profile, m/s.
         acceleration: acceleration at both ends of the profile, m/s².
     """
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
@@ -41,8 +41,8 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
     """Return the (segments,) shortest durations within the limits of a flight that stops at every waypoint, s.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m; successive points must differ. limits: limits, of which at
-            least one is finite.
+        waypoints: (segments + 1, axes) points to pass, m; successive points must differ.
+        limits: limits, of which at least one is finite.
     """
     distance = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     demands = [

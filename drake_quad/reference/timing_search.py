@@ -36,7 +36,7 @@ _CONTACT_END_MARGIN = 0.02
 _INITIAL_REACH = 0.3
 # Limit on this change below which the search ends.
 _MIN_REACH = 0.02
-_NUM_BISECTIONS = 6
+_NUM_BISECTIONS = 6  # number of bisections between optimal and feasible times
 # Total duration, s, below which any motion of a path is a rounding error.
 _MIN_TOTAL_DURATION = 1e-3
 # If a path takes more than this fraction of the duration of a flight with stops everywhere, a second start is tried.

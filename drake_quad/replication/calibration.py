@@ -1,8 +1,8 @@
-"""Calibration of numbers that the paper does not give, by a fit to two cells of its Table II.
+"""Calibration of parameters that the paper does not give, by a fit to two cells of Table II of the paper.
 
-The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free numbers, one of the PD and one of
-the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors of
-all other cells are then predictions.
+The paper's PD has errors of about 1 m. Each hypothesis about the cause has two free parameters, one of the PD and one
+of the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors
+of all other cells are then predictions.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,14 +21,14 @@ from drake_quad.studies.statistics import Interval, values_with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING_RATIO = 0.7
-_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted numbers, with which the errors are reproduced within 1 mm
+_FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters, which reproduces the errors to within 1 mm
 
 
 class FreeNumber(NamedTuple):
-    """Number of a scenario that is fitted.
+    """Parameter of a scenario that is fitted.
 
     Attributes:
-        label: name of the number, with its unit.
+        label: name of the parameter, with its unit.
         low: smallest value that is tried.
         high: largest value that is tried.
         overrides: function from a value to the overrides that set it in a scenario.
@@ -46,8 +46,8 @@ class Hypothesis(NamedTuple):
     Attributes:
         label: the cause in a few words.
         overrides: overrides of the paper's scenarios, for all controllers.
-        pd: number that is fitted to the error of the PD.
-        network: number that is fitted to the error of PD+T2FNN.
+        pd: parameter that is fitted to the error of the PD.
+        network: parameter that is fitted to the error of PD+T2FNN.
     """
 
     label: str
@@ -61,8 +61,8 @@ class Calibration(NamedTuple):
 
     Attributes:
         hypothesis: hypothesis that was fitted.
-        pd: fitted number of the PD.
-        network: fitted number of the network.
+        pd: fitted value of the PD's parameter.
+        network: fitted value of the network's parameter.
         errors: mean RMSE of each cell of Table II, m; two of them are fitted, and the others are predicted.
     """
 
@@ -129,7 +129,7 @@ HYPOTHESES = {
 def calibrate(
     hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario], num_samples: int, *, compiled: bool = True
 ) -> Calibration:
-    """Fit the numbers of a hypothesis, and predict the errors of the other cells.
+    """Fit the parameters of a hypothesis, and predict the errors of the other cells.
 
     Args:
         hypothesis: hypothesis that is fitted.
@@ -138,7 +138,7 @@ def calibrate(
         compiled: True to compile the diagrams to machine code; False to simulate the uncompiled diagrams.
 
     Raises:
-        InputError: no value of a number reproduces the printed error.
+        InputError: if no value of a parameter reproduces the printed error.
     """
     printed = printed_table()
     errors = partial(_errors, num_samples=num_samples, compiled=compiled)
@@ -156,15 +156,15 @@ def calibrate(
 
 
 def _fit(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
-    """Return the value of a number for which the mean error is equal to a target.
+    """Return the value of a parameter for which the mean error is equal to a target.
 
     Args:
-        number: number that is fitted.
+        number: parameter that is fitted.
         errors: function from overrides to errors (n,), m.
-        target: mean error that is to be reproduced, m.
+        target: mean error to be reproduced, m.
 
     Raises:
-        InputError: no value in the range of the number reproduces the target.
+        InputError: if no value in the range of the parameter reproduces the target.
     """
 
     def excess(value: float) -> float:
@@ -174,11 +174,11 @@ def _fit(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: 
     if not ends[0] * ends[1] < 0.0:
         raise InputError(
             f"no {number.label} between {number.low:g} and {number.high:g} reproduces the mean error of {target:g} m:"
-            f" the error differs from it by {ends[0]:+.3g} and {ends[1]:+.3g} m at the ends"
+            f" the error differs from the target by {ends[0]:+.3g} and {ends[1]:+.3g} m at the ends of the range"
         )
     return float(scipy.optimize.brentq(excess, number.low, number.high, rtol=_FIT_TOLERANCE, xtol=1e-9))
 
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
-    """Return the RMSE (n,) of the first n samples, m; infinite for those that crashed."""
+    """Return the RMSE (n,) of the first n samples, m; infinite for samples that crashed."""
     return values_with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")

@@ -1,4 +1,4 @@
-"""Claims of the paper, with the paper's evidence, ours, and a verdict that follows from the confidence intervals."""
+"""Claims of the paper, with the paper's evidence, our evidence, and verdicts that follow from confidence intervals."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -17,7 +17,7 @@ _NETWORK_CONTROLLERS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2_CONTROLLERS = ("pd_t2fnn", "pd_t2fnn_wide")
 _IN_WIND = ("low_wind", "high_wind")
-_MAX_ERROR_RATIO = 1.2  # gains count as nearly best if their error, divided by the smallest one, is at most this
+_MAX_ERROR_RATIO = 1.2  # gains count as nearly best if their error is at most this multiple of the smallest error
 
 
 def all_claims(experiment: Experiment) -> list[Claim]:
@@ -118,7 +118,7 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
 
 
 def judge_peak_without_wind(experiment: Experiment) -> Claim:
-    """Judge the claim that the peak error without wind falls from 1.3 to 0.8 m."""
+    """Judge the claim that the peak error without wind decreases from 1.3 to 0.8 m."""
     pd, network = (
         _mean(np.asarray(experiment.cells[Cell("no_wind", name)].metrics.peak_error)) for name in ("pd", "pd_t2fnn")
     )
@@ -150,7 +150,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 
 
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD's output tends to zero as the network learns, and returns at changes of segment."""
+    """Judge the claim that the PD's output tends to zero as the network learns, and increases at changes of segment."""
     fades, returns = (
         {cell: _mean(experiment.recorded[cell][measure]) for cell in cells_of(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
@@ -170,7 +170,7 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
 
 
 def judge_least_effort(experiment: Experiment) -> Claim:
-    """Judge the claim that the PD costs the least effort."""
+    """Judge the claim that the PD has the smallest control effort."""
     shares = {
         (cell, axis): experiment.comparison(cell, Cell(cell.wind, "pd"), f"effort_{axis}").ratio
         for cell in cells_of(_NETWORK_CONTROLLERS)
@@ -211,13 +211,13 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
 
 
 def judge_straight_against_curved(experiment: Experiment) -> Claim:
-    """Judge the claim that a PD tuned on straight lines is worse on curves, and that one tuned on curves oscillates.
+    """Judge the claim that a PD tuned on straight lines is worse on curves, and that a PD tuned on curves oscillates.
 
-    Gains are chosen on the first half of the samples and compared on the second half.
+    Gains are selected on the first half of the samples and compared on the second half.
     """
     straight, curved, swing = experiment.legs.metrics
     half = len(experiment.legs.samples) // 2
-    # The mean is NaN if a sample crashed, so gains with a crash are not chosen.
+    # The mean is NaN if a sample crashed, so gains with a crash are not selected.
     on_straight, on_curved = (int(np.nanargmin(each[:, :half].mean(axis=1))) for each in (straight, curved))
     error_increase = ratio_of_means(curved[on_straight, half:], curved[on_curved, half:]).plus(-1.0)
     variation_ratio = ratio_of_means(swing[on_curved, half:], swing[on_straight, half:])
@@ -238,7 +238,7 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
 
 
 def judge_circle_of_gains(experiment: Experiment) -> Claim:
-    """Judge the claim that with a network any stabilising gains will do."""
+    """Judge the claim that, with a network, any stabilising gains are sufficient."""
     pd, network = (_mean(near_best_share(experiment.maps[name])) for name in MAPPED_CONTROLLERS)
     more = _mean(near_best_share(experiment.maps["pd_t2fnn"]) - near_best_share(experiment.maps["pd"]))
     typical = [_mean(median_to_best_ratio(experiment.maps[name])) for name in MAPPED_CONTROLLERS]
@@ -260,7 +260,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
 
 
 def near_best_share(sweep: Sweep) -> np.ndarray:
-    """Return the share (samples,) of the gains without a crash whose error is within 20 % of the smallest one."""
+    """Return the fraction (samples,) of the gains without a crash whose error is within 20 % of the smallest error."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
     shares: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
@@ -288,7 +288,7 @@ def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Inte
 
 
 def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
-    """Return each network's printed mean effort on X and on Y, divided by that of the PD in the same wind, by cell.
+    """Return the printed mean efforts on X and Y of each network, divided by the PD's in the same wind, by cell.
 
     A ratio is NaN if one of the two efforts is missing in the paper.
     """
@@ -304,12 +304,12 @@ def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
 
 
 def _reduction(experiment: Experiment, cell: Cell, baseline: str, metric: str = "rmse") -> Interval:
-    """Return the relative reduction of the mean of a metric, compared with another controller in the same wind."""
+    """Return the relative reduction of the mean of a metric, compared with a baseline controller in the same wind."""
     return reduction(experiment.comparison(cell, Cell(cell.wind, baseline), metric).ratio)
 
 
 def _printed_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
-    """Return the relative reductions of the printed mean errors, compared with a controller, for all printed cells."""
+    """Return the relative reductions of the printed mean errors, compared with a baseline, for all printed cells."""
     means = {cell: line.rmse.mean for cell, line in printed_table().items() if np.isfinite(line.rmse.mean)}
     return [1.0 - means[cell] / means[Cell(cell.wind, baseline)] for cell in cells if cell in means]
 
@@ -347,7 +347,7 @@ def _errors(sweep: Sweep) -> np.ndarray:
 
 
 def _reduction_at_slope(experiment: Experiment, wind: str, slope: float) -> Interval:
-    """Return the relative reduction of the PD's mean error by PD+T2FNN with a given slope λ."""
+    """Return the relative reduction of the mean error from PD to PD+T2FNN with a given slope λ."""
     sweep = experiment.slopes[wind]
     (place,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = experiment.cells[Cell(wind, "pd")].metrics
@@ -383,7 +383,7 @@ def _num_settings_with_crash(sweep: Sweep) -> int:
 
 
 def _mean(values: np.ndarray) -> Interval:
-    """Return the mean of the values that are finite; those of crashed samples are NaN."""
+    """Return the mean of the finite values. Values of crashed samples are NaN."""
     return mean_interval(values[np.isfinite(values)])
 
 
@@ -407,7 +407,7 @@ def _span_text(values: Sequence[float] | np.ndarray, size: float, form: str) -> 
     """Return the smallest and the largest value as text.
 
     Args:
-        values: numbers, such as shares.
+        values: numbers, such as relative reductions.
         size: factor by which the values are multiplied.
         form: format specification of a number, such as ".2f".
     """
@@ -426,6 +426,6 @@ def _smallest_and_largest(estimates: Iterable[Interval]) -> tuple[Interval, Inte
 
 
 def _range_text(shares: Iterable[Interval]) -> str:
-    """Return the smallest and the largest share as text, in per cent."""
+    """Return the smallest and the largest value as text, in per cent."""
     low, high = _smallest_and_largest(shares)
     return f"{low.percent()} to {high.percent()}"

@@ -1,4 +1,4 @@
-"""Comparison of possible definitions of control effort, which the paper does not define, with its printed ratios."""
+"""Comparison of possible definitions of control effort with printed effort ratios. The paper does not define effort."""
 
 import math
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from drake_quad.studies.statistics import Interval
 
 
 class EffortMatch(NamedTuple):
-    """Agreement of a definition of effort with the printed ratios of the networks' efforts to the PD's.
+    """Agreement of a definition of effort with the printed efforts of the networks, divided by the PD's effort.
 
     Attributes:
         name: name of the definition in `EFFORTS`.
-        ratio_x: effort of the networks on X divided by that of the PD, as the geometric mean over cells and samples.
+        ratio_x: effort of the networks on X divided by the PD's effort, as the geometric mean over cells and samples.
         ratio_y: corresponding ratio on Y.
-        distance: typical factor between our ratios and the printed ones: exp(RMS of log(ours / printed)) over all
+        distance: typical factor between our ratios and the printed ratios: exp(RMS of log(ours / printed)) over all
             printed ratios.
     """
 
@@ -34,7 +34,7 @@ class EffortMatch(NamedTuple):
 
 
 def effort_matches(experiment: Experiment) -> list[EffortMatch]:
-    """Return the agreement of each definition, the closest one first, with intervals over the recorded samples."""
+    """Return the agreement of each definition, with intervals over the recorded samples; the closest is first."""
     printed = printed_effort_ratios()
     printed_values = np.array([printed[cell] for cell in printed]).T
     matches = []
@@ -64,7 +64,7 @@ def printed_ratios() -> tuple[float, float]:
 def printed_scatter() -> float:
     """Return the typical factor between a printed effort ratio and its expected value, due to the scatter of the runs.
 
-    Each ratio is that of two means of three runs. The factor follows from the standard deviation of the logarithms of
+    Both efforts in a ratio are means of three runs. The factor follows from the standard deviation of the logarithms of
     the printed runs, pooled over all lines of the table with three runs.
     """
     printed = [each.runs for line in printed_table().values() for each in (line.effort_x, line.effort_y)]
@@ -73,5 +73,5 @@ def printed_scatter() -> float:
 
 
 def _ratio(experiment: Experiment, cell: Cell, name: str) -> np.ndarray:
-    """Return the ratio (samples,) of a recorded measure of a cell to that of the PD in the same wind."""
+    """Return the ratio (samples,) of a recorded measure of a cell to the measure of the PD in the same wind."""
     return np.asarray(experiment.recorded[cell][name] / experiment.recorded[Cell(cell.wind, "pd")][name])

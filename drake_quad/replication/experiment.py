@@ -1,6 +1,6 @@
 """Flights of the replication: the cells of Table II, and the sweeps that the claims require.
 
-All comparisons are paired, since a sample has the same wind and the same noise for all controllers.
+All comparisons are paired: a sample has the same wind and noise for all controllers.
 """
 
 import shutil
@@ -34,8 +34,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.worker_pool import WorkerPool
 
-_MAX_VEHICLES = 1024  # in a fleet
-_MAX_RECORDED_VEHICLES = 256  # in a recorded fleet, which needs more memory
+_MAX_VEHICLES = 1024  # largest number of vehicles in a fleet
+_MAX_RECORDED_VEHICLES = 256  # largest number of vehicles in a recorded fleet, which needs more memory
 
 
 class ExperimentSizes(NamedTuple):
@@ -47,7 +47,7 @@ class ExperimentSizes(NamedTuple):
         sweep: number of samples of each setting of noise, q and λ.
         grid: number of gains along each side of a map.
         map: number of samples of each pair of gains in a map.
-        legs: number of samples of each pair of gains in the sweep whose errors are computed leg by leg.
+        legs: number of samples of each pair of gains in the sweep for which errors are computed leg by leg.
     """
 
     cells: int = 1000
@@ -66,9 +66,9 @@ class SweepPlan(NamedTuple):
 
     Attributes:
         cell: cell whose scenario is flown.
-        settings: (settings,) values of each varied number, by its name.
+        settings: (settings,) values of each varied parameter, by name.
         num_samples: number of samples that are flown with each setting.
-        fly: function that flies a part of the settings in one fleet: `fly_settings` or `fly_legs`.
+        fly: function that flies some of the settings in one fleet: `fly_settings` or `fly_legs`.
         max_vehicles: largest number of vehicles in a fleet.
     """
 
@@ -79,7 +79,7 @@ class SweepPlan(NamedTuple):
     max_vehicles: int = _MAX_VEHICLES
 
     def jobs(self, name: str, scenario: Scenario, *, compiled: bool) -> list[Job]:
-        """Return the jobs that fly the sweep, each with as many settings as a fleet has room for.
+        """Return the jobs that fly the sweep, each with as many settings as fit into a fleet.
 
         Args:
             name: name of the jobs.
@@ -131,8 +131,8 @@ def fly_experiment(
     Args:
         load: function that loads the scenario of a cell.
         sizes: sizes of the experiment.
-        folder: folder for the results; those of an earlier experiment are replaced.
-        workers: workers that fly; by default, this process flies.
+        folder: folder for the results; results of an earlier experiment are replaced.
+        workers: workers in which flights are simulated; by default, they are simulated in this process.
         resume: True to keep the cells in the folder and to fly only their missing samples.
         compiled: True to compile the diagrams to machine code; False to simulate the uncompiled diagrams.
         progress: called with the number of finished flights, their total number, and the name of the job.
@@ -141,8 +141,8 @@ def fly_experiment(
         The flight of sample 0 of each cell of Table II, for figures.
 
     Raises:
-        InputError: a scenario cannot be flown.
-        RuntimeError: a sample could not be flown.
+        InputError: if a scenario cannot be flown.
+        RuntimeError: if a sample could not be flown.
     """
     if (folder / "cells").exists() and not resume:
         shutil.rmtree(folder / "cells")
@@ -169,10 +169,10 @@ def fly_experiment(
 
 
 def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: bool) -> None:
-    """Fly the missing samples of a cell's study in one fleet, since large fleets are simulated faster.
+    """Fly the missing samples of a cell's study in one fleet, since a large fleet takes less time per vehicle.
 
     Raises:
-        RuntimeError: a sample could not be flown.
+        RuntimeError: if a sample could not be flown.
     """
     with ThreadPoolExecutor(1) as executor:
         study = run_monte_carlo(

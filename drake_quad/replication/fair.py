@@ -22,8 +22,8 @@ class FairEntry(NamedTuple):
         peak_error: mean peak error, m.
         effort_x: mean control effort on X, m²/s⁴.
         effort_y: mean control effort on Y, m²/s⁴.
-        over_pd: ratio of the mean RMSE to that of the PD on the same samples.
-        over_network: ratio of the mean RMSE to that of PD+T2FNN on the same samples.
+        over_pd: ratio of the mean RMSE to the mean RMSE of the PD on the same samples.
+        over_network: ratio of the mean RMSE to the mean RMSE of PD+T2FNN on the same samples.
     """
 
     cell: Cell

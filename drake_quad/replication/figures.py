@@ -1,4 +1,4 @@
-"""Figures of the replication's report: the paper's figures and further ones, each as wide as a journal column."""
+"""Figures of the replication's report: the paper's figures and further figures, each as wide as a journal column."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -46,7 +46,7 @@ _LINE_STYLES = {
     "pd_t2fnn": (VERMILION, "-"),
     "pd_t2fnn_wide": (PURPLE, "--"),
 }
-# Peak errors read off the paper's Fig. 9, m.
+# Peak errors read from the paper's Fig. 9, m.
 _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
@@ -131,7 +131,7 @@ def figure_8(flights: Flights) -> Figure:
 def errors_figure(
     flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], caption: str
 ) -> Figure:
-    """Plot errors over time and, if type 1 is among the controllers, the differences between type 2 and type 1.
+    """Plot errors over time. If type 1 is one of the controllers, plot the differences between type 2 and type 1, too.
 
     Args:
         flights: sample 0 of each cell of Table II.
@@ -148,7 +148,7 @@ def errors_figure(
         (axes,), *more = column
         for name, error in errors.items():
             axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
-        # The markers are next to the axes and offset from each other, so that similar levels can be distinguished.
+        # The markers are beside the axes and offset from each other, so that similar levels can be distinguished.
         transform = axes.get_yaxis_transform()
         for index, (name, level) in enumerate(levels.items()):
             x = 1.025 + (0.03 * (index - 1) if len(levels) > 2 and index else 0.0)
@@ -213,7 +213,7 @@ FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
 
 
 def table_figure(experiment: Experiment) -> Figure:
-    """Plot the errors of Table II: the printed runs and their mean, and our mean and spread over all samples."""
+    """Plot the errors of Table II: the printed runs with their mean, and our samples as mean and 95 % range."""
     runs: Any = {"linestyle": "none", "marker": "o", "color": "0.6", "markersize": 3.2, "label": "printed runs"}
     mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
     ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}
@@ -316,14 +316,14 @@ def gain_figure(experiment: Experiment) -> Figure:
 
 
 def _mean_errors(sweep: Sweep) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the gains k_P and k_D of a map, and its mean RMSE (k_P, k_D), which is NaN if a sample crashed."""
+    """Return the gains k_P and k_D of a map, and the mean RMSE for each pair of gains, NaN if a sample crashed."""
     k_p, k_d = (np.unique(sweep.settings[name]) for name in ("k_p", "k_d"))
     rmse = np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse).mean(axis=1)
     return k_p, k_d, rmse.reshape(len(k_p), len(k_d))
 
 
 def _complete_flight(flights: Flights) -> Flight:
-    """Return a flight that covers the whole route, since it does not crash."""
+    """Return a flight without a crash, which therefore covers the whole route."""
     return flights[Cell("no_wind", "pd_t2fnn")]
 
 

@@ -9,10 +9,10 @@ import scipy
 
 from drake_quad.flight.flight import Flight
 
-# Distances are measured from points of the path at this time step, s. At 2 m/s, the points are 4 mm apart.
+# Distances to the path are distances to points of the path with this time step, s. At 2 m/s, they are 4 mm apart.
 _PATH_TIME_STEP = 0.002
 
-# Names of the straight and of the curved legs.
+# Names of the legs that are straight, and of the legs that are curved.
 STRAIGHT_LEGS = ("climb", "straight", "descent", "return")
 CURVED_LEGS = ("circle", "turn", "curve")
 
@@ -21,7 +21,7 @@ class Effort(NamedTuple):
     """Definition of control effort.
 
     Attributes:
-        definition: definition in a few words.
+        definition: short description of the definition.
         signal: name of the signal from which the effort is computed.
         x: row of the signal that moves the vehicle along X.
         y: row of the signal that moves the vehicle along Y.
@@ -65,13 +65,13 @@ EFFORTS = {
 
 
 def measures(flight: Flight) -> dict[str, float]:
-    """Return all measures of a flight with a PD, by name; they are NaN if the vehicle crashed.
+    """Return all measures of a flight with a PD, by name; NaN if the vehicle crashed.
 
-    - The efforts of `EFFORTS` on both axes, whose names end in "_x" and "_y".
-    - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by that in the quarter
+    - The efforts of `EFFORTS` on both axes. Their names end in "_x" and "_y".
+    - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by its RMS in the quarter
       after the climb.
-    - "pd_return": RMS of the PD's horizontal output in the 1 s after changes of segment, divided by that in the 1 s
-      before.
+    - "pd_return": RMS of the PD's horizontal output in the 1 s after changes of segment, divided by its RMS in the 1 s
+      before these changes.
     - "path_error": RMS distance to the nearest point of the path, m.
     """
     result: dict[str, float] = {}
@@ -103,8 +103,8 @@ def _fade_ratio(flight: Flight) -> float:
 
 def _return_ratio(flight: Flight) -> float:
     squared = _horizontal_square(flight)
-    # The beginnings of the first two legs are excluded: the first is the beginning of the flight, and the second is the
-    # end of a vertical climb.
+    # The starts of the first two legs are excluded: the first is the start of the flight, and the second is the end of
+    # a vertical climb.
     changes = flight.plan.leg_times[2:]
     after, before = (
         np.any([(flight.time >= t + first) & (flight.time < t + first + 1.0) for t in changes], axis=0)
@@ -137,7 +137,7 @@ class LegMetrics(NamedTuple):
 
 
 def leg_metrics(flights: Sequence[Flight]) -> LegMetrics:
-    """Return the metrics (flights,) of flights over the paper's route; NaN for those that crashed."""
+    """Return the metrics (flights,) of flights over the paper's route; NaN for flights that crashed."""
     rows = [_leg_metrics_of_flight(flight) if not flight.metrics.crashed else (np.nan,) * 3 for flight in flights]
     return LegMetrics(*np.array(rows).T)
 

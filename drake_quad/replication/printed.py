@@ -47,7 +47,7 @@ class Cell(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """Values of a quantity in three runs, and their mean; values that are missing in the paper are NaN.
+    """Values of a quantity in three runs, and their mean. Values that are missing in the paper are NaN.
 
     Attributes:
         runs: value in each run.

@@ -56,7 +56,7 @@ CAPTIONS = {
     "gains": "Mean RMSE over the gains of the PD, without wind. With grey gains, a sample crashed.",
     "fair": "Mean RMSE of the PD, of PD+T2FNN, and of controllers that the paper does not consider.",
 }
-# Fields of `Claim` by the headings of their columns, in the file claims.csv and in the report.
+# Fields of `Claim` by the headings of their columns, in the file claims.csv and then in the report.
 _FILE_COLUMNS = {"claim": "statement", "printed": "printed", "ours": "evidence"} | {
     name: name for name in ("verdict", "rule", "details", "figure")
 }
@@ -71,7 +71,7 @@ class Findings(NamedTuple):
         entries: entries of Table II.
         claims: claims of the paper, with verdicts.
         fair: comparison with controllers that the paper does not consider.
-        efforts: agreement of each definition of control effort with the paper, the closest one first.
+        efforts: agreement of each definition of control effort with the paper; the closest definition is first.
     """
 
     entries: Sequence[TableEntry]
@@ -102,8 +102,8 @@ def write_report(
         folder: folder of the report.
         experiment: results of the experiment.
         findings: findings of the experiment.
-        flights: sample 0 of each cell of Table II, which the figures show.
-        vector: format of additional vector graphics; none by default.
+        flights: flight of sample 0 of each cell of Table II, for the figures.
+        vector: format of additional vector graphics; None for no vector graphics.
         progress: called after each figure.
     """
     write_text(folder / "calibration.csv", files(__package__).joinpath("calibration.csv").read_text(encoding="utf-8"))
@@ -152,7 +152,7 @@ def _experiment_fields(experiment: Experiment) -> dict[str, Any]:
 
 
 def _scenario_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the template that describe assumptions of the scenario of PD+T2FNN in low wind."""
+    """Return the template's fields on the assumptions in the scenario of PD+T2FNN in low wind."""
     plan, laboratory = plan_route(scenario), scenario.laboratory
     link, network = laboratory.command_link, cast(Network, scenario.cascade.network)
     first, second = jets(laboratory.wind)

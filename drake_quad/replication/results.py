@@ -34,7 +34,7 @@ class Experiment:
         recorded: (samples,) values of the `measures` by name, for each cell of Table II.
         noise: sweep of networks over the "noise" of the cameras (m) and the exponents "a1" and "a2", without wind.
         q: sweep of networks over "q" and the exponents "a1" and "a2", without wind.
-        slopes: sweep of PD+T2FNN over the "slope" λ (1/s), by wind.
+        slopes: sweeps of PD+T2FNN over the "slope" λ (1/s), by wind.
         maps: sweep over "k_p" (1/s²) and "k_d" (1/s) for each controller of `MAPPED_CONTROLLERS`, without wind.
         legs: sweep of the PD over "k_p" (1/s²) and "k_d" (1/s) around the best gains, without wind, leg by leg.
     """
@@ -56,7 +56,7 @@ def read_experiment(folder: Path) -> Experiment:
     """Read the results that `fly_experiment` wrote to a folder.
 
     Raises:
-        InputError: a file is missing or invalid.
+        InputError: if a file is missing or invalid.
     """
     cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS))}
     recorded = {Cell(*group): columns for group, columns in read_groups(folder / "recorded.csv", Cell._fields).items()}

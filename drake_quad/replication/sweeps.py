@@ -1,4 +1,4 @@
-"""Sweeps, which fly the same samples of a scenario with several settings of its numbers."""
+"""Sweeps, which fly the same samples of a scenario with several settings of its parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Sweep(Generic[MetricsType]):
     """Metrics of a scenario with several settings.
 
     Attributes:
-        settings: (settings,) values of each varied number, by its name.
+        settings: (settings,) values of each varied parameter, by name.
         samples: (samples,) indices of the samples, which are the same for each setting.
         metrics: (settings, samples) values of each metric.
     """
@@ -46,7 +46,7 @@ def num_rows(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return all combinations of the rows of two groups of columns; the rows of the second group vary faster."""
+    """Return all combinations of the rows of two groups of columns. The rows of the second group vary faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
@@ -60,7 +60,7 @@ def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
         kind: class of the metrics in the file, `Metrics` or `LegMetrics`.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: if the file cannot be read.
     """
     fields: tuple[str, ...] = kind._fields
     table = read_columns(path, ("sample", *fields))
@@ -76,10 +76,10 @@ Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)  # 1/s, values of λ around the calibrated 1.975 1/s
 _POSITION = "control.position"
 _NETWORK = "control.network"
-# Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684, wide enough to contain the best
-# gains.
+# Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684. They are wide enough to contain the
+# gains with the smallest error.
 _GAIN_RANGES = (0.3, 20.0), (0.3, 12.0)
-# Narrower ranges around the best gains, which distinguish the best gains on straight lines from those on curves.
+# Narrower ranges around the best gains, which separate the best gains on straight lines from the best gains on curves.
 BEST_GAIN_RANGES = (2.5, 9.0), (1.0, 4.5)
 _EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
 # Settings of the sweeps: all noise levels and all values of q are combined with all pairs of exponents.
@@ -89,7 +89,7 @@ SLOPE_SETTINGS = {"slope": np.array(SLOPES)}
 
 
 def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RANGES) -> dict[str, np.ndarray]:
-    """Return a square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y.
+    """Return a square grid of "k_p" (1/s²) and "k_d" (1/s), which apply to both X and Y.
 
     Args:
         count: number of gains along each side.
@@ -99,7 +99,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RA
     return all_combinations({"k_p": k_p}, {"k_d": k_d})
 
 
-# Paths of the fields that are set to each number.
+# Paths of the fields that are set to the value of each parameter.
 _PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],
@@ -114,7 +114,7 @@ _PATHS = {
 def fly_settings(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> Metrics:
-    """Fly the same samples with each setting, in one fleet, and return (settings, samples) metrics."""
+    """Fly the same samples with each setting in one fleet, and return metrics of shape (settings, samples)."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*np.reshape(metrics, (-1, num_rows(settings), len(samples))))
@@ -123,13 +123,13 @@ def fly_settings(
 def fly_legs(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> LegMetrics:
-    """Fly the same samples with each setting, in one recorded fleet, and return (settings, samples) leg metrics."""
+    """Fly the same samples with each setting in a recorded fleet, and return leg metrics (settings, samples)."""
     flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_rows(settings), len(samples))))
 
 
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
-    """Return the batch that consists of all samples with the first setting, all with the second, and so on."""
+    """Return the batch of all samples with the first setting, then all samples with the second setting, and so on."""
     columns = all_combinations(settings, {"sample": np.asarray(samples)})
     varying = {path: columns[name] for name in settings for path in _PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

@@ -1,7 +1,7 @@
 """Table II of the replication, compared with the printed table.
 
-For each number, the table contains the values and the mean of three runs, as in the paper, and the mean of all samples
-with its interval.
+For each cell and quantity, the table contains the values and the mean of three runs, as in the paper, and the mean of
+all samples with its interval.
 """
 
 import math
@@ -47,7 +47,7 @@ class TableEntry(NamedTuple):
 
     @property
     def deviation(self) -> float:
-        """Relative difference between the mean and the printed mean; NaN if no mean is printed."""
+        """Relative difference between our mean and the printed mean; NaN if no mean is printed."""
         return self.mean.value / self.printed.mean - 1.0
 
 

@@ -1,1 +1,1 @@
-"""Experiments of many flights, claims with verdicts, and reports with figures."""
+"""Experiments with many flights, claims with verdicts, and reports with figures."""

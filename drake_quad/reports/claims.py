@@ -20,8 +20,8 @@ class Claim(NamedTuple):
         evidence: numbers of the experiment, with 95 % intervals.
         verdict: verdict on the claim.
         rule: rule by which the verdict follows from the evidence.
-        printed: evidence of the publication that makes the claim; empty if there is none.
-        details: evidence case by case; empty if there is no more than `evidence`.
+        printed: evidence in the publication that makes the claim; empty if there is none.
+        details: evidence case by case; empty if `evidence` contains all of it.
         figure: name of a figure that shows the evidence; empty if there is none.
     """
 
@@ -35,11 +35,11 @@ class Claim(NamedTuple):
 
 
 def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
-    """Return the verdict that follows from conditions: true, false, or None if an interval leaves them open.
+    """Return the verdict that follows from conditions. A condition is None if its interval is inconclusive.
 
     Args:
-        needed: conditions that must all be true for a claim to hold; if only some are, the claim holds in part.
-        enough: further conditions, each of which makes the claim hold in part.
+        needed: conditions that must all be true for a claim to hold; if only some are true, the claim holds in part.
+        enough: further conditions; if one of them is true, the claim holds at least in part.
     """
     if all(needed):
         return "holds"
@@ -50,7 +50,7 @@ def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
 
 
 def reduction(ratio: Interval) -> Interval:
-    """Return the relative reduction that belongs to a ratio of means: one minus the ratio."""
+    """Return the relative reduction for a ratio of means: one minus the ratio."""
     return -ratio.plus(-1.0)
 
 
@@ -77,6 +77,6 @@ def verdict_table(claims: Sequence[Claim], columns: Mapping[str, str]) -> str:
 
 
 def verdict_counts(claims: Sequence[Claim]) -> str:
-    """Return the number of claims with each verdict as text, the most frequent verdict first."""
+    """Return a text with the number of claims per verdict, the most frequent verdict first."""
     counts = Counter(claim.verdict for claim in claims)
     return ", ".join(f"{number} × {verdict}" for verdict, number in counts.most_common())

@@ -1,4 +1,4 @@
-"""Figures of reports, which fit into a column of a journal."""
+"""Figures of reports, which fit into a journal column."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,9 +11,9 @@ from PIL import Image
 
 from drake_quad.visualization.panels import new_panels
 
-# Width of a column in the journal of the paper, inches.
+# Width of a column in the journal that published the paper, inches.
 COLUMN = 3.5
-# Resolution in dots per inch, and number of colours in the palette of a PNG file.
+# Resolution of a PNG file in dots per inch, and number of colours in its palette.
 _DPI, _COLOURS = 220, 128
 
 
@@ -37,7 +37,7 @@ def print_panels(height: float, *grid: int, width: float = COLUMN, **options: An
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Write a figure as a PNG file with a palette, which is a few times smaller than a file with full colours."""
+    """Write a figure as a PNG file with a colour palette, which is a few times smaller than a true-colour file."""
     buffer = BytesIO()
     figure.savefig(buffer, dpi=_DPI)
     Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -1,4 +1,4 @@
-"""Jobs of an experiment, which are done one after another in this process, or in parallel by workers."""
+"""Jobs of an experiment, which run one after another in this process, or in parallel in workers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -7,12 +7,12 @@ from drake_quad.studies.worker_pool import WorkerPool, run_tasks
 
 
 class Job(NamedTuple):
-    """Flights that are simulated together.
+    """Job of an experiment, such as flights that are simulated together.
 
     Attributes:
         name: name of the job in progress messages.
         size: size of the job, such as its number of flights.
-        call: function that does the job; it must be picklable if workers do the job.
+        call: function that does the job; it must be picklable if the job runs in a worker.
     """
 
     name: str
@@ -27,17 +27,18 @@ def run_jobs(
     finished: Callable[[Any], object] = lambda result: None,
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> list[Any]:
-    """Do jobs in their order, and return their results in the same order.
+    """Run jobs, and return their results in the order of the jobs.
 
     Args:
         jobs: jobs of the experiment.
-        workers: workers that do several jobs at a time; by default this process does them.
+        workers: workers in which the jobs run in parallel; by default, the jobs run in this process.
         finished: called with the result of each job as soon as the job is done.
-        progress: called after each job with the sizes of the jobs that are done and of all jobs, and the job's name.
+        progress: called after each job with the total size of all finished jobs, the total size of all jobs, and the
+            name of the job.
 
     Raises:
-        InputError: a job failed because the input is wrong.
-        RuntimeError: a worker failed to do a job.
+        InputError: if a job failed because the input is wrong.
+        RuntimeError: if a job failed in a worker.
     """
     results, done, total = {}, 0, sum(job.size for job in jobs)
     for number, result in _results(jobs, workers):
@@ -48,7 +49,7 @@ def run_jobs(
 
 
 def _results(jobs: Sequence[Job], workers: WorkerPool | None) -> Iterator[tuple[int, Any]]:
-    """Do jobs and yield the number and the result of each as soon as it is done."""
+    """Run jobs, and yield the index and the result of each job as soon as it is done."""
     if workers is None:
         for number, job in enumerate(jobs):
             yield number, job.call()

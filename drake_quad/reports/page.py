@@ -1,4 +1,4 @@
-"""Pages of reports: Markdown from a template, a self-contained page of HTML, and the figures of both."""
+"""Pages of reports: Markdown from a template, a self-contained HTML page, and the figures of both."""
 
 import base64
 import re
@@ -16,7 +16,7 @@ from drake_quad.visualization.style import Vector, save_vector
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Name of the folder with the figures, which is beside the pages.
+# Name of the folder with the figures, in the folder of the pages.
 _FIGURES = "figures"
 
 
@@ -42,7 +42,7 @@ def image(name: str, caption: str, *, width: int = 420) -> str:
 
 
 def filled_template(package: str, **fields: Any) -> str:
-    """Return the text of the file report_template.md of a package, with its fields filled in."""
+    """Return the text of the file report_template.md of a package, with the given values of its fields."""
     return files(package).joinpath("report_template.md").read_text(encoding="utf-8").format_map(fields)
 
 
@@ -58,7 +58,7 @@ def write_figures(
     Args:
         figures: figures by name, which are drawn one after another.
         folder: folder of the report.
-        vector: format of vector graphics that are written in addition; none if not given.
+        vector: format of additional vector graphics; None for no vector graphics.
         progress: called after each figure.
     """
     target, names = output_folder(folder / _FIGURES), []
@@ -86,7 +86,7 @@ def write_page(folder: Path, text: str) -> list[Path]:
 
 
 def as_html(text: str, folder: Path) -> str:
-    """Return a report as a page of HTML that contains its figures.
+    """Return a report as an HTML page that contains its figures.
 
     Args:
         text: report in Markdown.

@@ -16,7 +16,7 @@ def write_rows(path: Path, rows: Iterable[Mapping[str, Any]], *, digits: int = 1
 
     Args:
         path: path of the file.
-        rows: rows with the same columns. An interval takes three columns, such as rmse, rmse_low and rmse_high.
+        rows: rows with the same columns. An interval is written to three columns, such as rmse, rmse_low and rmse_high.
         digits: number of significant digits; all digits by default.
     """
     columns: dict[str, list[Any]] = {}
@@ -36,11 +36,11 @@ def write_groups(
     *,
     digits: int = 17,
 ) -> Path:
-    """Write a table whose first columns name the group that a row belongs to, and return its path.
+    """Write a table whose first columns name the group to which a row belongs, and return its path.
 
     Args:
         path: path of the file.
-        keys: names of these columns.
+        keys: names of the first columns.
         groups: columns of equal length for each group, by the group's texts in the columns `keys`.
         digits: number of significant digits; all digits by default.
     """
@@ -63,7 +63,7 @@ def read_groups(
         required: names of other columns that the table must have.
 
     Raises:
-        InputError: the file cannot be read, or lacks a column.
+        InputError: if the file cannot be read, or lacks a column.
     """
     columns = read_columns(path, (*keys, *required))
     labels = list(zip(*(map(str, columns.pop(key)) for key in keys), strict=True))
@@ -72,10 +72,14 @@ def read_groups(
 
 
 def read_columns(path: Path, required: Sequence[str]) -> dict[str, np.ndarray]:
-    """Read a table that must have some columns, and return all its columns.
+    """Read a table, and return all its columns.
+
+    Args:
+        path: path of the file.
+        required: names of the columns that the table must have.
 
     Raises:
-        InputError: the file cannot be read, or lacks a column.
+        InputError: if the file cannot be read, or lacks a required column.
     """
     columns = read_table(path)
     for name in required:

@@ -139,7 +139,7 @@ def middle_of(scenario: Scenario) -> Scenario:
 
 
 def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return drawn values in which impossible moments of inertia are replaced by those of rigid bodies.
+    """Return drawn values in which impossible moments of inertia are replaced by possible moments.
 
     Args:
         scenario: scenario with distributions.

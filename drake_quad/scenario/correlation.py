@@ -5,7 +5,7 @@ A field with a normal distribution and `shared: {a: 0.6, b: -0.3}` is drawn from
     z = 0.6 u_a - 0.3 u_b + √(1 - 0.6² - 0.3²) u.
 
 All variables are standard normal. In each sample, u_a and u_b are drawn once for all fields that name them, and u is
-drawn for this field alone. The value of the field is the quantile of its distribution at the probability Φ(z). Each
+drawn only for this field. The value of the field is the quantile of its distribution at the probability Φ(z). Each
 field therefore has exactly the distribution that the scenario gives it, including limits. Two fields are joined by a
 Gaussian copula. Its correlation is the sum over all shared variables of the product of their two coefficients.
 """

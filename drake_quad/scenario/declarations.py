@@ -16,7 +16,7 @@ class Declaration(NamedTuple):
     Attributes:
         unit: unit; "1" for a ratio or a count.
         lower: smallest number that the language allows.
-        upper: largest number that it allows.
+        upper: largest number that the language allows.
         needs_min: whether a normal distribution needs a smallest value.
         needs_max: whether a normal distribution needs a largest value.
         is_whole: whether numbers must be whole.

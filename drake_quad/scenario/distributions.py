@@ -232,7 +232,7 @@ class LogUniform(Distribution):
 
 @_named
 class Normal(Distribution):
-    """A normal distribution, which can be correlated with others. A quantity with bounds needs limits."""
+    """Normal distribution, which can be correlated with others of its type. A quantity with bounds needs limits."""
 
     normal: Bell
     dimensionless: ClassVar = ("shared",)

@@ -77,7 +77,7 @@ _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """Airframe of a vehicle. The defaults are those of the paper's Table I where it gives a value."""
+    """Airframe of a vehicle. The defaults are the values of the paper's Table I, if it gives a value."""
 
     mass: _Positive = field_of(_PAPER, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
@@ -133,7 +133,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
-    """Vehicle that planner and controllers assume. Defaults are those of the paper's Table I where it has a value."""
+    """Vehicle that planner and controllers assume. Defaults are from the paper's Table I, if it gives a value."""
 
     motors: BelievedMotors = Field(
         default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"

@@ -172,7 +172,7 @@ def any_nonzero(written: Any, flown: Any) -> bool:
 
 
 def largest_ticks(written: Any, flown: Any) -> int:
-    """Return the largest number of ticks that a delay can take; arguments are those of `any_nonzero`."""
+    """Return the largest number of ticks that a delay can take; the arguments are as in `any_nonzero`."""
     _, largest = extremes(written)
     return int(max(largest or 0.0, np.max(flown)))
 

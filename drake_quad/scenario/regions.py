@@ -11,7 +11,7 @@ from drake_quad.reference.regions import Box, Corridor, Polytope
 from drake_quad.scenario.distributions import Model, omits_defaults, refused
 from drake_quad.scenario.quantities import PlainPositive, Point
 
-_MAX_FACES = 100
+_MAX_FACES = 100  # largest number of half-spaces of a corridor
 _MIN_NORMAL = 1e-9  # the direction of a shorter normal is undefined
 
 

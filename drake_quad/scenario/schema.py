@@ -19,7 +19,8 @@ _DISTRIBUTIONS = tuple(_DISTRIBUTION_NAMES)
 def file_schema() -> dict[str, Any]:
     """Return the JSON schema of a file of scenarios, for editors that check YAML.
 
-    The schema checks less than `load_scenario`, since a scenario may inherit missing fields from one that it extends.
+    The schema checks less than `load_scenario`, since a scenario may inherit missing fields from a scenario that it
+    extends.
     """
     scenario = Scenario.model_json_schema()
     definitions = scenario.pop("$defs")
@@ -36,7 +37,8 @@ def file_schema() -> dict[str, Any]:
         "description": points["points"].pop("description"),
         "anyOf": [points["points"], {"type": "string"}],
     }
-    # The layout of `nominal` has the same model as that of `vehicle`, but must not contain distributions.
+    # The layouts of `nominal` and `vehicle` have the same model, but the layout of `nominal` must not contain
+    # distributions.
     nominal = definitions["Nominal"]["properties"]
     nominal["layout"] = _without_distributions(nominal["layout"], definitions)
     names = {
@@ -44,7 +46,7 @@ def file_schema() -> dict[str, Any]:
         "description": "FILE, FILE:NAME, the name of a scenario in this file, or the name of a shipped scenario",
     }
     scenario["properties"]["extends"] = {
-        "description": "scenarios that this one extends; a later one takes precedence over an earlier one",
+        "description": "scenarios that this scenario extends; later scenarios take precedence over earlier scenarios",
         "anyOf": [names, {"type": "array", "items": names}],
     }
     scenario["properties"][DEFAULT_VEHICLE] = {
@@ -193,7 +195,7 @@ _COMPARISON_SIGNS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximu
 
 
 def _bounds(node: dict[str, Any]) -> str:
-    # The general limit on the size of numbers is given once, in the introduction of the page.
+    # The general limit on the magnitude of numbers is given only in the introduction of the page.
     bounds = [
         (sign, node[key]) for key, sign in _COMPARISON_SIGNS.items() if key in node and abs(node[key]) < limits.LARGEST
     ]

@@ -1,15 +1,15 @@
 """Approximation of a convex hull from outside by a hull with fewer corners.
 
 1. The algorithm selects some of the corners: first the extreme corners along the coordinate axes, then repeatedly the
-corner that is farthest from the hull of the selected corners. 2. It shifts and scales the hull of the selected corners
-by the smallest factor with which the hull contains all corners. Scaling keeps the face normals, so the shift and the
-factor follow from a linear programme.
+   corner that is farthest from the hull of the selected corners.
+2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
+   corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
 The result contains the original hull. Its corners are the points that are farthest from the original hull, so their
 distance bounds the error.
 
 The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
-hull has the same width along each. The better result is returned.
+hull has the same width along each axis. The better result is returned.
 """
 
 import functools

@@ -17,8 +17,8 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
     """Fly samples of a scenario with `MonteCarloSimulation`, one vehicle after another.
 
     Drake's generator is the only source of randomness. It selects the index of the sample whose parameters are drawn,
-    and it seeds the random sources of wind and noise. The flights therefore have the same distribution as those of
-    `run_monte_carlo`, but they are different flights. Each flight uses a new diagram, since Drake resets the parameters
+    and it seeds the random sources of wind and noise. The flights therefore have the same distribution as the flights
+    of `run_monte_carlo`, but are different flights. Each flight uses a new diagram, since Drake resets the parameters
     of a diagram to their defaults before a simulation.
 
     Args:

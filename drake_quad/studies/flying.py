@@ -52,7 +52,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """Fly samples of a study and return their rows (n, columns).
 
     Raises:
-        InputError: the code of this process differs from that of the process that started the study.
+        InputError: the code of this process differs from the code of the process that started the study.
     """
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
@@ -61,7 +61,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Fly the last sample alone, alone again, and together with all samples, and return its three rows."""
+    """Fly the last sample alone twice, then all samples together, and return the three rows of the last sample."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 

@@ -93,8 +93,9 @@ def run_monte_carlo(
         progress: function that is called with the number of completed samples, and n.
 
     Returns:
-        All samples that were flown in this run or an earlier one, and the reasons why others failed. A batch that fails
-        is split in halves, which are flown separately, so that a sample that cannot be flown does not affect others.
+        All samples that were flown in this run or an earlier run, and the reasons why other samples failed. A batch
+        that fails is split in halves, which are flown separately, so that a sample that cannot be flown does not affect
+        others.
 
     Raises:
         InputError: a number is out of range, the scenario cannot be flown, worker processes cannot import a function or
@@ -237,7 +238,7 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
 
 
 def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:
-    """Return the number of samples in a batch; by default, all workers get equally many batches of similar size."""
+    """Return the number of samples in a batch; by default, all workers receive equally many batches of similar size."""
     if batch_size is None:
         rounds = math.ceil(num_samples / (num_workers * _DEFAULT_BATCH_SIZE))
         batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))

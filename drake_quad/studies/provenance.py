@@ -1,4 +1,4 @@
-"""Versions and digests of the code that flies a study, for comparison with those of other machines."""
+"""Versions and digests of the code that flies a study, for comparison with the code of other machines."""
 
 import functools
 import hashlib

@@ -92,7 +92,7 @@ class Influence(NamedTuple):
 
 
 def influences(study: Study, name: str = "rmse") -> list[Influence]:
-    """Return the influence of each drawn number on a metric of the flights without a crash, the largest one first.
+    """Return the influence of each drawn number on a metric of the flights without a crash, largest influence first.
 
     Args:
         study: study of a scenario with distributions.

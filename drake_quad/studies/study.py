@@ -241,7 +241,7 @@ def read_study(path: Path | str) -> Study:
 
 
 def read_studies(path: Path | str) -> dict[str, Study]:
-    """Read all studies in a folder, such as those of several controllers, and return them by the name of their folder.
+    """Read all studies in a folder, such as the studies of several controllers, and return them by folder name.
 
     Args:
         path: folder that contains the folders of the studies, or the path of a single study as for `read_study`.

@@ -189,7 +189,7 @@ def _check_no_foreign_files(folder: Path, scenario: Scenario) -> None:
 
 
 def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
-    """Return the record of a resumed study, which lists the versions of earlier runs and of this one.
+    """Return the record of a resumed study, which lists the versions of earlier runs and of this run.
 
     Args:
         folder: folder of the study.

@@ -18,7 +18,7 @@ from drake_quad.studies.statistics import (
 )
 from drake_quad.studies.study import Study
 
-_QUANTILES = (0.05, 0.5, 0.95)
+_QUANTILES = (0.05, 0.5, 0.95)  # probabilities of the quantiles in a table
 
 
 class Summary(NamedTuple):
@@ -102,7 +102,7 @@ def _remarks(crashed: int, count: int) -> list[str]:
 
 
 def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
-    """Compare each controller with the first one, on the samples on which neither crashed.
+    """Compare each controller with the first controller, on the samples on which neither crashed.
 
     Args:
         studies: studies with the same seed, by the name of the controller.

@@ -12,7 +12,7 @@ from drake_quad.errors import InputError
 
 # Number of failures of single samples after which a study is aborted, if no sample has succeeded before.
 _MAX_FAILURES = 8
-_MAX_REASON_LENGTH = 300
+_MAX_REASON_LENGTH = 300  # characters; longer reasons for failures are cut
 
 
 class Outcome(NamedTuple):

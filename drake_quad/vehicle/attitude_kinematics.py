@@ -109,7 +109,7 @@ class RotationSince(NamedTuple):
         tilt, before = self.tilt, self.beginning
         x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
         sin_pitch = 0.0 - x.z
-        # `sine` and `cosine` are the sine and cosine of the change of roll, multiplied by the cosine of the pitch.
+        # The sine and cosine of the change of roll are both multiplied by the cosine of the pitch.
         sine = tilt.cos_roll * y.z - tilt.sin_roll * z.z
         cosine = tilt.cos_roll * z.z + tilt.sin_roll * y.z
         usual = Attitude(

@@ -50,8 +50,8 @@ def _describe_missing(direction: np.ndarray) -> str:
         _, x, y, _ = direction
         size = np.copysign(np.hypot(x, y), x)
         return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
-    # If the direction has several parts, for example thrust and yaw torque, the rotors can produce these parts only in
-    # a fixed ratio. The message says that the last part cannot be produced without the others.
+    # If the direction has several parts, for example thrust and yaw torque, all producible wrenches satisfy a linear
+    # relation between these parts. The last part can then not be produced without the others.
     names = [name for name, part in zip(_WRENCH_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:

@@ -93,9 +93,9 @@ class Quadrotor(FleetSystem):
         inputs ●━━━━━○
                ●━━━━━→ state at h, used by the discrete updates at h
 
-    There is no update at time zero. The faults at the middle of a step apply to the whole step. A step integrates the
-    attitude as a quaternion, so that the vehicle can turn over. After a step the pitch is between -π/2 and π/2, and the
-    roll between -π and π. The yaw is not wrapped.
+    The update at time zero has no effect. The faults at the middle of a step apply to the whole step. A step integrates
+    the attitude as a quaternion, so that the vehicle can turn over. After a step the pitch is between -π/2 and π/2, and
+    the roll between -π and π. The yaw is not wrapped.
 
     With `time_step=0` the state is continuous, a `VehicleState`, for `Linearize` and for integrators with error
     control. The state is singular where the pitch is ±π/2 (infinite rates of roll and yaw), and where the rod of a

@@ -19,7 +19,7 @@ _STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
 
 
 def drawings(diagram: Diagram) -> dict[str, str]:
-    """Describe a diagram, and each diagram inside it, in Graphviz's language; equal diagrams give equal texts.
+    """Describe a diagram, and each diagram inside it, in Graphviz's language. Equal diagrams have equal texts.
 
     Returns:
         The text of each drawing, by the path of the diagram; the path of the whole diagram is "".
@@ -31,7 +31,7 @@ def drawings(diagram: Diagram) -> dict[str, str]:
 
 
 def digest(drawing: str) -> str:
-    """Return the hash of a drawing's text; the SVG contains it, so that a test can see whether the SVG is current."""
+    """Return the hash of a drawing's text. The SVG contains it, so that a test can check whether the SVG is current."""
     return hashlib.sha256(drawing.encode()).hexdigest()
 
 
@@ -57,7 +57,7 @@ def svg(drawing: str) -> str:
 
 
 def _inner_diagrams(diagram: Diagram, path: str) -> Iterator[tuple[str, Diagram]]:
-    """Yield each diagram inside a diagram with its path; diagrams of a single system are left out."""
+    """Yield each diagram inside a diagram, with its path. Diagrams that contain a single system are left out."""
     for system in diagram.GetSystems():
         if isinstance(system, Diagram) and not _is_trivial(system):
             inner = f"{path}/{system.get_name()}".lstrip("/")
@@ -112,7 +112,7 @@ def _node(system: Any) -> str:
 
 
 def _signal(output: Any, port: Any) -> str:
-    """Return the label of a connection: the size of the signal, after its name if one of the ports has a name."""
+    """Return the label of a connection: the name of either port, if it has one, and the size of the signal."""
     names = [each.get_name() for each in (output, port)]
     given_names = [name for name in names if not re.fullmatch(r"[uy]\d+", name)]
     return f"{given_names[0]} ({port.size()})" if given_names else f"({port.size()})"

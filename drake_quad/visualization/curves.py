@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-# Two curves overlap if their distance is below this value, in points, ...
+# Two curves overlap if their distance is below this value, in points, over more than `_MIN_OVERLAP` of their length.
 _MAX_SEPARATION = 1.2
-# ... over more than this share of their length.
 _MIN_OVERLAP = 0.25
 # Unit of the dash length of overlapping curves, in line widths.
 _DASH_LENGTH = 5.0
@@ -17,13 +16,13 @@ _DASH_LENGTH = 5.0
 def dash_overlapping_curves(axes: Axes) -> None:
     """Dash the curves that lie on top of other curves, so that the colour of each curve is visible.
 
-    If n curves overlap, the first one stays solid, the dashes of the second cover (n - 1) / n of its length, and those
-    of the last one 1 / n. Only solid curves with the same abscissas are compared.
+    If n curves overlap, the first one stays solid. The dashes of the second curve cover (n - 1) / n of its length, and
+    the dashes of the last curve cover 1 / n. Only solid curves with the same abscissas are compared.
 
     Args:
         axes: axes in which all curves have been drawn.
     """
-    axes.autoscale_view()  # Matplotlib would scale the axes only when it draws
+    axes.autoscale_view()  # Matplotlib scales the axes only when it draws, but distances are needed now
     remaining: list[Line2D] = [
         line for line in axes.lines if np.size(line.get_xdata()) > 2 and line.get_linestyle() == "-"
     ]

@@ -19,7 +19,7 @@ from drake_quad.visualization.style import BLACK, BLUE, LIMIT, TEXT_BACKGROUND, 
 _LOOP_TITLES = {"pitch": "attitude (pitch)", "x": "position (x)"}
 # Titles of the drawn loops if no attitude loop is designed, because the autopilot controls the attitude.
 _LOOP_TITLES_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
-# Steps of the reference: row of the state, size in SI units, and label of the axis.
+# Steps of the reference: row of the state, amplitude in SI units, and label of the axis.
 _STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
 
 
@@ -114,7 +114,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 
 
 def plot_steps(loop: ClosedLoop) -> Figure:
-    """Plot the responses of the nonlinear diagram and of its linear model to steps of x, z and yaw."""
+    """Plot the responses of the nonlinear diagram and of its linear model to reference steps in x, z and yaw."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
     with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):

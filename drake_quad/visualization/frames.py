@@ -22,9 +22,9 @@ from drake_quad.visualization.replay.scene import reference_points
 _SIZE = (4.8, 3.6)  # inches
 _DPI = 100.0
 _FONT_SIZE = 8
-# A vehicle that is smaller than this share of the scene is enlarged to this share, so that it remains visible.
+# A vehicle that is smaller than this fraction of the scene is enlarged to this fraction, so that it remains visible.
 _MIN_VEHICLE_SHARE = 0.05
-# Largest share of the width and of the height of the frame that the scene and its labels fill.
+# Fraction of the frame's width or height that the scene and its labels fill at most.
 _MAX_FRAME_SHARE = 0.97
 # Number of tick marks along the longest side of the scene.
 _NUM_TICK_MARKS = 6

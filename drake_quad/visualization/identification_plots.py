@@ -66,7 +66,7 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
 
 
 def plot_residuals(identification: Identification) -> Figure:
-    """Plot the autocorrelation and the spectrum of the forecast errors; white noise has a flat spectrum."""
+    """Plot the autocorrelation and the spectrum of the forecast errors. The spectrum of white noise is flat."""
     with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
             colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
@@ -113,7 +113,7 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
         commands: throttles commanded in flight, whose range from the 1 % to the 99 % quantile is shaded.
 
     Returns:
-        The figure; None if the identification estimated no thrust curve.
+        The figure; None if no thrust curve was identified.
     """
     estimates = identification.estimates
     names = [f"motors.curve[{i}]" for i in range(3)]

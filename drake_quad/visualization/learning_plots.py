@@ -32,7 +32,8 @@ PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
 _LABELLED_ERRORS = (0.001, 0.01, 0.05)
 # Number of points along each side of a surface.
 _NUM_SURFACE_POINTS = 101
-# In a plot of the weights, the colour shows the fuzzy set of the first input and the line style that of the second.
+# In a plot of the weights, the colour shows the fuzzy set of the first input, and the line style shows the fuzzy set of
+# the second input.
 _COLORS = (BLUE, BLACK, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _STYLES: tuple[Any, ...] = ("--", "-", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)))
 _INPUT_LABELS = {"error": "error", "error_rate": "rate"}
@@ -58,7 +59,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 
 def plot_network_memberships(flight: Flight) -> Figure:
-    """Plot the membership functions of Fig. 4 of the paper, and those of a flight's network if its exponents differ."""
+    """Plot the membership functions of Fig. 4 of the paper, and of a flight's network if its exponents differ."""
     sets = _network_of(flight).antecedents()
     return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
 
@@ -98,7 +99,7 @@ def plot_learning(flight: Flight) -> Figure:
 
 
 def _rules(network: Network) -> list[dict[str, Any]]:
-    """Return the label, colour and line style of each rule; the label lists the centres of its fuzzy sets."""
+    """Return the label, colour and line style of each rule. The label lists the centres of the rule's fuzzy sets."""
     first, *others = [sets.centres for sets in network.inputs.given.values()]
     return [
         {"label": ", ".join(f"{centre:g}" for centre in (of_first, *rest)), "color": color, "linestyle": style}
@@ -108,9 +109,9 @@ def _rules(network: Network) -> list[dict[str, Any]]:
 
 
 def _rule_legend(network: Network) -> list[Line2D]:
-    """Return legend handles with the colour of each set of the first input, and the line style of each of the second.
+    """Return legend handles with the colour of each set of the first input, and the line style for the second input.
 
-    With more than two inputs, the legend has colours only, since a style means a combination of several sets.
+    With more than two inputs, the legend contains only colours, since a style stands for a combination of several sets.
     """
     (name, sets), *others = network.inputs.given.items()
     handles = [
@@ -136,7 +137,7 @@ def _signed(centre: float) -> str:
 def plot_surfaces(flight: Flight) -> Figure:
     """Plot the command of the network over error and error rate, before and after the flight.
 
-    Colours show -τ_f. Each dot is the pair of error and error rate at a tick of the flight.
+    Colours show -τ_f. Each dot shows error and error rate at a tick of the flight.
     """
     axes_learned, sets = _axes_of(flight), _network_of(flight).antecedents()
     error_signal, rate_signal = flight.record("error"), flight.record("error_rate")
@@ -168,7 +169,7 @@ def secant_gains(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the secant gains (τ_f(e, 0) - τ_f(0, 0)) / e of a network and of its type-1 counterpart, 1/s².
 
-    An elliptic membership function has no derivative at its centre, so the gain at e = 0 does not exist.
+    An elliptic membership function has no derivative at the centre, so the gain at e = 0 does not exist.
 
     Args:
         sets: antecedents of the network.
@@ -176,7 +177,7 @@ def secant_gains(
         errors: errors e, m.
 
     Returns:
-        The gains (errors,) of the network, and those of a network with triangular sets of the same centres and widths.
+        The gains (errors,) of the network, and of a network with triangular sets of the same centres and widths.
     """
     gains = []
     for antecedents in (sets, sets._replace(a1=1.0, a2=1.0)):
@@ -188,7 +189,7 @@ def secant_gains(
 
 
 def plot_secant_gains(flight: Flight) -> Figure:
-    """Plot the secant gain of the network at the end of the flight over the position error."""
+    """Plot the secant gain of the network over the position error, at the end of the flight."""
     sets, weights = _network_of(flight).antecedents(), _weights_by_axis(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
     with new_panels(4.2 * len(weights), 3.2, 1, len(weights), sharey=True) as (figure, (row,)):

@@ -12,7 +12,7 @@ from matplotlib.textpath import TextPath
 from drake_quad.reference.plan import Plan
 from drake_quad.visualization.style import TEXT_BACKGROUND
 
-# A leg whose horizontal speed at its middle is below this value, m/s, counts as vertical.
+# A leg counts as vertical if the horizontal speed at the middle of the leg is below this, m/s.
 _MIN_HORIZONTAL_SPEED = 0.2
 
 
@@ -31,7 +31,7 @@ class LegMark(NamedTuple):
 
 
 def leg_marks(plan: Plan) -> list[LegMark]:
-    """Return the marks of a plan's legs; none if the plan has a single leg."""
+    """Return the marks of a plan's legs; empty if the plan has a single leg."""
     position, velocity = plan.derivative(0), plan.derivative(1)
     marks = []
     for number, (start, end) in enumerate(_legs(plan), start=1):
@@ -52,7 +52,7 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
         distance: distance of a number from the path, points.
     """
     for number, (x, y, _), (right_x, right_y) in leg_marks(plan):
-        # From above a vertical leg is a point, so its number would hide those of the neighbouring legs.
+        # Seen from above, a vertical leg is a point, so its number would hide the numbers of the neighbouring legs.
         if right_x or right_y:
             axes.annotate(
                 str(number),
@@ -78,7 +78,7 @@ def leg_legend(plan: Plan) -> list[Line2D]:
 def _text_marker(text: str) -> Path:
     """Return a marker that shows a text, centred.
 
-    Matplotlib's own marker for a text, such as `$1$`, looks the same but needs the slow mathtext parser.
+    The built-in text markers of Matplotlib, such as `$1$`, look the same but require the slow mathtext parser.
     """
     path = TextPath((0.0, 0.0), text)
     return Path(path.vertices - path.get_extents().get_points().mean(axis=0), path.codes)

@@ -1,7 +1,7 @@
-"""Flight in Meshcat in real time, whose wind, gains and mass can be changed during the flight.
+"""Real-time flight in Meshcat, with wind, gains and mass that can be changed during the flight.
 
-The page has a slider for each of these numbers, buttons for a gust, for a motor failure, for a new start and for the
-end, and two sliders that display the position error. The simulated diagram is the one that `simulate` uses.
+The page contains a slider for each of these parameters, buttons for a gust, a motor failure, a new start and the end,
+and two sliders that display the position error. The diagram is the same as in `simulate`.
 """
 
 import time
@@ -26,8 +26,8 @@ from drake_quad.signals import Reference, State
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
-_FRAME_PERIOD = 1.0 / 32.0  # s, period with which the sliders and buttons are read
-_MAX_WIND = 10.0  # m/s, along X and Y
+_FRAME_PERIOD = 1.0 / 32.0  # s, period at which the sliders and buttons are read
+_MAX_WIND = 10.0  # m/s, end of the sliders for the wind along X and Y
 _GUST_SPEED = 8.0  # m/s
 _GUST_DURATION = 1.5  # s
 _ERROR_WINDOW = 5.0  # s, window for the RMS error
@@ -44,7 +44,7 @@ _BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}
 
 
 class _Gain(NamedTuple):
-    """Gain of the position controller, which a slider multiplies by a common factor on all axes.
+    """Gain of the position controller. A slider multiplies it by a common factor on all axes.
 
     Attributes:
         label: label of the slider.
@@ -56,16 +56,16 @@ class _Gain(NamedTuple):
 
 
 class LiveFlight:
-    """Flight of one sample of a scenario, whose wind, mass and gains can be changed during the flight.
+    """Flight of one sample of a scenario, with wind, mass and gains that can be changed during the flight.
 
     Args:
         scenario: scenario to simulate.
         meshcat: server that shows the flight.
         sample: number of the sample.
-        rate: ratio of simulated time to real time; 0 for as fast as possible.
+        rate: ratio of simulated time to real time; 0 to simulate as fast as possible.
 
     Raises:
-        InputError: if `simulate` cannot fly the scenario either.
+        InputError: if `simulate` cannot fly the scenario.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat, *, sample: int = 0, rate: float = 1.0) -> None:
@@ -117,10 +117,10 @@ class LiveFlight:
     def fly(self, duration: float = np.inf) -> Iterator[float]:
         """Repeat the flight until the user clicks on "stop", and yield the flight time (s) after each frame.
 
-        After a crash, the vehicle remains where it is until the user clicks on "start again".
+        After a crash, the vehicle remains at its position until the user clicks on "start again".
 
         Args:
-            duration: total simulated time of all repetitions after which the simulation ends, s.
+            duration: largest simulated time, summed over all repetitions, s.
         """
         flown = 0.0
         while flown < duration and not self._clicked(_STOP):
@@ -211,9 +211,9 @@ def is_affected_by_wind(scenario: Scenario) -> bool:
 
 
 def _with_failing_motor(scenario: Scenario) -> Scenario:
-    """Return the scenario with a motor failure after the end of the flight, unless it already has a failure.
+    """Return the scenario with a motor failure after the end of the flight, unless it already contains a failure.
 
-    A click on the button moves the failure to the current time.
+    A click on the button sets the time of the failure to the current time.
     """
     vehicle: Any = scenario.vehicle
     if vehicle.rotor_failure is not None:
@@ -223,7 +223,7 @@ def _with_failing_motor(scenario: Scenario) -> Scenario:
 
 
 def _position_gains(scenario: Scenario) -> Iterator[_Gain]:
-    """Yield the gains of the position controller: its fields whose names begin with k_."""
+    """Yield the gains of the position controller, which are its fields with names that begin with k_."""
     cascade = scenario.control.cascade()
     if cascade is None:
         return

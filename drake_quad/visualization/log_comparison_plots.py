@@ -19,7 +19,7 @@ _MIN_GAP_RATIO = 10.0
 def plot_log_comparison(comparison: LogComparison) -> Figure:
     """Plot the logged position and error on each axis, with the median and the 95 % band of the predictions.
 
-    Lines are broken at gaps of the log. A predicted flight counts until it crashes.
+    Lines are broken at gaps of the log. A predicted flight contributes to median and band until it crashes.
     """
     time, target = comparison.time, comparison.target
     steps = np.diff(time)

@@ -65,7 +65,7 @@ def plot_map(
         first: values of the gain on the vertical axis, (rows,).
         second: values of the gain on the horizontal axis, (columns,).
         labels: labels of both gains, with their units.
-        marked: values of both gains in the scenario, marked by a star.
+        marked: values of both gains in the scenario, which a star marks.
         loop: name of the loop, for the title.
     """
     # The logarithmic colour scale ends at 0.1 mm, since smaller errors do not matter.
@@ -126,7 +126,7 @@ def _draw(
 def _label_positions(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet, list[tuple[float, float]]]:
     """Return positions of contour labels, in data coordinates, far from borders, other lines and other labels.
 
-    A line without room for a label has no position.
+    Lines without space for a label are left out.
     """
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     frame, to_pixels = axes.get_window_extent(), axes.transData

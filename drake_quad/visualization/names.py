@@ -2,7 +2,7 @@
 
 import re
 
-# Names of the items of lists that would be misleading as "x", "y" and "z".
+# Names of list items for which the default names "x", "y" and "z" would be misleading.
 _SYMBOLS = {
     "inertia": ("I_xx", "I_yy", "I_zz"),
     "centre_of_mass": ("c_x", "c_y", "c_z"),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """Figure that a notebook displays as the value of a cell, even if pyplot was not imported."""
+    """Figure that a notebook displays as the value of a cell, even without importing pyplot."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

@@ -28,9 +28,10 @@ _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:
-    """Draw the projections of obstacles onto a plane; in a view from above, add their names unless there are too many.
+    """Draw the projections of obstacles onto a plane.
 
-    In a view from the side, many obstacles are drawn as one silhouette.
+    In a view from above, the obstacles are labelled with their names unless there are too many. In a view from the
+    side, many obstacles are drawn as one silhouette.
 
     Args:
         axes: axes in metres.
@@ -38,7 +39,7 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
         i: index of the axis of W that points to the right.
         j: index of the axis of W that points upwards.
         clearance: True to draw the clearance that a planned path keeps, as a dashed outline around each obstacle.
-            The path may cross this outline at another height or depth than that of the obstacle.
+            The path may cross this outline above, below, in front of or behind the obstacle.
     """
     is_crowded = (i, j) != (0, 1) and len(space.obstacles) > _MAX_OUTLINED
     for obstacle in space.obstacles:
@@ -55,7 +56,7 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
 
 
 def draw_solids(axes: Any, space: Space) -> np.ndarray:
-    """Draw obstacles in three dimensions, and return the lower and the upper corner (2, 3) of all of them, m."""
+    """Draw obstacles in three dimensions, and return the lower and upper corners (2, 3) of their bounding box, m."""
     for obstacle in space.obstacles:
         axes.add_collection3d(Poly3DCollection(obstacle.shape.triangles(), facecolors="0.6", alpha=0.45, shade=True))
     extents = np.array([obstacle.shape.extent() for obstacle in space.obstacles])

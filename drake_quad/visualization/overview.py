@@ -50,10 +50,10 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
 
 
 def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tuple[Figure, dict[str, Axes]]:
-    """Plot the distribution of a metric, its mean, and the share of crashes for one study or several.
+    """Plot the distribution of a metric, its mean, and the fraction of crashes for one study or several.
 
     Args:
-        studies: study, or several studies by their names in the figure; each has at least one flight.
+        studies: study, or several studies by their names in the figure; each contains at least one flight.
         name: name of the metric.
 
     Returns:

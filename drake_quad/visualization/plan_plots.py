@@ -51,11 +51,11 @@ def plot_plan(
     Args:
         plan: plan to draw.
         parameters: parameters of the vehicle, which determine the rotor speeds.
-        limits: limits on speed and acceleration; None for none.
+        limits: limits on speed and acceleration; None for no limits.
         regions: regions that the path must pass through.
         corridors: box or polytope that each segment must stay in, or None for a free segment.
         waypoints: indices of the waypoints to draw and number, (n,); None for all.
-        space: space with the obstacles; None for none.
+        space: space with the obstacles; None for no obstacles.
     """
     times = sample_times(plan.path)
     with styled():
@@ -88,8 +88,7 @@ def _draw_view(
     low, high = position.min(axis=1), position.max(axis=1)
     margin = 0.25 + 0.1 * float((high - low).max())
     clip_box = Box(low - margin, high + margin)
-    # Several segments can share a corridor, which is drawn once. From the side, most corridors overlap, so they are not
-    # filled.
+    # A corridor of several segments is drawn once. Seen from the side, most corridors overlap, so they are not filled.
     opacity = 0.05 if j == 1 else 0.0
     drawn: list[Corridor] = []
     for corridor in corridors:
@@ -119,12 +118,12 @@ def _draw_view(
     axes.set(xlabel=f"{letters[i]} (m)", ylabel=f"{letters[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    # The path of a hover is a point, so a range is added to the axes.
+    # The path of a hover is a point, so the range of the axes is enlarged.
     axes.update_datalim([waypoints[0, [i, j]] - 0.25, waypoints[0, [i, j]] + 0.25])
 
 
 def _numbered_points(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
-    """Return points (n, 2), each with its number; points that nearly coincide become one point with several numbers."""
+    """Return points (n, 2) with their numbers. Points that nearly coincide are merged into one with several numbers."""
     labels: list[tuple[np.ndarray, list[int]]] = []
     max_distance = 0.02 * float(np.ptp(points, axis=0).max())
     for number, point in enumerate(points):
@@ -156,7 +155,7 @@ def outline(region: Polytope, drawing: Box, i: int, j: int) -> np.ndarray:
 
     Args:
         region: polytope with a volume.
-        drawing: box to which an unbounded polytope is clipped; a polytope outside of it has no corners left.
+        drawing: box to which the polytope is clipped; the result is empty for a polytope outside of the box.
         i: index of the axis that points to the right.
         j: index of the axis that points upwards.
     """

@@ -58,12 +58,12 @@ def plot_path(flight: Flight) -> Figure:
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
         space.yaxis.labelpad = 12.0
         points = np.hstack([flown, reference])
-        points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that diverged is not finite
+        points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that has diverged is not finite
         room = space_of(flight.scenario)
         if room is not None and room.obstacles:
             points = np.hstack([points, draw_solids(space, room).T])
         low, high = points.min(axis=1), points.max(axis=1)
-        # The path of a hover is a point, and a flat view has no room for the numbers on its axes.
+        # The path of a hover is a point, and a flat view has no space for the numbers on its axes.
         extent = np.maximum(high - low, max(_MIN_SIDE_RATIO * float(np.max(high - low)), _MIN_SIDE))
         middle = 0.5 * (low + high)
         space.set(
@@ -95,7 +95,7 @@ def draw_from_above(axes: Axes, flight: Flight) -> None:
         axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=flight.crash, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
-    # The path of a hover is a point, so a range is added to the axes.
+    # The path of a hover is a point, so the range of the axes is enlarged.
     for end in (-0.5 * _MIN_SIDE, 0.5 * _MIN_SIDE):
         axes.update_datalim([(float(state.x[0]) + end, float(state.y[0]) + end)])
     axes.set_aspect("equal", adjustable="datalim")
@@ -152,7 +152,7 @@ def plot_attitude(flight: Flight) -> Figure:
 
 
 def plot_rotors(flight: Flight) -> Figure:
-    """Plot the rotor speeds over time, once enlarged and once with the limits of the rotors."""
+    """Plot the rotor speeds over time in two panels: enlarged, and with the limits of the rotors."""
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
     with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((enlarged, whole),)):
         for axes in (enlarged, whole):
@@ -196,7 +196,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     Args:
         flight: flight to plot.
         folder: folder for the PNG files.
-        vector: vector format in which each plot is written in addition; None for none.
+        vector: format of additional vector graphics; None for no vector graphics.
 
     Raises:
         InputError: if the folder cannot be written to.

@@ -11,7 +11,7 @@ from drake_quad.identification.logs.timing import gaps
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
-# A log with more samples is thinned, since a figure is only about a thousand pixels wide.
+# Samples are left out of a log with more samples, since a figure is only about a thousand pixels wide.
 _MAX_SAMPLES = 20_000
 
 
@@ -20,7 +20,7 @@ class _Panel(NamedTuple):
 
     Attributes:
         label: label of the panel.
-        signals: names of the measured signal and of its reference or command, which is dashed.
+        signals: name of the measured signal, then of its reference or command, which is dashed.
         names: labels of the columns of the signals; empty for a scalar.
         factor: factor from SI units to the displayed unit.
         unit: displayed unit; empty for the SI unit of the signal.
@@ -57,7 +57,7 @@ _PANELS = (
 
 
 def plot_record(record: FlightRecord) -> Figure:
-    """Plot all logged signals over time; references and commands are dashed, and gaps of the log are grey."""
+    """Plot all logged signals over time. References and commands are dashed, and gaps of the log are grey."""
     panels = [panel for panel in _PANELS if any(getattr(record, name) is not None for name in panel.signals)]
     with new_panels(9.0, 0.6 + 1.5 * len(panels), len(panels), 1, sharex=True) as (figure, grid):
         for (axes,), panel in zip(grid, panels, strict=True):
@@ -74,7 +74,7 @@ def plot_record(record: FlightRecord) -> Figure:
 
 def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
     step = -(-len(record.time) // _MAX_SAMPLES)
-    # Lines are broken at gaps, since a line through a gap would show data that were not logged.
+    # Lines are broken at gaps, since a line across a gap would show data that were not logged.
     gap_ends = 1 + np.flatnonzero(gaps(record.time))
     colors = ROTORS if panel.names == _ROTOR_NAMES else (*AXES.values(),) if panel.names else (BLACK,)
     first, *_ = [name for name in panel.signals if getattr(record, name) is not None]

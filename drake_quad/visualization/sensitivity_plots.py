@@ -9,7 +9,7 @@ from drake_quad.visualization.style import BLUE, VERMILION
 
 
 def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
-    """Plot the change of a metric in per cent if a field increases by 1 %, with the largest change at the top.
+    """Plot the change of a metric in per cent for an increase of each field by 1 %, with the largest change at the top.
 
     Fields that are zero are left out, since 1 % of zero is no change. If the metric is zero, all fields are left out.
     """

@@ -31,18 +31,18 @@ from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, S
 _LINE_STYLES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
 # Largest number of parameters in a tornado chart.
 _MAX_FIELDS = 16
-# Horizontal offset between the points of successive controllers, which separates equal values, points.
+# Horizontal offset, in points, between the marks of successive controllers, which separates equal values.
 _POINT_OFFSET = 3.0
 # The axis is logarithmic if the largest median exceeds the smallest one by this factor.
 _LOG_AXIS_RATIO = 10.0
 
 
 def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
-    """Label an axis with a metric, and show its numbers in the unit that tables use.
+    """Label an axis with a metric, and show the tick values in the unit that tables use.
 
     Args:
         axis: axis on which the metric is drawn in the unit of `Metrics`.
-        name: name of the metric, or "crashed" for the share of crashes.
+        name: name of the metric, or "crashed" for the fraction of crashes.
         prefix: words before the name of the metric.
     """
     if name == "crashed":
@@ -113,9 +113,9 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """Plot the mean of a metric and the share of crashes over the number of samples.
+    """Plot the mean of a metric and the fraction of crashes over the number of samples.
 
-    If no sample crashed, the 95 % quantile of the metric is plotted in place of the share of crashes.
+    If no sample crashed, the 95 % quantile of the metric is plotted instead of the fraction of crashes.
 
     Args:
         studies: study of each controller, by name.
@@ -152,7 +152,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 
 def _running_mean(study: Study, name: str) -> tuple[np.ndarray, ...]:
-    """Return numbers n of flights without a crash, the mean over the first n, and the ends of its 95 % interval."""
+    """Return numbers n of flights without a crash, the mean over the first n, and the ends of the 95 % interval."""
     values = values_without_crashes(study.metrics, name)
     # The first few points are left out, because their wide intervals would dominate the axis.
     first = max(min(10, len(values)) - 1, 0)
@@ -164,7 +164,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
 
     Args:
         study: study of a scenario with distributions.
-        name: name of the metric, or "crashed" for the share of crashes.
+        name: name of the metric, or "crashed" for the fraction of crashes.
     """
     ranking = influences(study, name)
     with new_panels(8.6, 1.4 + 0.34 * max(min(len(ranking), _MAX_FIELDS), 1)) as (figure, axes):
@@ -214,12 +214,12 @@ def plot_crash_probability(
     the bin; see `crash_bins`. Thin horizontal lines are the probabilities over all samples.
 
     Args:
-        studies: study, or several studies by controller; the parameter is random in all of them.
-        path: path of the parameter; by default the one with the largest influence on crashes.
+        studies: study, or several studies by controller; the parameter must be random in all of them.
+        path: path of the parameter; by default the parameter with the largest influence on crashes.
         num_bins: number of bins; None for the default of `crash_bins`.
 
     Raises:
-        InputError: if the studies have no random parameter, or none at this path.
+        InputError: if the studies have no random parameter, or no random parameter at this path.
     """
     studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
     path = path or most_influential_path(studies.values())

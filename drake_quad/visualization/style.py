@@ -11,12 +11,12 @@ import numpy as np
 
 from drake_quad.files import write_atomically
 
-# Matplotlib takes half a second to load, and modules that need only a colour or a `Vector` should not wait for it.
+# Matplotlib takes half a second to import, which modules that need only a colour or a `Vector` should not do.
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-# These colours are distinguishable with any colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
+# These colours are distinguishable in all types of colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000",
     "#E69F00",
@@ -29,9 +29,9 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
-# Background that keeps a text legible where the text crosses a line.
+# Background that keeps a text legible if it crosses a line.
 TEXT_BACKGROUND: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
-# Position of a legend above the right end of the axes, where it hides no curve.
+# Position of a legend above the right end of the axes, so that it hides no curve.
 LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
@@ -60,7 +60,7 @@ _UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}
 
 @functools.cache
 def shading() -> "Colormap":
-    """Return a colour map for areas that is light enough for lines and arrows on top of them."""
+    """Return a colour map for areas, light enough for lines and arrows on top of the areas."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -69,7 +69,7 @@ def shading() -> "Colormap":
 
 @contextmanager
 def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
-    """Give figures the style of the project inside a `with` statement, and restore Matplotlib's settings at its end.
+    """Apply the style of the project to figures inside a `with` statement, and then restore Matplotlib's settings.
 
     Args:
         settings: Matplotlib settings that replace those of the style.
@@ -81,7 +81,7 @@ def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Return an empty figure; no window shows it, but a notebook shows it as the value of a cell.
+    """Return an empty figure. It opens no window, but a notebook displays it as the value of a cell.
 
     Args:
         width: width, inches.
@@ -98,7 +98,7 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
     Args:
         figures: figures by the names of their files, without a suffix.
         folder: folder for the files.
-        vector: vector format in which each figure is written in addition; None for none.
+        vector: format of additional vector graphics; None for no vector graphics.
     """
     files = []
     for name, figure in figures.items():

@@ -16,7 +16,7 @@ from drake_quad.visualization.style import AXES, BLACK, REFERENCE, TEXT_BACKGROU
 
 # Number of arrows along the width of a map.
 _NUM_ARROWS = 30
-# Number of grid points of the speed along the width of a map.
+# Number of grid points of the wind speed along the width of a map.
 _NUM_SHADES = 300
 # Margin of the maps around path and fans, m.
 _MARGIN = 0.7
@@ -81,7 +81,8 @@ def plot_wind(flight: Flight) -> Figure:
     """
     fans = jets(flight.scenario.laboratory.wind)
     room = _room(flight, fans)
-    # The planes pass through the first fan, or else through the middle of the region. Their longer side is horizontal.
+    # The planes pass through the first fan, or without fans through the middle of the region. Their longer side is
+    # horizontal.
     middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
     if fans:
         middle = fans[0].outlet._asdict()

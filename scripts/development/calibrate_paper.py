@@ -42,7 +42,7 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
 
 
 def print_calibration(calibration: Calibration) -> None:
-    """Print the fitted parameters, and for each cell the simulated RMSE beside that of the paper."""
+    """Print the fitted parameters, and the simulated and published RMSE of each cell."""
     label, _, pd, network = calibration.hypothesis
     print(f"{label}: {pd.label} {calibration.pd:.4g}, {network.label} {calibration.network:.4g}")
     rows = []

@@ -2,7 +2,7 @@
 
 The script simulates vehicles with random parameters under one of six conditions, identifies each from its log, and
 prints for each parameter how many intervals contain the true value. The results are saved after each batch of flights,
-so that an interrupted run can be continued.
+so an interrupted run can be continued.
 """
 
 import csv

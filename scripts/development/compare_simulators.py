@@ -33,7 +33,7 @@ _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 # Each flight is one circle of 1 m radius at 0.63 m/s, 1 m above the ground.
 _DURATION = 10.0  # s
 _RATE = 2.0 * math.pi / _DURATION
-_MAX_RMSE = 0.2  # m, limit of the RMSE over the second half, beyond which a vehicle does not fly the circle
+_MAX_RMSE = 0.2  # m, largest RMSE over the second half of a flight that counts as flying the circle
 
 # Function that flies all vehicles of a fleet around the circle once, and returns the RMSE of the first one (m).
 Flight = Callable[[], float]

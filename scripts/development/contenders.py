@@ -1,4 +1,4 @@
-"""Contenders of a comparison, each of which is measured in its own process."""
+"""Simulators and environments of the speed comparisons; each is measured in its own process."""
 
 import importlib.util
 import multiprocessing

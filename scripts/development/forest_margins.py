@@ -87,7 +87,7 @@ def fly(controller: str, margin: float, samples: int) -> Point:
 
 
 def draw(points: list[Point]) -> "Figure":
-    """Plot the probability of touching a trunk and the duration of the plan over the margin."""
+    """Plot the probability of touching a trunk and the duration of the plan against the margin."""
     with styled():
         figure = new_figure(6.4, 4.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])

@@ -1,4 +1,4 @@
-"""Compare the RMS position errors of simulated hovers with those of the linear model, and print two tables.
+"""Compare the RMS position errors of simulated hovers with the linear model, and print two tables.
 
 The first table has a row for each shipped controller in `laboratory:nominal`. Its columns are the RMS errors along x
 and z of the linear model, of simulations without packet loss, and of simulations with the packet loss of the

@@ -39,8 +39,8 @@ _FLIGHTS = ("08", "100", "145", "180")
 # Initial time constant (s) of the rotors, from other flights of a Crazyflie (arXiv 2404.07837). With the time constant
 # of the data sheet, the loop would be unstable.
 _INITIAL_LAG = ("vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constant_down=null")
-# Standard deviation of the misalignment, rad. Without an integral, the vehicle rests 3 to 16 mm off the reference,
-# which corresponds to a misalignment of 3 to 15 mrad.
+# Standard deviation of the misalignment, rad. Without integral action, the vehicle settles 3 to 16 mm off the
+# reference, which corresponds to a misalignment of 3 to 15 mrad.
 _MISALIGNMENT = 0.008
 _MIN_SWING_FREQUENCY = 3.0  # rad/s; slower modes are not swings
 _CENTRE_OF_PRESSURE = "body_drag.centre_of_pressure[2]"

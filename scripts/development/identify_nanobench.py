@@ -39,14 +39,14 @@ _MASS = 0.027  # kg; only ratios to the mass matter
 _ARM = 0.03253  # m
 _GRAVITY = 9.81  # m/s²
 _NUM_AVERAGED = 3  # log samples per averaged sample of 30 ms, because radio packets arrive at 75 to 84 Hz
-_SMOOTHING_SAMPLES = 8  # samples
-_CLIMB_SAMPLES = 400  # samples after lift-off that determine the slope of the thrust
+_SMOOTHING_SAMPLES = 8  # standard deviation of the Gaussian filter
+_CLIMB_SAMPLES = 400  # samples after lift-off that determine the derivative of the thrust
 _PERIOD = 0.01  # s, period of the log
 _FRAME = 0.002  # s, period of the estimator
 _SETTLING_SAMPLES = 150  # samples after take-off and before landing that are not used
 
 
-# Parameters that torques identify only relative to the slope of the thrust, and all parameters of the rotation.
+# Parameters that torques identify only relative to the derivative of the thrust, and all parameters of the rotation.
 _PROPORTIONAL = ("inertia[0]", "inertia[1]", "inertia[2]", "rotor_inertia", "body_drag.centre_of_pressure[2]")
 _ROTATIONAL = (*_PROPORTIONAL, "rotor_time_constant")
 
@@ -56,14 +56,14 @@ class Flight(NamedTuple):
 
     Attributes:
         hover: collective command in hover, relative to the full command.
-        slope: slope of the vertical acceleration over the collective command, m/s².
+        slope: derivative of the vertical acceleration with respect to the collective command, m/s².
         moments: (2,) roll and pitch commands in hover, relative to the full thrust.
         drag: (2,) linear drag along x and y divided by the mass, 1/s.
         scale: (3,) scale error of the estimated velocity.
         drift: (3,) standard deviation of the velocity error without its scale error, m/s.
         drift_time: correlation time of the drift, s.
         lag: delay of the estimated position behind motion capture, s.
-        lean: samples (n, 2) of the horizontal velocity (m/s), and of the error of the estimated thrust direction (1).
+        lean: two arrays (n, 2) along x and y: horizontal velocity (m/s), and error of the estimated thrust direction.
     """
 
     hover: float
@@ -160,7 +160,7 @@ def smooth(signal: np.ndarray) -> np.ndarray:
 
 
 def slopes(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """Return the slopes (columns,) of straight lines fitted to samples (n, columns)."""
+    """Return the derivatives (columns,) of straight lines fitted to samples (n, columns)."""
     return np.array([np.polyfit(x, y, 1)[0] for x, y in zip(inputs.T, outputs.T, strict=True)])
 
 
@@ -172,7 +172,7 @@ def correlation_samples(signal: np.ndarray) -> int:
 
 
 def climb_slope(record: FlightRecord, lift_off: int) -> float:
-    """Return the slope of the vertical acceleration over the collective command in the climb after take-off, m/s²."""
+    """Return the derivative of the vertical acceleration in the climb with respect to the collective command, m/s²."""
     part = record.part(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
     acceleration = np.gradient(smooth(np.gradient(part.of("position")[:, 2], part.time)), part.time)
     command = smooth(_FULL_THROTTLE * part.of("motor_command").mean(axis=1))
@@ -199,8 +199,8 @@ def lean_time(flight: Flight, lean: float) -> float:
 def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, tuple[float, float]]:
     """Return the value and the standard deviation of each rotational parameter.
 
-    The IMU determines the ratio of torques and inertia, but hardly the slope of the thrust. The climbs determine this
-    slope, so all parameters that are proportional to it are scaled to the value from the climbs.
+    The IMU determines the ratio of torques and inertia, but hardly the derivative of the thrust. The climbs determine
+    this derivative, so all parameters that are proportional to it are scaled to the value from the climbs.
     """
     weight = 0.25 * _MASS * _GRAVITY
     hover, slope = (np.mean([getattr(flight, name) for flight in flights]) for name in ("hover", "slope"))

@@ -78,7 +78,7 @@ def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list
 
     Args:
         overrides: overrides of the vehicle.
-        measured: whether the errors are those of the positions that the cameras measure, or of the true positions.
+        measured: whether errors are computed from measured positions, or from true positions.
     """
     flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in PUBLISHED_ERRORS]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
@@ -108,7 +108,7 @@ def print_row(name: str, errors: list[float]) -> None:
 
 
 def print_differences(errors: list[float]) -> None:
-    """Print the predicted errors relative to those of the flights, as differences in %."""
+    """Print the differences of the predicted errors from the flights in %."""
     shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
     print(f"| difference from the flights | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
 

@@ -38,7 +38,7 @@ STUB_HEADERS = {
     "debug.h": "#define DEBUG_PRINT(...)",
     "config.h": "",
 }
-# Final amplitudes of the inputs. Amplitudes grow over time, so that at first no limit is active and at the end all are.
+# Final amplitudes of the inputs. Amplitudes grow over time, so no limit is active initially, and all are at the end.
 AMPLITUDES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
 
 

@@ -29,7 +29,7 @@ def main() -> None:
 def with_results(page: Path) -> str:
     """Run a page in MyST Markdown, and return it as a notebook with results, in JSON.
 
-    Relative links are rewritten, because the notebook is in another folder beside that of the page.
+    Relative links are rewritten, because the notebook is in a sibling folder of the page.
     """
     # Only the documentation needs these libraries.
     import nbformat

@@ -3,8 +3,8 @@
 J. Eschmann, D. Albani and G. Loianno, "RAPTOR: a foundation policy for quadrotor control", 2025 (arXiv 2509.11481); the
 package foundation-policy 1.0.2 contains the network under the MIT licence: pip install foundation-policy==1.0.2
 
-The network expects position and velocity minus those of the reference, whereas errors in this library have the opposite
-sign. The file therefore scales these inputs by -1.
+The network expects position and velocity minus the reference, whereas errors in this library have the opposite sign.
+The file therefore scales these inputs by -1.
 """
 
 from pathlib import Path

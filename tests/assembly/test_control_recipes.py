@@ -1,4 +1,4 @@
-"""Tests that recipes for a control contain the numbers of the scenario."""
+"""Tests that recipes for a control contain the parameters of the scenario."""
 
 import math
 
@@ -83,7 +83,7 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_starts_at
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
-    # The feed-forward has the same lag as the feedback unless the scenario gives another.
+    # By default, the feedforward has the same lag as the feedback.
     without_feed_forward_lag = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {without_feed_forward_lag}}}"))
     laws, lags, *_ = recipes["position.estimator"].numbers
@@ -144,7 +144,7 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), LearningLimits(0.9, 0.01, 0.02)
     assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
-    # The first leg starts with the flight, when the network has not learned anything, so it needs no reset there.
+    # The first leg starts with the flight, before the network has learned anything, so no reset is needed.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
     assert len(plan.leg_times) > 3
     recipes_without_reset, _ = recipes_of(asymmetric("pd_t2fnn", "control.network.learning.reset=never"))
@@ -163,8 +163,8 @@ def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_para
     assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
 
 
-def test_a_number_that_varies_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
-    """Gains and numbers of a law are arrays. Nominal parameters are the same for all vehicles."""
+def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
+    """Gains and parameters of a law are arrays. Nominal parameters are the same for all vehicles."""
     distributions = [
         "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
         "control.network.learning.gain={uniform: {min: 0.5, max: 1.0}}",

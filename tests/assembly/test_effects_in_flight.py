@@ -1,4 +1,4 @@
-"""Tests of effects in a flight: their numbers are those of the scenario, and compiled and wired flights agree."""
+"""Tests of effects in a flight: parameters from the scenario, and equal compiled and wired flights."""
 
 import math
 
@@ -83,7 +83,8 @@ def test_with_throttles_the_autopilot_allocates_by_the_nominal_curve(asymmetric)
     assert recipe.numbers.curve == ThrustCurve(0.1, 1.0, 2.8)
     flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0", *overrides("motors")))
     assert "rotor_speed_command" not in flight.signals
-    # The link begins with the nominal weight, which four rotors with a thrust of 0.1 + u + 2.8 u² each produce.
+    # The initial output of the link is the nominal weight, produced by four rotors with a thrust of 0.1 + u + 2.8 u²
+    # each.
     hover = np.roots([2.8, 1.0, 0.1 - 0.7 * 9.79 / 4.0]).max()
     np.testing.assert_allclose([row[0] for row in flight.record("throttle_command")], hover, rtol=1e-9)
 
@@ -211,7 +212,7 @@ def test_velocity_is_continuous_when_a_payload_is_picked_up_or_dropped(asymmetri
     state = flight.record("state")
     jumps = np.abs(np.diff(np.array([state.v_x, state.v_y, state.v_z, state.p, state.q, state.r]), axis=1))
     event_tick = np.searchsorted(flight.time, 1.0)
-    # A change of the mass of 0.74 kg by 0.1 kg accelerates the vehicle by at most 1.3 m/s² for a tick of 20 ms.
+    # If the mass of 0.74 kg changes by 0.1 kg, the vehicle accelerates by at most 1.3 m/s² during a tick of 20 ms.
     assert jumps[:3, event_tick - 2 : event_tick + 3].max() < 0.06
     velocity_steps = np.diff(state.v_z)
     climb_change = velocity_steps[event_tick + 1] - velocity_steps[event_tick - 2]

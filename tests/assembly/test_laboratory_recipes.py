@@ -1,4 +1,4 @@
-"""Tests that recipes for a laboratory contain the numbers of the scenario."""
+"""Tests that recipes for a laboratory contain the parameters of the scenario."""
 
 import math
 
@@ -145,7 +145,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 @pytest.mark.parametrize(
     ("override", "name", "expected"),
     [
-        # Noise is modelled even if only one of position and attitude is noisy.
+        # Noise is modelled if position or attitude is noisy.
         ("position_noise=0", "noisy", True),
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),

@@ -1,4 +1,4 @@
-"""Tests that recipes for linear-quadratic-Gaussian and model predictive control contain the numbers of the scenario."""
+"""Tests that recipes for linear-quadratic-Gaussian and model predictive control follow the scenario."""
 
 import math
 
@@ -141,8 +141,8 @@ def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_w
     assert programme_of(scenario_with_mpc(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
-def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_tick_before(scenario_with_mpc):
-    """The preview begins at the first tick. The reference is at rest in the last entry and in the one before."""
+def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_previous_tick(scenario_with_mpc):
+    """The preview begins at the first tick. The reference is at rest in the last two entries."""
     recipe, plan, _ = programme_of(scenario_with_mpc())
     preview, rest_time = recipe.structure["preview"], plan.rest_time
     ticks = np.arange(len(preview))
@@ -192,7 +192,7 @@ NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learni
 def test_controller_network_and_programme_are_connected_and_their_outputs_exported(
     asymmetric, scenario_with_mpc, added_part
 ):
-    """The diagram exports all outputs, and those inputs that no other system in it is connected to."""
+    """The diagram exports all outputs, and all inputs that are not connected inside the diagram."""
     scenario = (
         scenario_with_mpc() if added_part == "programme" else asymmetric("lqg", *([NETWORK] if added_part else []))
     )

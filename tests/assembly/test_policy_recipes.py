@@ -1,4 +1,4 @@
-"""Tests that actions and observations of a policy have the meaning that the scenario gives them."""
+"""Tests that actions and observations of a policy follow the scenario."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from drake_quad.gym.task import task_of
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.scenario.files.loading import with_fields
 
-# All rotors have different numbers, and none is at the position of a rotor in a standard layout.
+# All rotors have different parameters, and none is at the position of a rotor in a standard layout.
 ROTORS = [
     {"position": [0.17, 0.03, 0.01], "turns": "clockwise", "thrust_factor": 4.1e-5, "drag_factor": 1.1e-6},
     {"position": [-0.02, -0.15, 0.02], "turns": "anticlockwise", "thrust_factor": 3.8e-5, "drag_factor": 1.0e-6},

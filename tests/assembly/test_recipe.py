@@ -38,7 +38,7 @@ def test_a_recipe_for_a_system_with_other_ports_or_events_is_refused_on_reset():
     recipe = Recipe(CommandLink, {"period": 0.04, "longest_delay": 2}, LinkNumbers())
     diagram = nested_diagram(recipe)
     longer_recipe = recipe._replace(structure={"period": 0.04, "longest_delay": 3})
-    with pytest.raises(ValueError, match=r"laboratory.link was built with .*2.*, but these numbers need .*3"):
+    with pytest.raises(ValueError, match=r"laboratory.link was built with .*2.*, but this recipe requires .*3"):
         longer_recipe.reset(diagram, "laboratory.link", diagram.CreateDefaultContext())
 
 

@@ -92,7 +92,7 @@ def with_position(kind: str, *overrides: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
-def test_a_registered_position_controller_flies_like_one_given_as_an_object(system) -> None:
+def test_a_registered_position_controller_has_the_flight_of_one_given_as_an_object(system) -> None:
     kind = register_controller(system)
     assert kind == f"{__name__}.{system.__name__}"
     registered = simulate(with_position(kind))
@@ -121,7 +121,7 @@ def test_numbers_of_a_formula_are_fields_that_may_be_distributions() -> None:
     assert first.scenario.control.position.k_p != second.scenario.control.position.k_p
     alone = simulate(first.scenario)
     np.testing.assert_allclose(alone.signals["state"], first.signals["state"], atol=1e-9)
-    # A system in plain Python has no numbers that the scenario language knows.
+    # A system in plain Python has no parameters in the scenario language.
     assert set(type(with_position(register_controller(Plain)).control.position).model_fields) == {
         "kind",
         "feed_forward",
@@ -150,6 +150,36 @@ def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
     np.testing.assert_allclose(study.metrics.rmse, errors_of_single_vehicles, rtol=1e-9)
 
 
+class IntegralController(Plain):
+    """A controller with an integral as a discrete state of Drake."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__(num_vehicles)
+        self.DeclareDiscreteState(3 * num_vehicles)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.02, 0.0, self.integrate)
+
+    def integrate(self, context, state):
+        error = self.reference.Eval(context).reshape(11, -1)[:3] - self.measurement.Eval(context).reshape(12, -1)[:3]
+        state.set_value(context.get_discrete_state_vector().CopyToVector() + 0.02 * error.ravel())
+
+    def command(self, context, output):
+        super().command(context, output)
+        integral = context.get_discrete_state_vector().CopyToVector()
+        output.SetFromVector(output.CopyToVector() + 0.4 * integral)
+
+
+@pytest.mark.slow
+def test_a_registered_controller_with_a_state_flies_compiled_and_in_studies_as_uncompiled() -> None:
+    scenario = with_position(register_controller(IntegralController), "laboratory.wind=[]")
+    uncompiled, compiled = (simulate(scenario, compiled=each) for each in (False, True))
+    np.testing.assert_array_equal(compiled.signals["state"], uncompiled.signals["state"])
+    without_integral = simulate(with_position(register_controller(Plain), "laboratory.wind=[]"))
+    assert not np.allclose(compiled.signals["state"], without_integral.signals["state"], atol=1e-6)
+    study = run_monte_carlo(with_position(register_controller(IntegralController), RANDOM_MASS), 3, num_workers=1)
+    single = simulate(with_position(register_controller(IntegralController), RANDOM_MASS), sample=2, compiled=True)
+    assert study.metrics.rmse[2] == pytest.approx(single.metrics.rmse, rel=1e-9)
+
+
 class CountingController(Plain):
     """A controller that counts its calls in its Python object."""
 
@@ -165,7 +195,7 @@ class CountingController(Plain):
 @pytest.mark.slow
 def test_a_study_refuses_a_registered_controller_that_changes_its_python_object() -> None:
     scenario = with_position(register_controller(CountingController), RANDOM_MASS)
-    with pytest.raises(InputError, match="the controller must keep nothing in Python objects"):
+    with pytest.raises(InputError, match="must store all state in Drake's context, not in Python objects"):
         run_monte_carlo(scenario, 3, num_workers=1)
 
 
@@ -233,7 +263,7 @@ class MisnamedPort(LeafSystem):
 
 
 class OneVehiclePorts(Plain):
-    """A controller that has ports for one vehicle, also if more are requested."""
+    """A controller that has ports for one vehicle, even if more vehicles are requested."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(1)

@@ -112,7 +112,7 @@ def test_a_stepping_vehicle_agrees_with_a_continuous_one_in_wind_if_it_is_asymme
 
 
 @pytest.mark.slow
-def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
+def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle(figure_eight):
     """Flights agree to 1e-9 m, even if another vehicle of the fleet has other gains and crashes."""
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
@@ -214,7 +214,10 @@ def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
 
 @pytest.mark.slow
 def test_a_loop_has_the_requested_parts(figure_eight):
-    """All inputs are connected. Noise is that of the samples, or Drake's if requested. Every part has its name."""
+    """All inputs are connected.
+
+    Noise is from the streams of the samples, or from Drake if requested. Every part has a name.
+    """
 
     def parts_of(diagram):
         return {part.get_name() for part in diagram.GetSystems()}
@@ -276,7 +279,7 @@ def test_signals_of_a_network_are_exported(asymmetric):
 
 
 def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
-    """A frame is 10 ms old when a tick samples it. The delay of the link is added to that."""
+    """A frame is 10 ms old when a tick samples it. The delay of the link adds to this."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)

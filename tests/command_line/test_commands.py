@@ -927,7 +927,7 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
         (["README.md"], "README.md: none of the shipped mappings .* fits its columns"),
         ([LOG, "--output", "mine.txt"], "--output mine.txt: the name of the file must end in .yaml or .yml"),
         ([LOG, "--mass", "-1"], "--mass -1"),
-        ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers below 100 m/s, as in -8.5,0,0"),
+        ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers between -100 and 100 m/s, as in -8.5,0,0"),
         (
             [LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
             "--wind is given 2 times for 1 logs; give it once, or once for each log",

@@ -273,7 +273,7 @@ def test_a_prediction_by_another_belief_than_that_of_the_firmware_is_told(
     )
     result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
     assert result.returncode == 0
-    words = "`nominal` of mine, which has identified numbers (thrust_factor)"
+    words = "`nominal` of mine, which has identified values (thrust_factor)"
     assert (words in result.stderr) == is_told
 
 

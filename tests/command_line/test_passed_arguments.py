@@ -257,7 +257,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
     # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
-    assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
+    assert "no candidate keeps the limits; the best candidate meets 88 % of them" in result.stdout
     tuned.share = 1.0
     assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
@@ -603,7 +603,7 @@ def test_the_initial_vehicle_is_named_by_the_log_or_saved_next_to_it(tmp_path):
 def test_winds_are_three_numbers_below_a_hundred():
     record = FlightRecord("a", np.arange(3.0))
     for wrong in ("1,2", "1,2,3,4", "a,b,c", "100,0,0", "nan,0,0"):
-        with pytest.raises(InputError, match="must be three numbers below 100 m/s"):
+        with pytest.raises(InputError, match="must be three numbers between -100 and 100 m/s"):
             identify.with_winds([record], [wrong])
     assert identify.with_winds([record], []) == [record]
     with pytest.raises(InputError, match="--wind is given 2 times for 3 logs; give it once, or once for each log"):

@@ -249,7 +249,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     assert rows == [
         ["roll rate", "9", "–", "–", *margins, "as requested"],
         ["z", "3", "4", "–", *margins, "as requested"],
-        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × that of full state feedback"],
+        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × the cost of full state feedback"],
     ]
     design.print_design(SimpleNamespace(loops=loops, on_board={}, all_loops=loops))
     title, header, *rows = cells(capsys.readouterr().out)
@@ -667,6 +667,6 @@ def test_a_range_of_gains_must_be_nonnegative_and_increasing():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
         with pytest.raises(
-            InputError, match="--k-p is .*, but must be two gains: a smaller one of at least 0, and a larger one"
+            InputError, match="--k-p is .*, but must be two gains, the first at least 0, and the second larger"
         ):
             stability_map._grid("--k-p", limits, 5)

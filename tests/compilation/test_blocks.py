@@ -222,7 +222,7 @@ def test_an_output_with_only_some_vehicles_is_refused():
         builder.Connect(counter.GetOutputPort("memory"), parts.get_input_port())
         return {"first": parts.get_output_port(0)}
 
-    assert refused(connect) == "parts cannot be compiled: an output has only some vehicles of the fleet"
+    assert refused(connect) == "parts cannot be compiled: an output contains only some vehicles of the fleet"
 
 
 class HasTextPort(LeafSystem):
@@ -271,7 +271,7 @@ def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(wh
         return {"memory": builder.AddNamedSystem("own", Publishes(when=when)).get_output_port()}
 
     assert refused(connect).startswith(
-        "own, a Publishes, cannot be compiled: it declares ports, states or events by Drake's own methods. It "
+        "own, a Publishes, cannot be compiled: it declares ports, states or events directly with Drake's methods. It "
     )
 
 
@@ -339,6 +339,6 @@ def test_periods_that_do_not_fit_together_are_refused(period, sentence):
 
 def test_a_tick_that_does_not_fit_the_periods_is_refused():
     with pytest.raises(
-        InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not fit its periods$"
+        InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not match its periods$"
     ):
         uncompiled_and_compiled(lambda builder: counters(builder, 1), tick=0.03)

@@ -29,7 +29,7 @@ def restart_vehicles(fleet, diagram, vehicles):
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
-def test_vehicles_that_start_at_different_times_fly_like_single_vehicles(windy_scenario):
+def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehicles(windy_scenario):
     """The scenario has wind and noise, and some vehicles restart while others continue."""
     n, plan = LANES + 3, plan_route(windy_scenario)
     diagrams = [build_fleet_diagram(Batch.draw(windy_scenario, range(first, first + n)), plan) for first in (0, 40)]

@@ -31,7 +31,7 @@ def wired(figure_eight):
 
 @pytest.fixture(scope="module")
 def compiled(wired):
-    """Return the compiled diagram with an event at every instant."""
+    """Return the compiled diagram with a separate event for each tick."""
     return compile_diagram(wired)
 
 
@@ -267,7 +267,7 @@ def test_nothing_is_recorded_before_the_first_tick(strided):
 def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
     simulator = Simulator(strided)
     simulator.get_mutable_context().SetTime(0.1)
-    with pytest.raises(InputError, match=r"cannot begin at 0.1 s .* 10 ticks at once, .* 0.2 s apart"):
+    with pytest.raises(InputError, match=r"cannot begin at 0.1 s, .* 10 ticks and .* 0.2 s apart"):
         simulator.AdvanceTo(0.3)
     simulator.get_mutable_context().SetTime(0.4)
     simulator.Initialize()
@@ -288,7 +288,7 @@ def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, c
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
-    # Between two ticks, all outputs are those of the first tick, except for the moving vehicle.
+    # Between two ticks, all outputs keep their values of the first tick, except for the moving vehicle.
     simulator = Simulator(wired)
     simulator.AdvanceTo(0.3)
     assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
@@ -315,12 +315,12 @@ REFUSED_SCENARIOS = [
     (
         (),
         {"record": True},
-        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output, and its effect",
+        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output ports, and its effect",
     ),
     (
         ("laboratory.motion_capture.position_noise=0.001",),
         {"drake_random": True},
-        r"^laboratory.random_motion_capture.camera_noise, a RandomSource\w*, cannot be compiled: only .* of its own$",
+        r"^laboratory.random_motion_capture.camera_noise, a RandomSource\w*, cannot be compiled: only .* a state$",
     ),
 ]
 

@@ -113,7 +113,7 @@ def test_slower_cameras_do_not_change_the_ticks_of_the_control(diagrams, n):
 
 @pytest.mark.slow
 def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
-    """Compiled diagrams check for crashes less often, but their metrics are those at the time of the crash."""
+    """Compiled diagrams check for crashes less often, but their metrics end at the time of the crash."""
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.67}}"
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=5", "crash.position_error=0.03", mass])
     flown = []

@@ -19,7 +19,7 @@ from drake_quad.scenario.batch import Batch
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-# Each structure is compiled once and flown with several sets of numbers. `make fuzz` sets a larger number of cases.
+# Each structure is compiled once and flown with several sets of parameters. `make fuzz` tests more cases.
 CASES = os.environ.get("FUZZ_CASES")
 SAMPLES_PER_STRUCTURE = 8
 STRUCTURES_PER_SEED = 8

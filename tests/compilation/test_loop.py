@@ -17,7 +17,7 @@ NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
 def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
-    """Return the state and the log after events, given groups (rows, N) and shared numbers (events, width)."""
+    """Return the state and the log after events, given groups (rows, N) and shared values (events, width)."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
@@ -42,7 +42,7 @@ def rows_of(listing, group, count):
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
 def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
-    """Each event reads the state after the previous event and its own shared numbers, and logs the previous state."""
+    """Each event reads the state after the previous event and its shared values, and logs the previous state."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
     ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)

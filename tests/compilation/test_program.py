@@ -94,7 +94,7 @@ def wired(diagram):
     return [diagram.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
 
 
-def test_diagrams_that_differ_only_in_numbers_share_events(new_loops):
+def test_diagrams_that_differ_only_in_values_share_events(new_loops):
     """The diagrams differ in parameters, initial state and name."""
     first = compiled_outputs(diagram_of())
     count = len(new_loops)
@@ -234,7 +234,7 @@ def test_each_row_has_its_own_gain():
 
 
 def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_events():
-    """The result reveals which port, parameter and state the formula uses, because all numbers differ."""
+    """The result reveals which port, parameter and state the formula uses, because all values differ."""
     for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
         builder = DiagramBuilder()
         chooses = builder.AddNamedSystem("chooses", Selecting(**choice))

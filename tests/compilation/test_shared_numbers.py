@@ -1,4 +1,4 @@
-"""Tests of the table of the numbers that all vehicles share."""
+"""Tests of the table of values that all vehicles share."""
 
 import numpy as np
 import pytest

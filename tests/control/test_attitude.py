@@ -33,7 +33,7 @@ def test_commanded_angular_accelerations_are_added():
     np.testing.assert_allclose(controller.get_output_port().Eval(context), np.array(INERTIA) * [1.0, 2.0, 3.0])
 
 
-def test_gains_are_those_of_a_double_integrator_on_each_axis():
+def test_each_axis_behaves_like_a_double_integrator_with_its_gains():
     rates = np.array([1.0, 1.1, 1.2])
     result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), rates)
     acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.6, 30.0 * -0.3 + 3.0 * 0.6]

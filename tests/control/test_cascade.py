@@ -58,7 +58,7 @@ def port_names(system):
 
 @pytest.mark.parametrize("feed_forward", ["none", "acceleration", "jerk", "snap"])
 def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
-    """Each part is evaluated alone, with the outputs of the previous parts and only the inputs that are fed forward."""
+    """Each part is evaluated separately, with outputs of the previous parts and the inputs that are fed forward."""
     control = cascade(feed_forward)
     given = {name: rows for name, rows in INPUTS.items() if control.HasInputPort(name)}
     assert ("reference_jerk" in given, "reference_snap" in given) == (
@@ -167,8 +167,8 @@ def test_a_network_works_around_any_controller_and_reads_its_estimate():
 
 
 @pytest.mark.parametrize("leads", [False, True])
-def test_a_controller_gets_the_disturbance_learned_for_the_present_position(leads):
-    """The learned disturbance is evaluated at the present position, the correction at that after the lead time."""
+def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
+    """The learned disturbance is evaluated at the present position, and the correction after the lead time."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, numbers=RulesNumbers((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()

@@ -16,7 +16,7 @@ from drake_quad.control.disturbance.laws import (
 )
 from drake_quad.control.disturbance.response import AxisCommand, lag_step, response_step
 
-H = 0.02
+H = 0.02  # s, control tick
 
 
 def test_a_lag_and_its_integrals_solve_the_differential_equation():
@@ -26,7 +26,7 @@ def test_a_lag_and_its_integrals_solve_the_differential_equation():
     assert lag_step(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
 
 
-def test_feed_forward_has_its_own_lag():
+def test_the_feedforward_has_its_own_lag():
     after, speed, distance = response_step(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
     one, other = lag_step(0.3, 1.1, 0.2, H), lag_step(-0.2, 0.7, 0.05, H)
     assert after == (one.after, other.after)
@@ -37,7 +37,7 @@ def test_feed_forward_has_its_own_lag():
     ("deviation", "time_constant", "noise"), [(0.3, 0.5, 1e-3), (1.7, 60.0, 0.02), (0.01, 2.0, 0.1)]
 )
 def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise):
-    """python-control's `dlqe` returns the prediction gain A L and needs the discrete-time noise, here by quadrature."""
+    """python-control's `dlqe` returns the prediction gain A L, and requires discrete-time noise (by quadrature)."""
     import control
 
     law = KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=noise, period=H)
@@ -81,7 +81,7 @@ ACCELERATIONS = RNG.normal(size=60)
 
 
 def test_l1_is_the_published_law_in_continuous_time():
-    """SciPy integrates the state predictor. As in the papers, the adaptation acts at the ticks only."""
+    """SciPy integrates the state predictor. As in the papers, the adaptation acts only at the ticks."""
     a_s, bandwidth, disturbances = 7.0, 3.0, RNG.normal(size=60)
     sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
     for a, d in zip(ACCELERATIONS, disturbances, strict=True):
@@ -105,7 +105,7 @@ def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance()
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
 def test_l1_compensates_the_low_pass_filtered_disturbance(frequency):
-    """For fast ticks and a slow predictor, u = -C(s) d has at Ω the amplitude and phase of ω / (i Ω + ω)."""
+    """For fast ticks and a slow predictor, u = -C(s) d with C(i Ω) = ω / (i Ω + ω)."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []

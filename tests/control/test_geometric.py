@@ -85,8 +85,8 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
     np.testing.assert_allclose(states[-1][:9].reshape(3, 3), R_d, atol=2e-3)
 
 
-def test_whole_turns_of_the_attitude_have_no_influence():
-    """After a full roll the law takes the shorter way back, whereas a PD on the angle unwinds the whole turn."""
+def test_full_turns_of_the_attitude_have_no_influence():
+    """After a full roll, the law turns the shorter way, whereas a PD on the angle unwinds the whole turn."""
     numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
     rest = (0.0, 0.0, 0.0)
 

@@ -59,8 +59,8 @@ def test_a_constant_torque_deflects_a_pd_but_not_indi():
     assert [each.disturbance for each in memory] == pytest.approx(DISTURBANCE, rel=1e-2)
 
 
-def test_without_a_disturbance_the_torque_is_that_of_the_pd():
-    """At the first tick with zero rates the estimated disturbance is zero."""
+def test_without_a_disturbance_the_torque_equals_the_pd_torque():
+    """At the first tick, with zero rates, the estimated disturbance is zero."""
     measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     desired = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
     memory = (NUMBERS.law.at_rest(0.0),) * 3

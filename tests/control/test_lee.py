@@ -1,7 +1,7 @@
-"""Tests of geometric control against the published law and the Crazyflie's firmware, both implemented anew in NumPy.
+"""Tests of geometric control, compared with NumPy implementations of the published law and the Crazyflie's firmware.
 
 The law is that of T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)",
-CDC 2010, with Z up. The firmware's is `controller_lee.c` of bitcraze/crazyflie-firmware at 2a18fc2.
+CDC 2010, with Z up. The firmware's law is `controller_lee.c` of bitcraze/crazyflie-firmware at 2a18fc2.
 """
 
 import math
@@ -162,7 +162,7 @@ def simulated_flight(**overrides):
         },
         "duration": 1.2,
         "vehicle.centre_of_mass": [0.0004, -0.0003],
-        # The loop oscillates and diverges with rotors as slow as those of the data sheet.
+        # With the slow rotors of the data sheet, the loop oscillates and diverges.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
         # The propellers of log145 have this thrust factor.
@@ -187,8 +187,8 @@ def commanded_by_firmware(flight):
 
 
 @pytest.mark.slow
-def test_wrenches_in_flight_are_those_of_the_firmware():
-    """The flight has no jerk feed-forward. Both integrals act, and tilts are large."""
+def test_wrenches_in_flight_agree_with_the_firmware():
+    """The flight has no jerk feedforward. Both integrals are active, and tilts are large."""
     flight = simulated_flight()
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3
@@ -222,7 +222,7 @@ def test_attitude_commands_in_logs_have_a_level_y_axis_instead_of_the_reference_
 def test_torques_in_a_log_have_no_transport_term(root):
     """The yaw torque of log100 follows the firmware's law without the transport term J (ω x ω_r)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
-    # KR, Kw and KI are those of the firmware's source file, as in tests/identification/test_crazyswarm2.py.
+    # KR, Kw and KI are from the firmware's source file, as in tests/identification/test_crazyswarm2.py.
     KR, Kw, KI = 0.008, 0.002, 0.024
     attitudes = zip(record.attitude, record.attitude_command, strict=True)
     error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])

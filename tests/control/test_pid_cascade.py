@@ -35,7 +35,7 @@ MASS = 1.3  # kg
 GRAVITY = 9.80665  # m/s²
 HOVER = 0.45  # normalised thrust in hover
 WEIGHT = MASS * GRAVITY
-PERIOD = 0.01
+PERIOD = 0.01  # s, control period
 P_POSITION = np.array([0.95, 0.95, 1.0])
 K_P = np.array([1.8, 1.8, 4.0])
 K_I = np.array([0.4, 0.4, 2.0])
@@ -44,7 +44,7 @@ MAX_SPEEDS = (2.0, 1.0, 0.7)  # m/s: horizontal, up, down
 MAX_TILT = 0.6  # rad
 THRUST_LIMITS = (0.12, 0.9)  # normalised
 HORIZONTAL_MARGIN = 0.3  # normalised thrust
-CUTOFF = 31.0  # rad/s, of the filter of the derivative
+CUTOFF = 31.0  # rad/s, bandwidth of the derivative filter
 NED = np.diag([1.0, -1.0, -1.0])
 CRAZYFLIE = ["vehicles/crazyflie", "controllers/crazyflie"]
 PX4 = {
@@ -115,7 +115,7 @@ class Px4:
 
     @staticmethod
     def shortened(first, second):
-        """Return the sum of two velocities, with the second shortened until the sum has at most the largest speed."""
+        """Return the sum of two velocities; the second is shortened until the sum is at most the largest speed."""
         if np.linalg.norm(first + second) <= MAX_SPEEDS[0]:
             return first + second
         size = np.linalg.norm(first)
@@ -176,7 +176,7 @@ def test_the_rotation_error_matches_px4():
         np.testing.assert_allclose(error, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
 
 
-def test_of_two_velocities_the_first_has_priority_within_the_largest_speed():
+def test_the_first_of_two_velocities_has_priority_within_the_largest_speed():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         velocity = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
@@ -237,7 +237,7 @@ def test_the_target_is_held_between_the_ticks_of_the_loops():
         ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_cascades_fly_the_same_compiled_uncompiled_alone_and_in_fleets(scenario, layers, overrides):
+def test_compiled_uncompiled_single_and_fleet_flights_of_cascades_agree(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
@@ -276,7 +276,7 @@ def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
             "autopilot.kind is 'none', but must be a kind that controls the attitude",
         ),
         ({"control.period": 0.03}, "control.period is 0.03, but must be a multiple of the period of the command link"),
-        ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out: the command has limits"),
+        ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out, since the command itself"),
         (
             {"control.velocity.k_p": [0.0, 1.0, 1.0]},
             r"velocity.k_p.0 is 0.0, but must be larger than 0, since the anti-windup",
@@ -293,7 +293,7 @@ def test_inconsistent_settings_are_refused(overrides, message):
         load_scenario("onboard", {**PX4, **overrides})
 
 
-def test_the_parameters_and_rules_are_those_of_the_scenario():
+def test_the_parameters_and_rules_follow_the_scenario():
     command = {"kind": "acceleration", "feed_forward": 0.6, "max_speed": 2.5, "max_ascent": 1.5, "max_descent": 0.8}
     command |= {"max_tilt": 0.5, "min_thrust": 0.2, "max_thrust": 1.7, "horizontal_margin": 0.4}
     scenario = load_scenario(

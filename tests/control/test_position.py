@@ -77,7 +77,7 @@ def test_fleet_and_single_vehicle_agree():
 
 
 def test_the_estimator_models_the_command_plus_the_correction():
-    """Therefore the estimator does not estimate the corrected part of the disturbance again."""
+    """Therefore, the estimator does not estimate the corrected part of the disturbance again."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
     estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
     pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)

@@ -44,7 +44,7 @@ def test_the_limits_hold_for_any_command(acceleration, yaw):
 
 
 def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
-    """The horizontal force is zero, and never NaN, for any mass and limit, also in machine code."""
+    """The horizontal force is zero, and never NaN, for any mass and limit, in Python and in machine code."""
     rng = np.random.default_rng(0)
     n = 1000
     mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)

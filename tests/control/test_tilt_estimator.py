@@ -28,7 +28,10 @@ def state_at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
 
 
 def estimated_disturbance(before, measurement, thrust=G):
-    """Return the estimated disturbance one tick after rest. The filter is so fast that it has no effect."""
+    """Return the estimated disturbance one tick after rest.
+
+    The bandwidth of the filter is so large that the filter has no effect.
+    """
     memory = tuple([law.at_rest(0.0) for law in LAWS])
     return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
 
@@ -45,7 +48,7 @@ def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
 
 
 def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
-    """The estimate is zero for the known acceleration, and half of it for 1.5 times the known acceleration."""
+    """For 1 and 1.5 times the known acceleration a, the estimates are zero and 0.5 a."""
     attitude = (0.1, 0.2, 0.3)
     first, last = (
         Acceleration(0.4, -0.3, 0.2),
@@ -103,7 +106,7 @@ def test_the_displacement_caused_by_known_accelerations_is_predicted():
     np.testing.assert_allclose(disturbance(*(distance + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
 
 
-def test_the_thrust_follows_the_length_of_the_command_after_its_delay():
+def test_the_thrust_follows_the_magnitude_of_the_command_after_its_delay():
     memory, thrust, under_way = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
     before, command, thrusts = KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):

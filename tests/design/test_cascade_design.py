@@ -1,4 +1,4 @@
-"""Tests of the plants of a cascade: their equality, and their inputs and outputs."""
+"""Tests of the plants of a cascade: comparison of plants, inputs and outputs."""
 
 from dataclasses import replace
 

@@ -20,7 +20,7 @@ from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 
 FOLDER = Path(__file__).parent
 DEGREE = math.pi / 180.0
-THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, of a rotor, per unit of its 16-bit command
+THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, thrust of a rotor per unit of its 16-bit command
 VEHICLE = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
 # The firmware computes in single precision. Differences of angles over 2 ms magnify its rounding errors.
 SINGLE_PRECISION_TOLERANCE = 5e-6
@@ -71,7 +71,10 @@ def outputs_of_scenario(parameters, recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
 def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
-    """At first no limit is active, at the end all are. The tuned parameters activate all other terms and filters."""
+    """Initially, no limit is active; at the end, all limits are.
+
+    Tuned parameters activate all other terms and filters.
+    """
     parameters = read_parameters(FOLDER / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
     for name, output in outputs_of_scenario(parameters, recorded).items():
         expected = recorded[f"{name}_tuned" if tuned else name]
@@ -114,8 +117,8 @@ def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
         np.testing.assert_allclose(torque / (inertia * per_unit), outputs, atol=3.0)
 
 
-def test_torque_units_of_px4_match_its_mixer_on_an_x():
-    """On an x, a unit of roll or pitch changes each rotor by 1/√2, a unit of yaw by 1. Hover is at a thrust of 0.4."""
+def test_torque_units_of_px4_match_its_mixer_for_an_x_layout():
+    """A unit of roll or pitch changes each rotor by 1/√2, and a unit of yaw by 1. Hover is at a thrust of 0.4."""
     believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
     lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
     unit = believed.mass * believed.gravity / (4.0 * 0.4)

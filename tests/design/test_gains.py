@@ -174,7 +174,7 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # At the smallest and the largest effort, too, the cost exceeds that of full state feedback.
+    # At the smallest and the largest effort, the cost also exceeds the cost of full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
@@ -209,7 +209,7 @@ ASYMMETRIC_VEHICLE = [
 
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
-def test_designed_poles_are_those_of_the_whole_diagram(shipped, overrides):
+def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
     """The poles of the inner and the outer designed loops are multipliers of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(as_believed(scenario))
@@ -311,8 +311,8 @@ def test_the_simulated_loop_tolerates_its_margins(shipped):
     ("block", "axes", "row", "duration"),
     [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
 )
-def test_the_stability_limit_of_the_gain_is_that_of_simulations(shipped, designed, block, axes, row, duration):
-    """2 % below the stability limit a small displacement decays, 2 % above it the displacement grows."""
+def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, designed, block, axes, row, duration):
+    """A small displacement decays 2 % below the stability limit, and grows 2 % above the limit."""
     _, scenario = shipped
     loop = designed.loops[row]
     factor = 10.0 ** (loop.margins.gain / 20.0)
@@ -323,8 +323,8 @@ def test_the_stability_limit_of_the_gain_is_that_of_simulations(shipped, designe
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
-def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, designed, ticks):
-    """A loop whose delay margin exceeds a number of ticks by 2 % tolerates this delay. A loop 2 % below does not."""
+def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, designed, ticks):
+    """A loop tolerates a number of delay ticks if its delay margin is 2 % longer, but not if it is 2 % shorter."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(as_believed(scenario))
@@ -342,7 +342,7 @@ def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, design
     for share, is_tolerated in ((1.02, True), (0.98, False)):
         factor = factor_for(share * ticks * 0.02)
         assert factor > 1.05, "the designed delay margin must be larger than the tested delay"
-        # The other loops are made so slow that they tolerate all of these delays.
+        # The other loops are slow enough to tolerate all of these delays.
         slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
         changed = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
         assert grows(changed, {"yaw": 1e-5}, 12.0) != is_tolerated
@@ -364,7 +364,7 @@ def test_options_apply_to_their_axes():
 
 @pytest.mark.slow
 def test_a_vehicle_of_thirty_grams_has_the_same_designed_gains():
-    """Commands are accelerations, so the gains depend on the lag of the vehicle but not on its size."""
+    """Commands are accelerations, so the gains depend on the lag of the vehicle and not on its mass."""
     small = [
         "nominal.mass=0.03",
         "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
@@ -482,7 +482,7 @@ def test_an_unstable_loop_has_infinite_cost():
     assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
     assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
     assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
-    # No feedback stabilises a mode that the command does not reach.
+    # No feedback stabilises an uncontrollable mode.
     unreached = replace(plant, B=np.zeros((2, 1)))
     assert np.isnan(family.gains(unreached, 1.0)).all()
 
@@ -508,7 +508,7 @@ def test_gains_are_written_axis_by_axis(pitch):
 
 @pytest.mark.slow
 def test_equal_axes_share_their_gains():
-    """Even on an asymmetric vehicle roll and pitch are equal, because commands are accelerations."""
+    """Roll and pitch gains are equal even on an asymmetric vehicle, because commands are accelerations."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
     options = default_options(0.02)
     assert list(options) == ["roll", "pitch", "yaw", "z", "x", "y"]
@@ -559,7 +559,7 @@ def delayed_integrator(ticks):
 
 @pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
 def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
-    """The longer the delay, the lower is the frequency of the gains with which the search starts."""
+    """For a longer delay, the search starts with gains of a lower frequency."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
     gains = RegulatorRequirements(0.2).gains(delayed_integrator(ticks), 1.0)
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
@@ -587,7 +587,7 @@ def pid_design():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
-def test_poles_of_a_designed_pid_are_those_of_the_whole_diagram(integration, pid_design):
+def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are multipliers of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     multipliers = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
@@ -599,7 +599,7 @@ def test_poles_of_a_designed_pid_are_those_of_the_whole_diagram(integration, pid
 
 
 @pytest.mark.slow
-def test_an_integral_costs_at_most_the_given_share_of_the_phase_margin(pid_design):
+def test_an_integral_costs_at_most_the_given_fraction_of_the_phase_margin(pid_design):
     """The PD has a phase margin of 45° / 0.8, of which the integral may cost a fifth.
 
     A larger integral violates the 45° or exceeds the largest ratio of integral to proportional gain.
@@ -619,8 +619,8 @@ def test_an_integral_costs_at_most_the_given_share_of_the_phase_margin(pid_desig
 
 
 @pytest.mark.slow
-def test_an_integral_costs_the_given_share_of_a_larger_phase_margin(pid_design):
-    """A slower PD has a larger phase margin than 45°, of which the integral costs the given share."""
+def test_an_integral_costs_the_given_fraction_of_a_larger_phase_margin(pid_design):
+    """A slower PD has a phase margin above 45°, and the integral costs the given fraction of it."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)

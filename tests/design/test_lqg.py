@@ -1,4 +1,4 @@
-"""Tests of the models of an axis, against the whole diagram and flights, and of designs, against their limits."""
+"""Tests of the models of an axis, compared with the whole diagram and flights, and of designs within their limits."""
 
 import dataclasses
 import types
@@ -87,7 +87,7 @@ def test_the_loop_of_an_axis_equals_that_of_the_whole_diagram(shipped, overrides
         np.testing.assert_allclose(response, expected, rtol=2e-2)
 
 
-def test_plants_have_the_same_prediction_together_and_alone(shipped):
+def test_the_prediction_for_a_plant_does_not_depend_on_the_other_plants(shipped):
     """The plant with the longest delay sets the size of the matrices. An unstable plant does not affect the others."""
     conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), NO_DISTURBANCE, 2.0, 1e-3, 4e-3, 0.03)
     delays = [(0, 1), (2, 0), (0, 6), (1, 2)]
@@ -161,7 +161,7 @@ def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     assert on_board[0].lags
     identified, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
     assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # The thrust curve of the motors has a slope of 18.27 N, the nominal curve 14.27 N.
+    # The derivative of the thrust curve is 18.27 N, and of the nominal curve 14.27 N.
     assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
     # Plants with faster rotors have a faster attitude response.
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
@@ -180,7 +180,7 @@ def test_conditions_are_those_of_the_scenario(diagrams, low_wind):
 
 
 def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
-    """The bias is the smallest that a design assumes, as in a calm and ideal laboratory."""
+    """The bias is the minimum that a design assumes, as in a calm and ideal laboratory."""
     identified = conditions_of(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
     )
@@ -191,7 +191,7 @@ def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(di
 
 @pytest.mark.slow
 def test_the_snap_limit_is_at_least_twice_the_constant_torque():
-    """An offset r causes the angular acceleration m g r / I, on a Crazyflie five times that of the paper's vehicle."""
+    """An offset r causes the angular acceleration m g r / I, which is five times larger on a Crazyflie."""
     limits, constant_snap, limit_of = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
@@ -215,7 +215,7 @@ def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams)
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """Each limit costs error, so a design of least error reaches some limits: the sensitivity peak and the snap."""
+    """Limits increase the error, so the best design reaches the limits of the sensitivity peak and the snap."""
     scenario, conditions = low_wind
     limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
@@ -229,7 +229,7 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 @pytest.mark.slow
 @pytest.mark.parametrize("best_delay", [1, 2])
 @pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
-def test_a_design_uses_the_delay_of_least_cost_and_limits_the_command_of_each_axis(
+def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best_delay
 ):
     """The command is an acceleration along z and with an autopilot, otherwise a snap."""
@@ -257,13 +257,14 @@ def test_a_design_uses_the_delay_of_least_cost_and_limits_the_command_of_each_ax
 
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """The chains do not model that a vehicle with drag leans. Nevertheless the whole loop meets the limits."""
+    """The whole loop meets the limits, although the chains do not model the tilt due to drag."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # The estimate along z affects the tilt by the thrust, so its assumed disturbance is not larger than in flights.
+    # The vertical estimate affects the tilt through the thrust, so its assumed disturbance is not larger than in
+    # flights.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
@@ -299,7 +300,7 @@ def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags,
 
 @pytest.fixture(scope="module")
 def search_of(shipped):
-    """Return a function that returns a search for the numbers along x, for plants with given link delays, ticks."""
+    """Return a function from link delays (ticks) of plants to a search for the parameters along x."""
     scenario = shipped()
     timing, control = timing_of(scenario), scenario.control
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
@@ -348,7 +349,7 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
     assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
     with pytest.raises(
         InputError,
-        match=r"no LQG design is stable for the nominal plant: the best one has a pole of magnitude 1\.\d{4}",
+        match=r"no LQG design is stable for the nominal plant: the best design has a pole of magnitude 1\.\d{4}",
     ):
         search_of(6).result()
 
@@ -363,8 +364,8 @@ class SearchWithKnownOptimum(lqg_design._LqgSearch):
 
 
 @pytest.mark.parametrize("initial_weight", [3e-6, 3e-3, 3.0])
-def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, initial_weight):
-    """The other numbers start within a factor of 2.5 of their best values."""
+def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initial_weight):
+    """The other parameters start within a factor of 2.5 of their best values."""
     start = search_of(1)
     search = SearchWithKnownOptimum(*(getattr(start, name) for name in start.__dataclass_fields__))
     result = dataclasses.replace(search, numbers=(initial_weight, 0.3, 60.0)).improved()
@@ -435,7 +436,7 @@ def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, mon
         assert predictions == tuple(predicted(loop, actual_plant, timing) for actual_plant in actual_plants)
 
 
-def test_the_measurement_noise_of_a_plant_is_that_of_the_cameras():
+def test_the_measurement_noise_of_a_plant_follows_from_the_cameras():
     """The horizontal specific thrust is measured as the attitude times g."""
     conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.03)
     plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)

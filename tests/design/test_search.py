@@ -1,4 +1,4 @@
-"""Tests of the search for gains, on errors that are known in closed form and need no flights."""
+"""Tests of the search for gains, with errors in closed form instead of flights."""
 
 import itertools
 
@@ -24,10 +24,10 @@ def laboratory(diagrams):
 
 @pytest.fixture
 def stub_flights(monkeypatch):
-    """Return a function that replaces flights by given errors and crash times.
+    """Return a function that replaces flights with given errors and crash times.
 
-    Errors and crash times are functions of a candidate's numbers, a sample and a scenario. The returned function
-    returns a record of the scenarios and sizes of all fleets, and of the samples and numbers that they flew.
+    Errors and crash times are functions of a candidate's parameters, a sample and a scenario. The returned function
+    returns a record of the scenarios and sizes of all fleets, and of the samples and parameters that they flew.
     """
     record = {"fleets": [], "samples": [], "varying": []}
 
@@ -79,7 +79,7 @@ def test_the_least_error_is_found(laboratory, stub_flights):
     assert result.share == np.inf
 
 
-def test_the_least_error_within_a_limit_is_found(laboratory, stub_flights):
+def test_the_smallest_error_within_a_limit_is_found(laboratory, stub_flights):
     """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
     stub_flights(quadratic_error)
     result = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
@@ -88,7 +88,7 @@ def test_the_least_error_within_a_limit_is_found(laboratory, stub_flights):
 
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
-    """An unstable loop has a single share of the limit, which is zero. A stable loop has two shares."""
+    """An unstable loop meets a single fraction of the limit, zero. A stable loop has two fractions."""
     stub_flights(quadratic_error)
 
     def shares(scenario):
@@ -114,7 +114,7 @@ def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
 
 @pytest.mark.parametrize("shares", [None, lambda _: np.array([9.0])])
 def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, shares):
-    """The mean of the candidates moves to the best numbers, and their spread falls from round to round.
+    """The mean of the candidates moves to the best parameters, and their spread decreases from round to round.
 
     A limit that no candidate violates has no influence.
     """
@@ -138,7 +138,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
 
 
 def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
-    """k_P may be 2 at most. Candidates of the last round meet the limit, although the error is smaller beyond it."""
+    """k_P may be at most 2. Candidates of the last round meet the limit, although the error is smaller beyond it."""
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
@@ -247,7 +247,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     assert num_checked[:3] == [16, 20, 24]
     assert len(num_checked) == 3 + 3
     assert all(1 <= step <= 6 for step in np.diff(num_checked[2:]))
-    # The first round checks the candidates of least error, whether or not they meet the limit.
+    # The first round checks the candidates with the smallest errors, whether or not they meet the limit.
     first = record["varying"][0]
     columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
     errors = quadratic_error(columns)
@@ -266,7 +266,7 @@ def test_previous_gains_are_a_candidate(laboratory, stub_flights):
     stub_flights(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
     result = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
     assert result.numbers == pytest.approx((12.0,))
-    # A candidate that violates the limit, in any of its shares, is not preferred for its small error.
+    # A candidate that violates any part of the limit is not preferred for its small error.
     stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
     def shares(scenario):
@@ -287,14 +287,14 @@ def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
 
 
 def test_predicted_violations_of_the_limit_are_penalised():
-    """The logarithms of the shares are linear, so predictions are exact and penalties have a closed form."""
+    """The logarithms of the fractions are linear, so predictions are exact and penalties have a closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
     known = tuning._EvaluatedPoints(2)
     points = random.uniform(size=(12, 2))
     for number, point in enumerate(points):
         if number == 3:
-            # Three points only just determine a plane, so they give no prediction.
+            # Three points determine a plane without any redundancy, so they give no prediction.
             assert not known.penalties(points, 0.0).any()
         known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
     requested = random.uniform(size=(40, 2))
@@ -304,7 +304,7 @@ def test_predicted_violations_of_the_limit_are_penalised():
         expected = 4.0 * np.maximum(0.002 - predicted - doubt * distance, 0.0)
         np.testing.assert_allclose(known.penalties(requested, doubt), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
-    # Shares far from the limit need no accuracy, so they are clipped to the range from 0.2 to 1.5.
+    # Values far from the limit need no accuracy, so they are clipped to the range from 0.2 to 1.5.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
     np.testing.assert_allclose(tuning._near_limit(np.zeros(1), 3), np.log([0.2] * 3))
 

@@ -114,8 +114,8 @@ def test_derivatives_include_the_learning_of_a_network(windy):
 @pytest.mark.parametrize(
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )
-def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
-    """A number at its minimum is varied upwards, one at its maximum downwards."""
+def test_a_parameter_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
+    """A parameter at its minimum is increased, and a parameter at its maximum decreased."""
     scenario = asymmetric("pd_t2fnn", "duration=1", f"{field}={bound}", "metrics.start=0")
     sensitivities = flight_sensitivities(scenario, [field])
     with pytest.raises(InputError, match=f"{field} cannot be"):
@@ -217,7 +217,7 @@ def test_fields_that_decide_when_something_happens_have_no_derivative(field):
 
 @pytest.mark.parametrize("weights", [_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS])
 def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
-    """Differences are central or one-sided. The weight of the number itself follows, since all weights sum to zero."""
+    """Differences are central or one-sided. The weight of the value itself follows, since all weights sum to zero."""
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
 

@@ -15,7 +15,7 @@ K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
 def stiffness_limit(max_k_p):
-    """Return a function that returns the share of a limit on k_P that a scenario meets."""
+    """Return a function from a scenario to the fraction of a limit on k_P that the scenario meets."""
     return lambda scenario: np.array([max_k_p / scenario.control.position.k_p[0]])
 
 

@@ -107,7 +107,7 @@ def test_the_report_agrees_with_the_evaluation(tmp_path):
     best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the RMSE of the tuned PD is (\S+) \[", text).groups()
     assert float(best) == pytest.approx(100.0 * mean, rel=1e-3)
     assert float(ratio) == pytest.approx(pd / mean, rel=1e-3)
-    assert f"PD + type 2 in outdoor {share_interval(8, COUNT).percent()}" in text
+    assert f"PD + type 2 (outdoor): {share_interval(8, COUNT).percent()}" in text
     assert "figures/errors.png" in text
     assert "figures/laps.png" not in text
     assert "- robustness: PD, PID" in text

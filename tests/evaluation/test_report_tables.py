@@ -165,8 +165,8 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[1:4] == [centimetres(found.flights[place]["pd"]) for place in FAMILIES["laboratory"].laboratories]
     assert pd[4] == "0"
-    assert f"Crashes: PD + type 2 in outdoor {share_interval(8, COUNT).percent()}." in text
-    assert text.count("Crashes: ") == 1
+    assert f"Crash probabilities: PD + type 2 (outdoor): {share_interval(8, COUNT).percent()}." in text
+    assert text.count("Crash probabilities: ") == 1
     assert "### robustness\n\nNo controller was flown here." in text
 
 

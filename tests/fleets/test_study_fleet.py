@@ -75,8 +75,8 @@ ESTIMATORS = [
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_a_second_batch_flies_as_in_a_new_fleet(scenario, overrides, controller):
-    """The scenarios have every kind of system, and vary every number that may differ between samples.
+def test_a_second_batch_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
+    """The scenarios contain every kind of system, and vary every parameter that may differ between samples.
 
     Uncompiled results are equal to the last bit. In a compiled diagram, other code computes the first frame and the
     initial wind after a reset, and rounds the last bit of some samples differently.
@@ -98,8 +98,8 @@ def test_a_second_batch_flies_as_in_a_new_fleet(scenario, overrides, controller)
             np.testing.assert_allclose(actual, desired, rtol=1e-12)
 
 
-def test_vehicles_with_overridden_numbers_fly_as_in_a_new_fleet(scenario):
-    """The overridden numbers are gains, an element of a list, and an integer number of ticks."""
+def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(scenario):
+    """The overridden parameters are gains, an element of a list, and an integer number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
     varying = {
         "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
@@ -112,7 +112,7 @@ def test_vehicles_with_overridden_numbers_fly_as_in_a_new_fleet(scenario):
     metrics = fleet.fly_batch(varied)
     for actual, expected in zip(metrics, new_fleet_metrics(study, varied), strict=True):
         np.testing.assert_array_equal(actual, expected)
-    # Each vehicle flies as a single vehicle with its numbers.
+    # Each vehicle has the flight of a single vehicle with its parameters.
     for i in range(3):
         single = simulate(varied.scenario_of(i), compiled=False).metrics
         np.testing.assert_allclose([float(value[i]) for value in metrics], single, rtol=1e-9)
@@ -137,7 +137,7 @@ OPTIONAL_PARTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("path", OPTIONAL_PARTS)
 def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagrams, path):
-    """A diagram without the optional part refuses such numbers and does not ignore them."""
+    """A diagram without the optional part refuses such parameters instead of ignoring them."""
     calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(OPTIONAL_PARTS[path])})

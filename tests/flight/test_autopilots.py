@@ -52,8 +52,8 @@ def scenario(diagrams):
 
 @pytest.mark.slow
 @for_each_autopilot
-def test_a_fleet_flies_the_same_compiled_uncompiled_and_alone(scenario, kind):
-    """The flights are equal to the bit, and each vehicle has its own numbers, noise and delay."""
+def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
+    """The flights are equal to the bit. Each vehicle has its own parameters, noise and delay."""
     flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
     assert len({flight.metrics.rmse for flight in flights}) == 3
     for sample in (1, 2):
@@ -64,7 +64,7 @@ def test_a_fleet_flies_the_same_compiled_uncompiled_and_alone(scenario, kind):
 
 @pytest.mark.slow
 @for_each_autopilot
-def test_a_later_batch_flies_like_a_first_one(scenario, kind):
+def test_a_later_batch_has_the_results_of_a_first_batch(scenario, kind):
     study = scenario(kind, "duration=0.5")
     plan = plan_route(study)
     fleet = StudyFleet(study, plan, 4)
@@ -173,7 +173,7 @@ def test_signals_are_exported_from_the_subsystems_that_compute_them(diagrams):
 
 @pytest.mark.slow
 def test_attitude_control_on_board_reduces_the_error_in_the_figure_eight(diagrams):
-    """Without the delay of the link and the rotors' lag on the ground, higher PD gains leave a quarter of the error."""
+    """On board, the loop has no link delay, so higher PD gains reduce the error to a quarter."""
     ground_scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"]
     )

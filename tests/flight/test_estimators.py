@@ -1,4 +1,4 @@
-"""Tests of disturbance estimators in the closed loop, by closed forms of the error in steady wind."""
+"""Tests of disturbance estimators in closed loop, by closed forms of the error in steady wind."""
 
 import math
 
@@ -40,10 +40,10 @@ def settled(diagrams):
 
 
 @pytest.mark.slow
-def test_in_steady_wind_indi_has_no_error_and_l1_a_known_share_of_the_error_of_the_pd(settled):
+def test_in_steady_wind_indi_has_no_error_and_l1_a_known_fraction_of_the_pd_error(settled):
     """At rest the command compensates the disturbance, and a PD alone has the error u / k_P for the command u.
 
-    With the adaptation rate a and a tick h, L1 leaves the share 1 - exp(-a h) of this error.
+    With the adaptation rate a and the tick h, the error under L1 is 1 - exp(-a h) times this error.
     """
     pd_error, no_estimate, command = settled(f"{{kind: pd, {PD}}}")
     assert no_estimate is None

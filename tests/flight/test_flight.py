@@ -155,7 +155,7 @@ def test_the_same_sample_is_the_same_flight_bit_for_bit(imperfect):
 
 
 @pytest.mark.slow
-def test_a_sample_flies_the_same_in_any_fleet_and_at_any_index(imperfect):
+def test_the_flight_of_a_sample_does_not_depend_on_the_fleet_or_its_index(imperfect):
     """The final positions agree to 1e-9 m."""
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)["state"][-1, :3]
     for samples, index in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
@@ -164,7 +164,7 @@ def test_a_sample_flies_the_same_in_any_fleet_and_at_any_index(imperfect):
 
 
 def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
-    """The first vehicle has the wind and noise of the scenario's sample, the others those of the following samples."""
+    """The first vehicle has the wind and noise of the scenario's sample; the others follow in order of the samples."""
     scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
     diagram = build_tracking_diagram(scenario, 3)
     alone = [simulate(scenario, sample=sample, compiled=False)["wind"][-1] for sample in (3, 4, 5)]
@@ -177,7 +177,7 @@ def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
 
 
 def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
-    """Each flight has a scenario with its own numbers and the index of its sample."""
+    """Each flight has a scenario with the drawn values and the index of its sample."""
     flights = simulate_samples(imperfect, [40, 7], seed=3)
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)
     assert [flight.scenario.sample for flight in flights] == [40, 7]
@@ -247,7 +247,7 @@ def test_a_flight_that_diverged_can_be_drawn(diagrams, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3, rotor_1_turns: anticlockwise}"])
 def test_other_layouts_fly_like_the_plus_if_no_rotor_saturates(diagrams, layout):
-    """Small differences remain, because rotor speeds lag their commands and thrust is not linear in them.
+    """Small differences remain, because rotor speeds lag their commands and thrust is not linear in rotor speed.
 
     A vehicle whose layout differs from the nominal one has a larger error.
     """

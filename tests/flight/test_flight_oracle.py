@@ -23,7 +23,7 @@ ATTITUDE_RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 PRIORITIES = get_args(Priority)
-# The first two flights are long. Short flights cover the features that these two do not have.
+# The first two flights are long. Short flights cover the remaining features.
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
@@ -251,7 +251,7 @@ FLIGHTS = {
 
 @pytest.fixture(scope="module")
 def flight_named(asymmetric):
-    """Return a function that returns the flight of a name in `FLIGHTS`, and simulates each flight only once."""
+    """Return a function from a name in `FLIGHTS` to its flight; each flight is simulated only once."""
 
     def simulate_named(name):
         scenario, overrides = FLIGHTS[name]
@@ -277,7 +277,7 @@ def test_a_flight_equals_an_independent_implementation(flight_named, name):
     flight = flight_named(name)
     assert flight.metrics.crashed == (name in ("a crash", "an obstacle"))
     assert flight.touched == ("near" if name == "an obstacle" else None)
-    if name == "a crash":  # The horizontal error alone is too small for a crash.
+    if name == "a crash":  # The horizontal error by itself is too small for a crash.
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
     assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
@@ -305,7 +305,7 @@ DISTRIBUTIONS = [
 
 @pytest.mark.slow
 def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric):
-    """Each vehicle has its own numbers, delays, wind and noise."""
+    """Each vehicle has its own parameters, delays, wind and noise."""
     flights = simulate_samples(asymmetric("pd_t2fnn", *DISTRIBUTIONS), [5, 0, 9])
     masses = {flight.scenario.vehicle.mass for flight in flights}
     delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}

@@ -118,7 +118,7 @@ def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path
 
 
 def test_a_users_plan_is_read_back(diagrams, tmp_path):
-    """The plan differs from that of the scenario's route."""
+    """The plan differs from the plan of the scenario's route."""
     plan = Plan.hover([1.0, 2.0, 3.0], duration=0.5, yaw=0.4)
     simulate(load_scenario(diagrams / "hover.yaml", {"duration": 0.5}), plan=plan).save(tmp_path)
     again = read_flight(tmp_path).plan

@@ -40,13 +40,13 @@ def base_of(controller):
 def shipped_controllers():
     """Return the names of the shipped controllers, without variants that are designed for other laboratories."""
     names = [name for name in shipped_scenarios() if name.startswith(("controllers/", "gains/"))]
-    # lee.yaml has no gains. Its law is tested with that of geometric attitude control.
+    # lee.yaml has no gains. Its law is tested with geometric attitude control.
     designed, laboratory = "controllers/designed/", "controllers/designed/laboratory:"
     return [name for name in names if name.startswith(laboratory) or not name.startswith((designed, "controllers/lee"))]
 
 
 def structure_of(value):
-    """Return the field names and the kinds of a part of a control, without its numbers."""
+    """Return the field names and the kinds of a part of a control, without its values."""
     if isinstance(value, dict):
         return tuple((name, structure_of(each)) for name, each in value.items())
     return value if isinstance(value, str) else value is not None
@@ -93,7 +93,7 @@ def rotated(states, angle):
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
     """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
 
-    Of controllers that differ only in their numbers, one is flown.
+    Of controllers that differ only in their gains, one is flown.
     """
     for controller in covering({name: features_of(name) for name in shipped_controllers()}):
         expected = states_of_flight(controller, 0.0)

@@ -45,8 +45,8 @@ def root_mean_square(metrics):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
-def test_the_predicted_error_is_that_of_independent_flights(layer):
-    """The error on each axis agrees to 10 % with flights at a later time and with other random numbers."""
+def test_the_predicted_error_agrees_with_independent_flights(layer):
+    """The error on each axis agrees to 10 % with later flights with different random numbers."""
     error = hover_error(in_laboratory(layer))
     fleet = StudyFleet(hovering(layer, 40, 80), plan_route(hovering(layer, 40, 80)), 128)
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), axis_errors(error), rtol=0.1)
@@ -128,14 +128,14 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     scenario = in_laboratory("designed/laboratory.yaml:pd", *noiseless, wind)
     error = hover_error(scenario)
     np.testing.assert_allclose(axis_errors(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
-    # Lost packets differ between hovers. Without noise they change only how the vehicle settles.
+    # Lost packets differ between hovers. Without noise, they affect only the settling of the vehicle.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 
 
 @pytest.fixture
 def stub_errors(monkeypatch):
-    """Return a function that replaces simulated flights by given errors, and returns the list of flown samples.
+    """Return a function that replaces simulated flights with given errors, and returns the list of flown samples.
 
     The given errors are a function of the axis and of (n,) samples.
     """
@@ -217,7 +217,7 @@ def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_stron
     assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
     still = error("laboratory.wind=[]")
     assert still.high < 0.4 * predicted.value
-    # The jets of the fans hardly reach (0, 0, 1).
+    # The jets of the fans are negligible at (0, 0, 1).
     hover = hover_error(load_scenario("laboratory:low_wind", layers=layer)).rms
     assert hover.high < 0.9 * predicted.value
 

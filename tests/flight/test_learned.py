@@ -131,7 +131,7 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
 
 @pytest.mark.slow
 def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
-    """A flight in which a user's system replaces the network has no network, either."""
+    """A flight in which a user's system replaces the network has no network either."""
     short = ("duration=0.1", "metrics.start=0")
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     own = build_position_controller(ProportionalDerivative(num_vehicles=1, numbers=gains))

@@ -83,15 +83,15 @@ FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {CENTRES_OF_PHASE.t
 @pytest.mark.parametrize(
     ("controller", "override"), [("lqg_map", FEWER_POSITION_SETS), ("lqg_schedule", FEWER_PHASE_SETS)]
 )
-def test_a_network_that_learned_in_one_lap_reduces_the_error_of_the_next_by_a_tenth(controller, override):
-    """The inputs of the network are the position or the phase of the lap. Fewer sets compile faster."""
+def test_a_network_reduces_the_error_in_the_second_lap_by_a_tenth(controller, override):
+    """The input of the network is the position or the phase of the lap. Fewer sets are used, to compile faster."""
     laps = "route.laps=2", "metrics={first_lap: 2}", override
     rmse = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
     assert rmse < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
 
 
 def test_a_network_around_the_regulator_causes_no_algebraic_loop():
-    """The correction may depend on `error`, `error_rate` and `pd`, because they do not depend on it."""
+    """The correction may depend on `error`, `error_rate` and `pd`, because these do not depend on the correction."""
     scenario = scenario_of("laboratory.yaml:nominal")
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
@@ -132,7 +132,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
     np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_share) * acceleration, atol=0.03)
-    # At rest the total command does not depend on the share of the correction.
+    # At rest, the total command does not depend on the fraction that is in the correction.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
     if correction_share == learned_share:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)

@@ -131,7 +131,7 @@ def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
 
 
 def test_frames_have_the_poses_of_the_vehicle_and_its_reference(messages, flights):
-    """The expected quaternion is that of Drake, up to its sign."""
+    """The expected quaternion is computed by Drake; its sign is arbitrary."""
     contents, _ = messages
     for name, flight in flights.items():
         for tick in (0, len(flight.time) // 2, len(flight.time) - 1):
@@ -167,7 +167,7 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
-def test_shapes_are_permanent_and_reach_from_the_centre_to_the_rotors(messages, flights):
+def test_shapes_are_permanent_and_extend_from_the_centre_to_the_rotors(messages, flights):
     """Foxglove centres a box at its position. Line type 0 is LINE_STRIP, with a scale-invariant width in pixels."""
     contents, _ = messages
     colors = {}
@@ -207,7 +207,7 @@ def test_shapes_are_permanent_and_reach_from_the_centre_to_the_rotors(messages, 
 
 
 def test_flights_have_different_colors(flights):
-    """The colours are those of the plots, as fractions of red, green and blue, and repeat after five flights."""
+    """Colours agree with the plots, as fractions of red, green and blue, and repeat after five flights."""
     colors = []
     for number in range(6):
         scene = next(messages_of("whole", flights["whole"], number))

@@ -46,7 +46,7 @@ class Cascade(LeafSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 3])
-def test_a_loop_connected_by_hand_flies_like_the_tracking_diagram(num_vehicles):
+def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_vehicles):
     """Wind, noise and lost packets are the same, and the flights are equal to the bit."""
     scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()

@@ -98,7 +98,7 @@ FIRST_CAUSES = [
 
 @pytest.mark.parametrize(("failures", "user_systems", "sentence"), FIRST_CAUSES)
 def test_the_cause_is_the_earliest_failure_and_at_equal_ticks_the_one_computed_first(failures, user_systems, sentence):
-    """Signals are recorded in the order of their computation, except for those of the vehicle."""
+    """Signals are recorded in the order of their computation, except for the signals of the vehicle."""
     rows = {
         "acceleration_command": 3,
         "wrench": 4,

@@ -44,7 +44,7 @@ def pd(diagrams):
     return with_fields(scenario, {"control": fields})
 
 
-def test_a_network_with_the_gains_of_a_pd_flies_like_the_pd(pd, tmp_path):
+def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path):
     """The rest of the cascade, the wind and the noise are the same in both flights."""
     weights = np.hstack([np.diag(K_P / ACTION_LIMIT), np.diag(K_D / ACTION_LIMIT)])
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
@@ -60,7 +60,7 @@ def test_a_network_with_the_gains_of_a_pd_flies_like_the_pd(pd, tmp_path):
 
 @pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
 def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_path, diagrams):
-    """The network has memory and history, and flies in the conditions of robustness.yaml."""
+    """The network has memory and history, and flies under the conditions of robustness.yaml."""
     rng = np.random.default_rng(4)
     rows = 3 if action == "acceleration" else 4
     observation = {
@@ -136,7 +136,7 @@ def raptor():
 
 
 def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
-    """The inputs are random. Positions and velocities of the package are our errors with the opposite sign."""
+    """The inputs are random. The package's positions and velocities are our errors with the opposite sign."""
     package = pytest.importorskip("foundation_policy")
     policy = package.Raptor()
     policy.reset()
@@ -204,7 +204,7 @@ MAX_YAW_OFFSET = 0.015
 
 @pytest.mark.parametrize("yaw", [-np.pi / 2, 0.0, np.pi / 2, np.pi, 12.0])
 def test_the_foundation_policy_follows_the_reference_yaw(yaw):
-    """The layer rotates the axes of the plus, because the policy was trained on vehicles with an x layout."""
+    """The layer rotates the axes of the plus layout, because the policy was trained on vehicles with an X layout."""
     hover = load_scenario("hover", {"route.yaw": yaw, "duration": 4.0}, layers=["controllers/raptor:raptor_plus"])
     flight = simulate(hover, compiled=True)
     assert not flight.metrics.crashed
@@ -219,7 +219,7 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
     flight = simulate(load_scenario("figure_eight", {"route.heading": "along_path"}, layers=layers), compiled=True)
     assert not flight.metrics.crashed
     yaw_error = flight.record("state").yaw - flight.record("reference").yaw
-    # The policy does not observe the yaw rate, and the yaw turns by more than half a turn each way.
+    # The policy does not observe the yaw rate. The yaw turns by more than half a turn in each direction.
     assert np.ptp(flight.record("reference").yaw) > np.pi
     assert np.abs(yaw_error).max() < 0.3
     assert abs(yaw_error[-1]) < MAX_YAW_OFFSET
@@ -235,7 +235,7 @@ def test_a_users_policy_needs_a_control_of_kind_policy():
         simulate(task)
 
 
-def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
+def test_a_policy_in_plain_python_has_the_flight_of_a_network(tmp_path):
     """The user's system computes `action` from `observation`, in uncompiled and compiled diagrams."""
 
     class PlainPolicy(LeafSystem):

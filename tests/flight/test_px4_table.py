@@ -50,8 +50,8 @@ def test_signals_are_read_back_unchanged(flight, record):
     assert any("the mapping is px4" in remark for remark in record.remarks)
 
 
-def test_names_and_axes_are_those_of_px4(flight):
-    """In PX4's axes down and yaw to the right are positive. Times are whole microseconds."""
+def test_names_and_axes_follow_px4(flight):
+    """In PX4's axes, down and yaw to the right are positive. Times are whole microseconds."""
     columns, state = px4_columns(flight), flight.record("state")
     assert columns["timestamp"].dtype == np.int64
     np.testing.assert_array_equal(columns["timestamp"][:3], [0, 20_000, 40_000])

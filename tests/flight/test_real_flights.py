@@ -27,15 +27,15 @@ def predicted_rmse(diagrams, name, *overrides):
 
 
 def row_of_page(root, name):
-    """Return the numbers of a row of the first table on the page of real flights."""
+    """Return the values in a row of the first table on the page of real flights."""
     page = (root / "docs" / "background" / "real_flights.md").read_text(encoding="utf-8")
     row = re.search(rf"^\| {name} \| (.*) \|$", page, re.MULTILINE)[1]
     return [float(cell.removesuffix(" %")) for cell in row.split(" | ")]
 
 
 @pytest.mark.slow
-def test_simulated_errors_of_neural_fly_agree_with_those_of_the_real_flights(diagrams, root):
-    """RMS errors agree to 20 % with those of the real flights in all winds, and match the page of real flights."""
+def test_simulated_errors_of_neural_fly_agree_with_the_real_flights(diagrams, root):
+    """In all winds, RMS errors agree to 20 % with the real flights, and with the page of real flights."""
     rmse = {name: predicted_rmse(diagrams, name) for name in REAL_RMSE}
     assert rmse == pytest.approx(REAL_RMSE, rel=0.2)
     assert row_of_page(root, "flown") == [*REAL_RMSE.values()]
@@ -58,7 +58,7 @@ def test_with_isotropic_drag_and_the_nominal_thrust_curve_errors_are_too_small(d
 
 
 @pytest.mark.slow
-def test_errors_with_noise_and_turbulence_agree_with_those_of_the_real_flights(diagrams, root):
+def test_errors_with_noise_and_turbulence_agree_with_the_real_flights(diagrams, root):
     """Means are over 16 samples of the shipped scenarios. Their standard error is below 2 %."""
     rmse = {}
     for name in REAL_RMSE:

@@ -13,7 +13,7 @@ from drake_quad.vehicle.allocation import Priority
 def overloaded(priority):
     """Return the flight of a vehicle with more than twice its nominal weight and a centre of mass 0.5 mm off centre.
 
-    To hold the position, the controller commands the largest permitted thrust, which exceeds that of the rotors.
+    To hold the position, the controller commands the largest permitted thrust, which the rotors cannot produce.
     """
     overrides = {
         "vehicle.mass": 1.5,
@@ -51,8 +51,8 @@ def test_an_overloaded_vehicle_tips_over_if_thrust_has_priority():
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["x", "rotors"])
 @pytest.mark.parametrize("priority", get_args(Priority))
-def test_saturation_is_the_same_in_a_compiled_fleet_and_alone(layout, priority):
-    """At some instants only part of the vehicles in a vector register saturate."""
+def test_saturation_is_the_same_in_compiled_fleets_and_single_flights(layout, priority):
+    """At some times, only some of the vehicles in a vector register saturate."""
     rotors = [
         {"position": [0.14, -0.11, 0.02], "turns": "clockwise"},
         {"position": [-0.09, -0.13, 0.01], "turns": "anticlockwise", "thrust_factor": 4.1e-5},

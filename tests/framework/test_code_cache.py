@@ -69,7 +69,7 @@ def test_a_folder_that_others_can_write_is_not_used_and_logged_once(file, mode, 
     code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
     (record,) = caplog.records
-    assert record.getMessage().startswith(f"{file.parent} belongs to another user or can be written by others")
+    assert record.getMessage().startswith(f"{file.parent} belongs to another user or is writable by others")
     file.parent.chmod(0o755)
     assert code_cache.read(NAME) == CODE
 

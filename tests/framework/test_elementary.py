@@ -67,7 +67,7 @@ def test_maximum_and_minimum_of_all_scalar_types(function, expected):
     for value, other in ((1.0, 2.0), (2.0, 1.0)):
         assert function(Expression(variable), other).Evaluate({variable: value}) == expected
         assert function(np.array([Expression(variable)]), other)[0].Evaluate({variable: value}) == expected
-    # The functions prefer a number to NaN.
+    # If the first argument is NaN, the functions return the second one.
     assert function(math.nan, 1.5) == 1.5
     np.testing.assert_array_equal(function(np.array([math.nan]), 1.5), 1.5)
 
@@ -86,7 +86,7 @@ def test_wrapped_angles_lie_within_pi_and_keep_their_derivatives(angle):
 
 
 @pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
-def test_the_nearest_whole_number_has_no_derivatives(number):
+def test_the_nearest_integer_has_no_derivatives(number):
     """The function returns an integral value for every scalar type, and is idempotent."""
     expected = float(round(number))
     for value in (number, np.float64(number), AutoDiffXd(number, [1.0])):
@@ -99,7 +99,7 @@ def test_where_selects_by_a_mask():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     mask = np.array([True, False])
     np.testing.assert_array_equal(elementary.where(mask, 1.0, 2.0), [1.0, 2.0])
-    # A record can contain both rows and numbers that are the same for all vehicles.
+    # A record can contain rows, and numbers that are the same for all vehicles.
     rows = elementary.where(mask, (1.0, 2.0, 3.0), (np.array([4.0, 5.0]), 6.0, np.array([7.0, 8.0])))
     np.testing.assert_array_equal(rows, [[1.0, 5.0], [2.0, 6.0], [3.0, 8.0]])
 

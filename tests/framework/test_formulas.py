@@ -90,7 +90,7 @@ def test_an_operation_without_symbols_cannot_be_recorded():
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_rows_are_packed_one_after_another(n):
-    """A row is one number or a number for each vehicle. Rows of other sizes are refused."""
+    """A row contains one number, or one number per vehicle. Rows of other sizes are refused."""
     row = np.arange(1.0, n + 1.0)
     np.testing.assert_array_equal(
         packed([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]

@@ -92,7 +92,7 @@ def test_matrices_are_equal_if_their_numbers_are_equal():
 
 
 def test_the_numbers_of_a_matrix_cannot_be_changed():
-    """Machine code is cached under a digest of the numbers, so a changed matrix would run the wrong code."""
+    """Machine code is cached under a digest of the matrix, so a changed matrix would run the wrong code."""
     matrix = matrix_of(3, 2)
     with pytest.raises(ValueError, match="read-only"):
         matrix._numbers[0, 0] = 1.0

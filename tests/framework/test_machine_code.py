@@ -205,7 +205,7 @@ def turned(place: Place, angle: tuple[Row], scale: tuple[Row], time: Row, offset
 
 
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
-def test_a_vehicle_has_bitwise_equal_results_alone_and_in_a_fleet(n):
+def test_results_of_a_single_vehicle_and_in_a_fleet_are_bitwise_equal(n):
     rng = np.random.default_rng(n)
     place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])

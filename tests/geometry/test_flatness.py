@@ -41,7 +41,7 @@ def test_the_thrust_points_along_the_z_axis_of_the_body(acceleration, yaw, up):
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
-def test_at_zero_yaw_the_attitude_is_that_of_eq_7():
+def test_at_zero_yaw_the_attitude_agrees_with_eq_7():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
     tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))

@@ -29,7 +29,8 @@ def test_a_seed_also_seeds_the_generator_of_the_environment():
     envs = hover(num_envs=2)
     envs.reset(seed=7)
     assert envs.np_random_seed == 7
-    # The first reset also draws a seed for vehicles without one, so the generator is compared after the second reset.
+    # The first reset also draws a seed for vehicles without a seed, so the generator is compared after the second
+    # reset.
     envs.reset(seed=7)
     drawn = envs.np_random.random()
     # Seeds of single vehicles and resets without a seed do not change the generator.
@@ -46,7 +47,7 @@ def test_options_without_a_mask_reset_all_vehicles():
     envs.reset(seed=1, options={})
     envs.reset(options={"reset_mask": None})
     assert [envs.episode(i).sample for i in range(2)] == [1, 1]
-    with pytest.raises(InputError, match="reset_mask must be 2 truth values, some of them true"):
+    with pytest.raises(InputError, match="reset_mask must contain 2 Booleans, at least one of them True"):
         envs.reset(options={"reset_mask": np.array([False, False])})
 
 

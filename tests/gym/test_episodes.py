@@ -22,7 +22,7 @@ def test_the_number_of_episodes_in_memory_is_bounded(n, most):
 
 @pytest.mark.slow
 def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkeypatch):
-    """Its next episodes are computed when it needs them, although those of other vehicles are not used up."""
+    """Further episodes of this vehicle are computed on demand, while other vehicles still have unused episodes."""
     scenario = task_of("robustness")
     plan = plan_route(scenario)
 
@@ -32,7 +32,7 @@ def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkey
             actual = episodes.begin(np.array(each)).parameters
         return actual
 
-    # All of them are computed at the start.
+    # All episodes are computed at the start.
     expected = parameters([0, 1], [0], [0, 1])
     monkeypatch.setattr(module, "_MAX_EPISODES_AHEAD", 2)
     np.testing.assert_array_equal(parameters([0, 1], [0], [0, 1]), expected)

@@ -51,7 +51,7 @@ def test_wrong_actions_are_refused(action):
     scenario = task()
     with pytest.raises(
         InputError,
-        match=r"the policy must return \(1, 3\) numbers of at most 1,000,000 in size, but returned .* at 0.00",
+        match=r"the policy must return an array \(1, 3\) of numbers .* at most 1,000,000, but returned .* at 0.00",
     ):
         simulate(scenario, policy=FunctionPolicy(scenario, lambda _: action))
     with pytest.raises(InputError, match="hover must be of kind policy"):

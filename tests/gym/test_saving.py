@@ -56,7 +56,7 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
 
 
 def test_a_saved_controller_is_named_after_its_file(tmp_path):
-    """This is the name in `drake-quad compare`."""
+    """`drake-quad compare` prints this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layer = Layer(np.zeros((3, 3)), np.zeros(3))
     for name in ("one", "task"):
@@ -64,7 +64,7 @@ def test_a_saved_controller_is_named_after_its_file(tmp_path):
         assert load_scenario("figure_eight", layers=[f"{path}:{name}"]).control.kind == "policy"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["one.npz", "one.yaml", "task.npz", "task.yaml"]
     for wrong in (tmp_path / "mine", tmp_path / "my policy.yaml", tmp_path / ".yaml"):
-        with pytest.raises(InputError, match="a policy is written to a .yaml file with a name of letters and digits"):
+        with pytest.raises(InputError, match="a policy must be written to a .yaml file with a name of letters"):
             save_policy(env, [layer], wrong)
 
 

@@ -138,7 +138,7 @@ def test_policies_that_would_act_differently_are_refused(tmp_path):
     for make, words in [
         (
             lambda: briefly_trained(adapter_envs, policy_kwargs={"features_extractor_class": Halved}),
-            "not those of its dense layers alone",
+            "its dense layers do not reproduce its actions",
         ),
         (
             lambda: briefly_trained(adapter_envs, policy_kwargs={"activation_fn": Longer}),
@@ -146,15 +146,15 @@ def test_policies_that_would_act_differently_are_refused(tmp_path):
         ),
         (
             lambda: briefly_trained(wrappers.VecFrameStack(adapter_envs, 2)),
-            "inside a VecFrameStack, which is not supported",
+            "wrapped in a VecFrameStack, which is not supported",
         ),
         (
             lambda: briefly_trained(wrappers.VecNormalize(wrappers.VecNormalize(adapter_envs))),
-            "inside two VecNormalize that normalise observations",
+            "two VecNormalize wrappers normalise the observations",
         ),
         (
             lambda: briefly_trained(wrappers.DummyVecEnv([lambda: rescaled])),
-            "inside a RescaleAction, which is not supported",
+            "wrapped in a RescaleAction, which is not supported",
         ),
         (lambda: closed, "the model has no environment"),
         (

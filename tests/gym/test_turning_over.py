@@ -22,7 +22,7 @@ TASK = {
 
 
 def actions():
-    """Return actions (ticks, N, 4) that command a pitch rate of 6 rad/s for 0.6 s and then none."""
+    """Return actions (ticks, N, 4) that command a pitch rate of 6 rad/s for 0.6 s, and then zero."""
     commands = np.zeros((NUM_TICKS, len(YAW_RATES), 4))
     commands[:30, :, 2], commands[:30, :, 3] = FLIP_RATE / 10.0, YAW_RATES / 10.0
     return commands

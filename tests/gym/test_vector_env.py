@@ -397,7 +397,7 @@ def test_a_reset_clears_the_ended_episodes(mask):
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else initial[i] + 1 for i in range(3)]
 
 
-def test_the_last_action_before_the_first_step_is_that_of_hover():
+def test_the_last_action_before_the_first_step_is_the_hover_action():
     """The thrust in hover is the weight, and actions range from 0.5 to 1.75 times the weight."""
     transitions = []
     action = {"kind": "attitude", "min_thrust": 0.5, "max_thrust": 1.75}
@@ -445,11 +445,11 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario, which has reference, "),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario; its signals are reference"),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
-            "overrides only apply to the file or name of a scenario",
+            "overrides apply only to a scenario that is given by file or name",
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
@@ -457,19 +457,19 @@ def test_the_tracking_reward_follows_its_formula():
         ),
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
-        (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "the action of vehicle 1 is .nan, nan"),
         (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be from 0 to 9223372036854775805"),
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
         (
             lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}),
-            "must be true for all vehicles at the first reset",
+            "must be True for all vehicles at the first reset",
         ),
-        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
+        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must contain 2 Booleans"),
         (lambda: flown_with(reward=lambda step: step.observation), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(reward=lambda step: None), "reward must return 2 numbers, but returned None"),
         (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan for vehicle 1"),
         (lambda: flown_with(terminates=lambda step: False), "terminates must return 2 numbers, but returned False"),
-        (lambda: envs_of(2, signals=["wind", "wind"]), "signals has wind twice"),
+        (lambda: envs_of(2, signals=["wind", "wind"]), "signals contains wind twice"),
         (lambda: envs_of(2.5), "num_envs is 2.5, but must be a whole number, at least 1"),
         (lambda: envs_of(True), "num_envs is True, but must be a whole number"),
         (
@@ -483,16 +483,16 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: envs_of(2).reset(seed="a"), "seed is 'a', but must be a whole number"),
         (lambda: envs_of(2).reset(seed=[1.5, 2]), "seed is 1.5, but must be a whole number"),
         (lambda: QuadrotorEnv("hover").reset(seed=-3), "seed is -3, but must be from 0"),
-        (lambda: rollout(envs_of(2), ["up"], 0), "actions are 'up', but must be real numbers"),
-        (lambda: rollout(envs_of(2), [[[0.0], [0.0, 1.0]]], 0), "must be real numbers of one shape"),
-        (lambda: rollout(envs_of(2), [np.full((2, 4), "0.1")], 0), "must be real numbers of one shape"),
-        (lambda: rollout(envs_of(2), [np.full((2, 4), 0.1 + 0.1j)], 0), "must be real numbers of one shape"),
-        (lambda: rollout(envs_of(2), [np.full((2, 4), None)], 0), "must be real numbers of one shape"),
+        (lambda: rollout(envs_of(2), ["up"], 0), "actions are 'up', but must be an array of real numbers"),
+        (lambda: rollout(envs_of(2), [[[0.0], [0.0, 1.0]]], 0), "must be an array of real numbers"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), "0.1")], 0), "must be an array of real numbers"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), 0.1 + 0.1j)], 0), "must be an array of real numbers"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), None)], 0), "must be an array of real numbers"),
         (
             lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [-1e308]])], 0),
-            "at most 1,000,000 in size, but that of",
+            "at most 1,000,000, but the action of",
         ),
-        (lambda: QuadrotorEnv("hover").step([0.0, 0.0, 1j]), "must be real numbers of one shape"),
+        (lambda: QuadrotorEnv("hover").step([0.0, 0.0, 1j]), "must be an array of real numbers"),
         (lambda: flown_with(reward=lambda step: 1j * step.time), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(terminates=lambda step: ["", "x"]), r"terminates must return 2 numbers, but returned \["),
         (lambda: envs_of(2, action=5), "action is 5, but must be the name of a kind of action, or a mapping of fields"),
@@ -503,7 +503,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorVectorEnv("hover", 5), "the override 5 must be a mapping"),
         (lambda: envs_of(2, record=True).flight(2), "vehicle is 2, but must be from 0 to 1"),
         (lambda: envs_of(2).episode(-1), "vehicle is -1, but must be from 0 to 1"),
-        (lambda: envs_of(2, render_mode="rgb_array").render(), "must be reset before its first frame"),
+        (lambda: envs_of(2, render_mode="rgb_array").render(), "must be reset before it is rendered"),
         (lambda: TrackingReward(length=0.0), "length is 0.0, but must be larger than 0"),
         (lambda: TrackingReward(effort=np.inf), "effort is inf, but must be a finite number"),
         (lambda: envs_of(2).flight(), "actions are not recorded"),

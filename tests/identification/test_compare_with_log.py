@@ -59,7 +59,7 @@ def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(compare, tmp_path):
-    """The true thrust factor predicts better than that of the data sheet."""
+    """The true thrust factor predicts better than the one on the data sheet."""
     errors = []
     for thrust_factor in (1.983e-8, 3.025e-8):
         given = ["--set", "nominal.mass=0.0375", "--set", f"vehicle.thrust_factor={thrust_factor}"]

@@ -144,7 +144,7 @@ def test_the_first_half_second_of_a_log_is_left_out():
 
 
 def test_a_scale_error_is_the_regression_on_the_mean_velocity():
-    """The test repeats the estimate: means over 0.1 s, from 0.5 s on; the standard deviation is from blocks of 0.5 s."""
+    """The test repeats the estimate from means over 0.1 s, and its standard deviation from blocks of 0.5 s."""
     log = made(12.0, speed=0.7)
     # The speed is below the minimum of 0.15 m/s RMS along y, and above it along z.
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])

@@ -408,7 +408,7 @@ def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
 ) -> None:
-    """Beyond two prior standard deviations, the search is repeated once from the prior mean; the likelier fit counts."""
+    """Beyond two prior standard deviations, the search is repeated from the prior mean; the likelier fit counts."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01

@@ -116,7 +116,7 @@ def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
     assert [each.name for each in found] == ["a", "b", "c"]
     assert [each.forces for each in found] == [{}] * 3
     np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
-    # If the windows agree exactly, the standard deviation is that of the model.
+    # If the windows agree exactly, the standard deviation follows from the model.
     direction = thrust_direction(evidence.names, evidence.values)
     model = np.einsum("i,wij,j->w", direction, evidence.information, direction).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose([each.thrust.deviation for each in found], model**-0.5)

@@ -125,7 +125,7 @@ def take_off(diagrams):
 
 
 def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
-    """The predicted vehicle is the one of the log. The time of the lift-off is known to a few samples only."""
+    """The log was flown by the predicted vehicle. The time of the lift-off is known to a few samples only."""
     scenario, record = take_off
     found = compare_with_log(record, scenario, samples=1)
     assert 1.0 < found.time[0] < 1.6

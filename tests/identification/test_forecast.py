@@ -23,7 +23,7 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return windows of constant acceleration, and a model that misses a known fraction of the motion after settling."""
+    """Return windows of constant acceleration; after settling, the model misses a known fraction of the motion."""
     random = np.random.default_rng(7)
     state = random.normal(size=(12, NUM_WINDOWS))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]

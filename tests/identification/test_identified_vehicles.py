@@ -164,7 +164,7 @@ def crazyflie() -> Scenario:
 
 @pytest.mark.slow
 def test_the_published_crazyflie_is_identified() -> None:
-    """The lag, the inertia about x and y, and the thrust curve agree with arXiv 2404.07837, which used the same logs."""
+    """Lag, inertia about x and y, and thrust curve agree with arXiv 2404.07837, which used the same logs."""
     logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))
     estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_share=0.0).estimates
     lag = 0.5 * (estimates.value("rotor_time_constant") + estimates.value("rotor_time_constant_down"))

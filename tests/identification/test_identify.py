@@ -15,7 +15,7 @@ from drake_quad.identification.parameters import Parameter, parameters_of
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise
 from drake_quad.identification.result import ForecastOutput
 
-PERIOD = 0.02
+PERIOD = 0.02  # s, sampling period
 POSES = ("position", "attitude")
 
 

@@ -18,7 +18,7 @@ from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, pre
 from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.results.estimates import Explained, quantile
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 NOISES = [f"laboratory.motion_capture.{signal}_noise" for signal in ("position", "attitude")]
 NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))

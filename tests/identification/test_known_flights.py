@@ -74,7 +74,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
         assert record.rotor_speed_command is None
     elif kind == "battery":
         np.testing.assert_array_equal(record.motor_command, flight["throttle_command"])
-        # The voltage sags below that of the full battery by the current times 20 mΩ, and falls with the charge.
+        # The voltage is below the full voltage by the current times 20 mΩ, and decreases with the charge.
         assert 12.0 < record.battery_voltage.min() < record.battery_voltage.max() < 12.6
         assert record.rotor_speed_command is None
     else:
@@ -134,7 +134,7 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
 
     def identify(records, *_, **__):
         logs.extend(records)
-        raise InputError("no")
+        raise InputError("refused by this test")
 
     monkeypatch.setattr(known_flights, "identify", identify)
     check_batch(Task("slow_log", diagrams, ["duration=0.1"], [4]))
@@ -143,7 +143,7 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
 
 def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):
     def refuse(*_, **__):
-        raise InputError("no")
+        raise InputError("refused by this test")
 
     monkeypatch.setattr(known_flights, "identify", refuse)
     assert check_batch(Task("wind", diagrams, ["duration=0.3"], [4])) == {4: []}

@@ -26,7 +26,7 @@ from drake_quad.identification.logs.consistency import (
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(1500)
 # The search compares the log with about a hundred faults.
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ HALF_TURN = np.array([1.0, -1.0, -1.0])
 
 @functools.cache
 def flight(noise=1.0):
-    """Return a flight with linear drag and thrust along the body's z axis; acceleration and yaw determine the attitude."""
+    """Return a flight with linear drag and thrust along the body's z axis; its attitude follows from path and yaw."""
     random = np.random.default_rng(1)
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
     phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])
@@ -241,9 +241,9 @@ def test_each_wrong_frame_is_named():
     to_world = rotations(clean["attitude"]).apply
     to_body = rotations(clean["attitude"]).inv().apply
     for name, turned, words in (
-        ("body_rates", to_world, "body_rates looks as if it were along the axes of the world"),
-        ("specific_force", to_world, "specific_force looks as if it were along the axes of the world"),
-        ("velocity", to_body, "velocity looks as if it were along the axes of the body"),
+        ("body_rates", to_world, "body_rates looks as if it were along world axes"),
+        ("specific_force", to_world, "specific_force looks as if it were along world axes"),
+        ("velocity", to_body, "velocity looks as if it were along body axes"),
         ("velocity", lambda v: v[:, [1, 0, 2]] * [1.0, 1.0, -1.0], "velocity looks as if NED was taken for ENU"),
         ("attitude", lambda a: a + np.array([0.0, 0.0, 0.5 * np.pi]), "the yaw of attitude looks 90° too large"),
     ):
@@ -287,7 +287,7 @@ def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitu
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
-    # The RMS value is that of a sum of two sines.
+    # The acceleration is a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
     late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))

@@ -34,7 +34,7 @@ def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_ti
     for channels in ([slow, fast, commands], [commands, fast, slow]):
         assert conversion._fastest(channels) is (fast if taken else slow).clock
     assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
-    # The rate of a clock is that of its median step, so gaps do not matter.
+    # The rate of a clock follows from its median step, so gaps do not matter.
     gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
     assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
 
@@ -221,16 +221,16 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     ]
     signals = dict(given)
     assert list(conversion._turn_to_signal_frames(signals, channels)) == [
-        "velocity is turned from the axes of the body to those of the world by the attitude",
-        "specific_force is turned from the axes of the world to those of the body by the attitude",
+        "velocity is turned from body axes to world axes by the attitude",
+        "specific_force is turned from world axes to body axes by the attitude",
     ]
     np.testing.assert_allclose(signals["velocity"], to_world.apply(velocity), atol=1e-12)
     np.testing.assert_allclose(signals["specific_force"], to_world.inv().apply(force), atol=1e-12)
     assert (signals["attitude"] is attitude, signals["body_rates"] is rates) == (True, True)
     signals = {name: values for name, values in given.items() if name != "attitude"}
     assert list(conversion._turn_to_signal_frames(signals, channels[1:])) == [
-        "velocity is left out: it is along the axes of the body, and no attitude is logged",
-        "specific_force is left out: it is along the axes of the world, and no attitude is logged",
+        "velocity is left out: it is along body axes, and no attitude is logged",
+        "specific_force is left out: it is along world axes, and no attitude is logged",
     ]
     assert set(signals) == {"body_rates"}
 

@@ -104,7 +104,7 @@ def test_a_wrong_frame_is_corrected_by_a_rotation_with_the_attitude(known: dict[
     assert {fault.signals for fault in known.values() if fault.is_frame} == {(name,) for name in frames}
     for name, turn in frames.items():
         frame = "body" if name == "velocity" else "world"
-        fault = known[f"{name} looks as if it were along the axes of the {frame}"]
+        fault = known[f"{name} looks as if it were along {frame} axes"]
         wrong = {**SIGNALS, name: turn.apply(SIGNALS[name])}
         np.testing.assert_allclose(fault.repaired(wrong)[name], SIGNALS[name], atol=1e-12)
         assert (fault.num_axes, fault.is_frame) == (0, True)

@@ -269,12 +269,12 @@ def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(r
     record = read(mat_file(content), tmp_path / "mine.yaml")
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
-        assert remark == f"log.{name} is not read: its length differs from that of log.t"
+        assert remark == f"log.{name} is not read: its length differs from the length of log.t"
     assert said(record, "not read: log.rpm")
     content["log"]["p"] = np.ones((COUNT - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None
-    assert said(shorter, "log.p is not read: its length differs from that of log.t")
+    assert said(shorter, "log.p is not read: its length differs from the length of log.t")
 
 
 def test_a_mat_file_in_hdf5_format_is_refused(read):
@@ -290,7 +290,7 @@ def check_ros(record):
     np.testing.assert_allclose(record.velocity, np.column_stack([np.cos(t), np.sin(t), -1.0 + 0.0 * t]), atol=1e-9)
     np.testing.assert_allclose(record.body_rates[0], [0.1, 0.2, 1.0])
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.0, 9.81])
-    assert said(record, "velocity is turned from the axes of the body to those of the world by the attitude")
+    assert said(record, "velocity is turned from body axes to world axes by the attitude")
 
 
 @pytest.mark.slow
@@ -470,7 +470,7 @@ def test_rates_about_the_axes_of_the_world_are_turned_into_the_body(read, tmp_pa
     mapping.write_text(rates % ", position: {columns: [px, py, pz]}")
     kept = read(text.encode(), mapping)
     assert kept.body_rates is None
-    left_out = "body_rates is left out: it is along the axes of the world, and no attitude is logged"
+    left_out = "body_rates is left out: it is along world axes, and no attitude is logged"
     assert left_out in kept.remarks
     mapping.write_text(rates % "")
     with pytest.raises(InputError, match=f"has no signal that can be used: {left_out}"):

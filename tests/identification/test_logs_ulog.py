@@ -231,8 +231,8 @@ def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
     }
     assumed = read(ulog(motors))
     np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
-    assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed to be those of its quad-x")
-    # The positions are front left, back left, back right, front right.
+    assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed as in PX4's quad-x")
+    # Front left, back left, back right, front right.
     places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
     parameters = {"CA_ROTOR_COUNT": 4}
     for i, (x, y) in enumerate(places):
@@ -244,7 +244,7 @@ def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
     np.testing.assert_array_equal(named.motor_command, known.motor_command)
     assert named.remarks == known.remarks
     odd = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
-    assert said(odd, "assumed to be those of its quad-x")
+    assert said(odd, "assumed as in PX4's quad-x")
 
 
 def test_dropouts_are_reported():

@@ -28,7 +28,7 @@ from drake_quad.identification.results.vehicle_numbers import with_throttles
 from drake_quad.identification.windows import LogWindow, WindowSizes
 from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
 SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)
 PUSHED = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)

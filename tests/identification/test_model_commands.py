@@ -145,7 +145,7 @@ def test_a_log_without_commands_is_refused(flight, record, left_out, words):
     with pytest.raises(InputError, match=words):
         with_commands(without, flight.scenario, flight.scenario)
     motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
-    with pytest.raises(InputError, match="the log contains speeds|the log contains throttles"):
+    with pytest.raises(InputError, match="the log has speeds|the log has throttles"):
         with_commands(motors, flight.scenario, flight.scenario)
 
 

@@ -151,7 +151,7 @@ def test_a_law_with_a_term_that_a_pid_lacks_is_a_cascade(name, axis):
 
 
 def test_a_limit_of_the_error_limits_the_velocity_of_a_cascade():
-    """The limit of the velocity is the position gain times that of the error; 1000 m/s means no limit."""
+    """The limit of the velocity is the position gain times the limit of the error; 1000 m/s means no limit."""
     control = control_of(PD | {"error_limit": 0.5}, PD, PD | {"velocity": 2.0, "reference_velocity": 2.0})
     np.testing.assert_allclose(control["position"]["k_p"], [4.0 / 3.0, 4.0 / 3.0, 2.0], rtol=1e-4)
     np.testing.assert_allclose(control["position"]["limit"], [2.0 / 3.0, 1000.0, 1000.0], rtol=1e-4)

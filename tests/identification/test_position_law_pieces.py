@@ -19,7 +19,7 @@ from drake_quad.identification.position_law.commands import (
 )
 from drake_quad.identification.position_law.pieces import block_numbers, prepared_pieces
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(600)
 
 

@@ -21,7 +21,7 @@ from drake_quad.identification.position_law.regression import (
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 BASIC = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")
 GAINS = {
     "position": 4.0,
@@ -116,7 +116,7 @@ def test_the_search_begins_at_the_best_start():
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.09, 0.15])
 def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
-    """The sum of squared residuals has a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
+    """The squared residuals have a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
     late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
     command = np.interp(piece.time - delay, piece.time, late)
@@ -410,7 +410,7 @@ def test_the_search_for_a_limit_starts_at_errors_that_occur():
 
 
 def prepared(monkeypatch, *logs):
-    """Replace the preparation of logs, so that each log has the given pieces of each form and mask of limited samples."""
+    """Replace the preparation of logs, so that each log has the given pieces and mask of limited samples."""
     waiting = iter(logs)
 
     def prepared_pieces(record, scenario, remarks):

@@ -102,7 +102,7 @@ def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out)
 @pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
 def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, left_out):
-    """The errors of constant velocity are the displacement, the velocity change and the angle due to the accelerations."""
+    """With constant velocity, the errors are the displacement, velocity change and angle due to the accelerations."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))

@@ -17,7 +17,7 @@ from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 SIZES = WindowSizes(length=20, settle=10, warm_up=5)
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]
@@ -129,7 +129,7 @@ def test_equivalent_axes_share_one_noise_parameter(scenario, log):
 
 
 def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scenario, log):
-    """Without positions, the position is left out; without attitudes, the yaw; without forces, velocities and forces."""
+    """Without positions, no position is a state; without attitudes, no yaw; without forces, no velocity or force."""
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
         (POSE, set()),
@@ -316,7 +316,7 @@ def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("first", [{"white": 1.1}, {"push": 0.8}, {"memory": 1.2}], ids=lambda first: next(iter(first)))
 def test_several_noises_are_linearised_together(scenario, log, values, outputs, first):
-    """For a change of the noise by 0.1 %, the result differs from that of separate calls by at most 1 % of the change."""
+    """For a change of the noise by 0.1 %, results differ from separate calls by at most 1 % of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([2, 0])
     near = [noise_of(outputs, **(first | {name: first.get(name, 1.0) * 1.001})) for name in ("white", "push", "memory")]

@@ -142,7 +142,7 @@ def test_a_filter_starts_with_a_large_disturbance_of_short_correlation_time() ->
     noise = initial_noise([Output(name, column) for name in signals for column in range(3)])
     usual = np.repeat([1e-3, 2e-2, 4e-3, 2e-2, 0.3], 3)
     assert np.all(np.abs(np.log10(noise.measured / usual)) < 1.0)
-    # The force is a tenth of the weight; the torque is that of a moment-arm error of 1 mm.
+    # The force is a tenth of the weight; a moment-arm error of 1 mm causes the torque.
     assert np.all(noise.disturbance >= [0.1 * GRAVITY] * 3 + [1.0] * 3)
     assert np.all(noise.disturbance < 2.0 * GRAVITY)
     assert np.all(noise.memory < 0.2)

@@ -53,7 +53,7 @@ def test_a_parameter_without_information_does_not_vary() -> None:
     assert known is not None
     np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
     np.testing.assert_array_equal(found.covariance[2], [*nothing, 0.0])
-    # If the jackknife finds no variance, the variance of the mean is zero, too.
+    # If the jackknife finds no variance, the variance of the mean is also zero.
     of_both = jackknife(both.information, both.scores)
     mean = uncertainty_of_mean(of_both, both, found)
     assert np.isfinite(mean.covariance).all()
@@ -245,7 +245,7 @@ def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
     mean = Stretches.of(apart).uncertainty()
-    # The estimate does not change when another block is left out, so its variance is that of the model.
+    # The estimate does not change when another block is left out, so the model determines its variance.
     assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
     drag = apart._replace(

@@ -18,7 +18,7 @@ from drake_quad.identification.sampling import (
     synchronised,
 )
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(4000)
 # Time shift in each part of two seconds, s.
 DRIFT = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)

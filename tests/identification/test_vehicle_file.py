@@ -42,7 +42,7 @@ NOT_DRAWN = ("laboratory.command_link.delay_ticks", "body_drag.linear[1]")
 
 
 def correlated(count):
-    """Return random correlations; those of the thrust curve are strong, as after a fit around hover."""
+    """Return random correlations; the thrust curve has strong ones, as after a fit around hover."""
     shape = np.random.default_rng(4).normal(size=(count, count + 8))
     shape[5] = 0.05 * shape[5] - shape[6]
     covariance = shape @ shape.T
@@ -78,7 +78,7 @@ def written(estimates, base, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def believed(estimates, base, tmp_path_factory):
-    """Return a vehicle whose nominal parameters are the estimates, too."""
+    """Return a vehicle whose nominal parameters are also the estimates."""
     path = tmp_path_factory.mktemp("believed") / "my_drone.yaml"
     return load_undesigned(write_vehicle(path, "my-drone", estimates, base=base, nominal=True))
 

@@ -19,7 +19,7 @@ from drake_quad.identification.windows import (
     wrapped_angles,
 )
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 
 
 def record(seconds: float = 20.0, **signals: np.ndarray) -> FlightRecord:

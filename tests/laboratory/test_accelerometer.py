@@ -193,7 +193,7 @@ class Altitude(NamedTuple):
 
 
 class AltimeterNumbers(NamedTuple):
-    """Numbers of an altimeter that is exact."""
+    """Numbers of an exact altimeter."""
 
     latency_samples: Number = 0.0
 

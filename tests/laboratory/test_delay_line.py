@@ -32,7 +32,7 @@ def step_line(now, under_way, delay):
 
 @fleet_system(float, AutoDiffXd)
 class DelaySystem(FleetSystem):
-    """System that delays its input by a number of ticks. Until then, its output is the input at the beginning."""
+    """System that delays its input by a number of ticks. Before that, its output is the initial input."""
 
     def declare(self, *, longest=0, numbers=Delay()):
         now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
@@ -96,7 +96,7 @@ def test_a_line_without_samples_outputs_its_initial_rows():
     assert system.get_state(context, "later_under_way") == (Pair(7.0, 8.0), Pair(7.0, 8.0))
 
 
-def test_the_latest_sample_is_that_of_the_last_tick():
-    """Without delay, this sample is the output. Otherwise it is the first of the delayed samples."""
+def test_the_latest_sample_is_from_the_last_tick():
+    """Without delay, the latest sample is the output. Otherwise, it is the first of the delayed samples."""
     assert latest_sample("output", ()) == "output"
     assert latest_sample("output", ("latest sample", "earlier sample")) == "latest sample"

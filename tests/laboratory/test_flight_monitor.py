@@ -263,7 +263,7 @@ def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
 
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
-def test_no_collision_is_missed_although_distances_are_skipped(num_vehicles):
+def test_no_collision_is_missed_if_distances_are_skipped(num_vehicles):
     """Vehicles are slow, fast or jumping. For comparison, all distances are computed at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2

@@ -98,7 +98,7 @@ def test_a_lost_packet_is_replaced_by_the_previous_one(delay):
     output = log_data.data().reshape(4, n, -1)[0, :, delay + 2 :]
     time = log_data.sample_times()[delay + 2 :]
     ages = np.round((time - (output - 1.0)) / 0.02)
-    # The output is the packet that was sent `delay` ticks before the last tick, or an older packet if that was lost.
+    # The output is the packet sent `delay` ticks before the last tick, or an older packet if this one was lost.
     lateness = ages - (delay + 1)
     assert lateness.min() == 0.0
     for ticks in (0, 1, 2):
@@ -141,7 +141,7 @@ def test_by_default_the_laboratory_is_ideal():
     assert TurbulenceNumbers(TURBULENCE).heading == 0.0
 
 
-def test_default_crash_limits_are_those_of_a_scenario():
+def test_default_crash_limits_agree_with_a_scenario():
     crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
     assert CrashLimits()._asdict() == pytest.approx(crash)
 

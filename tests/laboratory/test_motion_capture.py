@@ -96,7 +96,7 @@ def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
 
 
 def test_velocity_at_every_second_frame_has_no_noise_at_zero_frequency():
-    """The noise of the mean over 4 s is that of the position divided by 4 s, not that of the velocity over √200."""
+    """The noise of the mean over 4 s is the position noise divided by 4 s, not the velocity noise divided by √200."""
     n, sigma = 200, 1e-3
     numbers = CameraNumbers(sigma, derivative_bandwidth=100.0)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
@@ -110,8 +110,8 @@ def test_velocity_at_every_second_frame_has_no_noise_at_zero_frequency():
 def test_the_filter_is_a_first_order_lag():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
     time, frames = measurements_of(state_ramp(rates), camera_with_filter(25.0), duration=1.0)
-    # The value logged at a tick is that of the previous frame. The filter differentiates over two frames, so the
-    # velocity is the mean of the responses at the last two frames.
+    # The value logged at a tick is from the previous frame. The filter takes differences over two frames, so its
+    # velocity is the mean of the lag's responses at the last two frames.
     response, response_of_previous_frame = (
         1.0 - np.exp(-25.0 * np.maximum(time - delay, 0.0)) for delay in (H, 2.0 * H)
     )
@@ -120,12 +120,12 @@ def test_the_filter_is_a_first_order_lag():
     )
 
 
-def test_body_rates_are_those_of_the_rotating_body():
+def test_body_rates_agree_with_the_rotation_of_the_body():
     """Roll, pitch and yaw change at the same time. Body rates agree with Drake's angular velocity."""
     rates = np.array([0.3, -0.2, 0.5])
     time, frames = measurements_of(state_ramp([0.0, 0.0, 0.0, *rates]), camera_with_filter(400.0), duration=2.0)
     for tick in (60, 120, 199):
-        # A difference over two frames is the rate at the middle frame. The filter adds a lag of a few milliseconds.
+        # A difference over two frames gives the rate at the middle frame. The filter adds a lag of a few milliseconds.
         attitude = RollPitchYaw(rates * (time[tick] - H))
         w_WB_W = attitude.CalcAngularVelocityInParentFromRpyDt(rates)
         expected = attitude.ToRotationMatrix().inverse() @ w_WB_W
@@ -137,7 +137,7 @@ def test_angle_differences_are_converted_at_the_middle_frame():
     rates = np.array([0.3, -0.2, 0.5])
     time, frames = measurements_of(state_ramp([0.0, 0.0, 0.0, *rates]), camera_with_filter(1e4), duration=2.0)
     for tick in (60, 120, 199):
-        # The value logged at a tick is that of the previous frame, whose difference is to the frame two frames earlier.
+        # The value logged at a tick is from the previous frame, and is the difference to the frame two frames earlier.
         middle = RollPitchYaw(rates * (time[tick] - 2.0 * H))
         expected = middle.CalcAngularVelocityInChildFromRpyDt(rates)
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)
@@ -172,7 +172,7 @@ def test_body_rates_are_correct_for_a_body_that_turns_over(body_rates, misaligne
 @pytest.mark.parametrize("change", [0.3, -0.3, 0.06, -0.06])
 @pytest.mark.parametrize("angle", ["roll", "pitch", "yaw"])
 def test_a_large_angle_change_is_measured_as_a_rotation_vector(angle, change):
-    """Each angle changes alone, in both directions. A small change agrees with eq (2)."""
+    """One angle changes at a time, in both directions. A small change agrees with eq (2)."""
     before = Pose(0.0, 0.0, 0.0, 0.2, -0.4, 0.7)
     after = before._replace(**{angle: getattr(before, angle) + change})
     rotations = [Rotation.from_euler("ZYX", (p.yaw, p.pitch, p.roll)) for p in (before, after)]
@@ -185,7 +185,7 @@ def test_a_large_angle_change_is_measured_as_a_rotation_vector(angle, change):
 
 
 def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
-    """Rounding can make the sine of their pitch slightly larger than 1."""
+    """Rounding errors can make the sine of the pitch slightly larger than 1."""
     rng = np.random.default_rng(7)
     for _ in range(200):
         misalignment = Attitude(*rng.uniform(-0.3, 0.3, 3))
@@ -198,7 +198,7 @@ def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
 
 
 def test_a_frame_without_errors_is_the_state():
-    """This is exact even if the cameras have ports for noise and dropouts, and room for latency."""
+    """This is exact even if the cameras have ports for noise and dropouts, and memory for delayed frames."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
     time, ideal = measurements_of(state, MotionCapture(), duration=1.0)
@@ -224,7 +224,7 @@ def test_latency_is_a_whole_number_of_frames():
 
 @pytest.mark.parametrize("bandwidth", [None, 50.0])
 def test_before_the_first_frame_arrives_the_output_is_the_initial_frame(bandwidth):
-    """Without a filter, the initial frame contains velocity and body rates. With one, these are zero."""
+    """Without a filter, the initial frame contains velocity and body rates. With a filter, these are zero."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
     numbers = CameraNumbers(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
     camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, numbers=numbers)
@@ -245,7 +245,7 @@ def test_a_lost_frame_repeats_the_previous_frame():
     # The frame after a lost one is up to date.
     is_current = np.abs(frames[0] - (time - H)) < 1e-9
     np.testing.assert_array_equal(is_current[:, 3:], ~lost)
-    # While frames are lost, the filter reads no motion. Afterwards it reads all of the motion at once.
+    # While frames are lost, the filter measures no motion. Afterwards, it measures all of the motion at once.
     filtered = MotionCapture(num_vehicles=n, loses_frames=True, filtered=True, numbers=numbers)
     _, frames = measurements_of(state, filtered, duration=10.0, n=n)
     assert frames[6, :, 100:].mean() == pytest.approx(1.0, abs=0.02)
@@ -261,7 +261,7 @@ def test_misaligned_markers_rotate_with_the_body(attitude):
 
 
 def test_cameras_measure_the_attitude_of_the_markers():
-    """Each vehicle has its own misalignment. Position, velocity and body rates are those of the body."""
+    """Each vehicle has its own misalignment. Position, velocity and body rates are not affected."""
     rolls = np.array([0.05, -0.1])
     numbers = CameraNumbers(misalignment=Attitude(rolls, -0.08, 0.2))
     state = np.tile([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9], (2, 1)).T

@@ -74,7 +74,7 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, k
 
 
 def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
-    """The expected response is that of a zero-order hold over a period of the autopilot, without delay."""
+    """The expected response includes a zero-order hold over a period of the autopilot, and no delay."""
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
@@ -94,8 +94,8 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
                 np.testing.assert_allclose(inertia * plant.response(np.array([z]))[0, :, 0], expected, rtol=1e-5)
 
 
-def test_poles_of_the_yaw_loop_on_board_are_those_of_the_whole_diagram(onboard):
-    """The autopilot alone acts on the yaw. A tick has eight of its periods, so poles appear as eighth powers."""
+def test_poles_of_the_yaw_loop_on_board_agree_with_the_whole_diagram(onboard):
+    """Only the autopilot acts on the yaw. A tick has eight autopilot periods, so poles appear as eighth powers."""
     scenario = with_autopilot_gains(onboard(*ASYMMETRIC), ON_BOARD_GAINS)
     yaw_plant = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
     yaw_plant = yaw_plant.connected().scaled(0.0126, "acceleration_command")
@@ -116,7 +116,7 @@ def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
 
 
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
-def test_designed_poles_are_those_of_the_whole_diagram(onboard, kind):
+def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
     """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
     scenario = onboard(*AUTOPILOT_OVERRIDES[kind], *ASYMMETRIC)
     if kind == "attitude":
@@ -175,7 +175,7 @@ def test_loops_on_board_are_designed_from_the_inside_out_within_their_margins(on
         assert min(achieved.phase / phase, achieved.gain / gain) < 1.01
     assert designed.gains().keys() == {"position"}
     assert designed.autopilot_gains()["k_rate"] == [designed.on_board[f"{angle} rate"].gains.k for angle in angles]
-    # The position loop is designed around the designed attitude loops, not around those of the scenario.
+    # The position loop is designed around the designed attitude loops, not around the loops of the scenario.
     slow_autopilot = with_autopilot_gains(onboard(), {"k_attitude": (2.0,) * 3, "k_rate": (6.0,) * 3})
     assert design_cascade(slow_autopilot, on_board=True).gains() == designed.gains()
     around_slow_autopilot = design_cascade(slow_autopilot)
@@ -224,7 +224,7 @@ def with_position_scaled(scenario, factor, axes):
     ("kind", "row", "axes", "duration"), [("attitude", "z", (2,), 8.0), ("response", "x", (0, 1), 12.0)]
 )
 def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboard, kind, row, axes, duration):
-    """2 % below the stability limit a small displacement decays, 2 % above it the displacement grows."""
+    """A small displacement decays 2 % below the stability limit, and grows 2 % above the limit."""
     scenario = onboard(*AUTOPILOT_OVERRIDES[kind])
     loop = design_cascade(scenario).loops[row]
     resting = at_rest(as_believed(with_gains(scenario, design_cascade(scenario).gains())))
@@ -271,7 +271,7 @@ THROTTLES = [
 
 
 @pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
-def test_poles_of_the_map_on_board_are_those_of_the_diagram_without_position_control(onboard, motors):
+def test_poles_of_the_map_on_board_agree_with_the_diagram_without_position_control(onboard, motors):
     """The vehicle is the actual one, not the nominal one. A tick has eight periods of the autopilot."""
     actual = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
@@ -293,7 +293,7 @@ def test_poles_of_the_map_on_board_are_those_of_the_diagram_without_position_con
     assert gain_map.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
 
 
-def test_the_stability_limit_of_the_attitude_on_board_is_that_of_routh(onboard):
+def test_the_stability_limit_of_the_attitude_on_board_agrees_with_routh(onboard):
     """Routh's criterion applies to s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude).
 
     T is the lag of the rotors, and the hold delays by h / 2.

@@ -75,8 +75,11 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_in_wind_the_vehicle_settles_beside_the_reference(laboratory, side):
-    """The offset is D / (m k_P) and the tilt atan(D / m g). The equilibrium is that of four ticks after the start."""
+def test_in_wind_the_vehicle_settles_at_an_offset_from_the_reference(laboratory, side):
+    """The offset is D / (m k_P) and the tilt atan(D / m g).
+
+    The equilibrium is computed at four ticks after the start.
+    """
     scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
     assert loop.context.get_time() == 4 * 0.02
@@ -125,7 +128,7 @@ def test_laboratories_without_a_plant_are_refused(laboratory, override, words):
 
 
 def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(laboratory):
-    """The ratio of the gains from thrust to height is that of the masses. Thrust rotates neither vehicle."""
+    """The gains from thrust to height have the inverse ratio of the masses. Thrust rotates neither vehicle."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
     for vehicle in ("nominal", "actual"):
@@ -162,7 +165,7 @@ def test_small_displacements_match_the_linear_model(laboratory):
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
 
 
-def test_a_release_is_a_flight_that_starts_beside_the_reference(laboratory):
+def test_a_release_is_a_flight_that_starts_at_an_offset_from_the_reference(laboratory):
     """The cameras measure the displacement from their first frame on, with or without latency."""
     offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):
@@ -238,7 +241,7 @@ def test_a_vehicle_that_its_rotors_cannot_lift_has_no_plant(laboratory, limit, w
 
 
 def test_the_states_of_the_rotors_are_thrust_and_three_torques(laboratory):
-    """From one tick to the next each of these states acts on its own axis only."""
+    """From one tick to the next, each of these states acts only on its own axis."""
     plant, _ = laboratory_plant(laboratory())
     names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
     for name, row in zip(names, ("v_z", "p", "q", "r"), strict=True):
@@ -262,7 +265,7 @@ ARBITRARY_ROTORS = (
 
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ARBITRARY_ROTORS])
 def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory, layout):
-    """The allocation makes the wrench independent of the layout, so the response is that of the plus layout."""
+    """The allocation makes the wrench independent of the layout, so the response equals the one of the plus layout."""
     plus, _ = laboratory_plant(laboratory())
     plant, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
     assert specific_thrust == pytest.approx(9.81, rel=1e-12)
@@ -279,7 +282,10 @@ def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory
 
 
 def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory):
-    """In an x layout the gains grow with the width for roll and with the length for pitch. The yaw is unchanged."""
+    """In an X layout, the gains increase with the width for roll, and with the length for pitch.
+
+    The yaw is unchanged.
+    """
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
     )
@@ -340,7 +346,7 @@ def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
 def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, changes, entries, num_calls):
-    """With finite values Newton's method takes twenty steps before it gives up."""
+    """With finite values, Newton's method makes twenty steps before it fails."""
     calls = stub_linearize(monkeypatch, changes, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())

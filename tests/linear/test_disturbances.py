@@ -1,4 +1,4 @@
-"""Tests of the disturbances of a vehicle along its plan, for cases that can be computed by hand."""
+"""Tests of the disturbances of a vehicle along its plan, for cases with closed forms."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetri
 
 
 def test_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):
-    """A flight records the turbulence of an instant one step later."""
+    """A flight records the turbulence one step later."""
     turbulence = "laboratory.wind=[{kind: dryden, level: light, height: 4.0, heading: 0.7}]"
     steps = ("vehicle.time_step=0.02", "laboratory.motion_capture.period=0.02")
     scenario = asymmetric("pid", *UNDISTURBED, HOVER, turbulence, *steps)
@@ -106,7 +106,7 @@ def test_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):
 
 
 def test_white_noise_gets_the_time_constant_whose_correlation_halves_in_one_step():
-    """The autocorrelation (1 + x) exp(-x) of second-order noise is 1/2 where x is one step over the time constant."""
+    """For x equal to one step divided by the time constant, the autocorrelation (1 + x) exp(-x) is 1/2."""
     lag = scipy.optimize.brentq(lambda x: (1.0 + x) * np.exp(-x) - 0.5, 0.0, 5.0)
     white = np.random.default_rng(3).normal(size=(1, 4000, 2))
     assert disturbance_statistics(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)

@@ -52,7 +52,7 @@ def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, l
     scenario = load_scenario(name, [*NEARLY_LINEAR, *overrides], layers=layers)
     linear = linear_hover_error(scenario)
     mean, deviation, scatter_of_mean, scatter = hover_statistics(scenario)
-    # The tolerance is four standard errors plus two per cent. Tilting costs lift, which shifts the mean by some
+    # The tolerance is four standard errors plus two per cent. Tilting reduces lift, which shifts the mean by a few
     # hundredths of a millimetre.
     assert np.all(np.abs(mean - linear.offset) < 4.0 * scatter_of_mean + 0.02 * np.abs(linear.offset) + 5e-5)
     assert np.all(np.abs(deviation - linear.deviation) < 4.0 * scatter + 0.02 * linear.deviation)

@@ -52,14 +52,14 @@ def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
         np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
 
 
-def test_loops_with_an_autopilot_are_those_of_the_position(diagrams):
+def test_loops_with_an_autopilot_are_the_position_loops(diagrams):
     """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))
     assert [*margins_by_signal] == [*AttitudeTarget._fields[:4]]
     assert margins_by_signal["yaw"] is None
-    # The fed-forward body rates depend on the reference alone, so they do not affect the loops.
+    # The fed-forward body rates depend only on the reference, so they do not affect the loops.
     np.testing.assert_allclose(margins_by_signal["pitch"], designed.loops["x"].margins, rtol=1e-3)
     np.testing.assert_allclose(margins_by_signal["roll"], designed.loops["y"].margins, rtol=1e-3)
 
@@ -83,7 +83,7 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
 
 
 def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
-    """With unit feedback, L has those poles of the whole loop that its signal reaches."""
+    """With unit feedback, L has the poles of the whole loop that are controllable from its signal."""
     scenario = asymmetric_lqg
     poles = closed_loop(scenario).system.poles()
     for loop in link_loops(scenario).values():
@@ -149,7 +149,7 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
     ],
 )
 def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margins_of, controller, signal, side):
-    """A moment of inertia that is divided by a factor increases the gain by this factor.
+    """Dividing a moment of inertia by a factor increases the gain by this factor.
 
     No rigid body has such moments of inertia, so the scenario is changed after it has been loaded.
     """

@@ -30,7 +30,7 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
-    """Return True if the loop with another gain and additional ticks of delay is stable."""
+    """Return True if the loop is stable with its gain multiplied by `factor` and with additional ticks of delay."""
     n = len(loop.A)
     A = np.zeros((n + more_delay, n + more_delay))
     A[:n, :n] = loop.A
@@ -135,8 +135,8 @@ def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
 def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn():
     """A resonance at 4 rad/s has a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay.
 
-    At both crossovers the phase is far below -180°. The delay margin is the delay to the next -180° below, not to the
-    nearest one. Closed loops confirm a margin of 0.497 s.
+    At both crossovers the phase is far below -180°. The delay margin is the delay to the next lower -180° crossing, not
+    to the nearest one. Closed loops confirm a margin of 0.497 s.
     """
     delay_ticks = 55
     loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
@@ -148,7 +148,7 @@ def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn(
     exact = margins(loop)
     assert exact.delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(exact.delay, rel=1e-3)
-    # For the phase margin the phase may change in either direction, so the nearest -180° counts, here the one above.
+    # For the phase margin, the phase may change in either direction, so the nearest -180° counts, which is above here.
     assert exact.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
@@ -165,7 +165,7 @@ def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     assert is_stable(loop, 0.999 / low)
     grid = frequencies(PERIOD)
     response = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
-    # The disk of -1 / f touches the Nyquist curve and does not contain any point of it.
+    # The disk of -1 / f touches the Nyquist curve and contains no point of the curve.
     middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
     top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
@@ -272,7 +272,7 @@ def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
 
 @pytest.mark.slow
 def test_the_gain_around_an_unstable_plant_has_a_lower_limit():
-    """With a pole at 2 1/s the loop becomes unstable below the gain reduction margin, as closed loops confirm."""
+    """With a pole at 2 1/s, the loop is unstable below the gain reduction margin, as closed loops confirm."""
     pole, h = np.exp(2.0 * PERIOD), PERIOD
     loop = SampledSystem(*(np.array([[x]]) for x in (pole, 1.0, 0.2, 0.0)), h, ("x",), ("u",), ("y",))
     factor = 10.0 ** (-margins(loop).gain_reduction / 20.0)
@@ -335,7 +335,7 @@ def test_a_loop_that_follows_at_all_frequencies_has_infinite_bandwidth():
 
 
 def test_a_pole_may_cross_the_unit_circle_at_one_or_minus_one():
-    """For gains f that are computed by hand, 1 + f L vanishes at z = 1 or at z = -1."""
+    """For known gains f, 1 + f L is zero at z = 1 or at z = -1."""
     for gain in (0.1, -0.1):
         exact, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
         # L(1) = 2 gain, L(-1) = -gain / 1.5.

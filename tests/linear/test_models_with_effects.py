@@ -53,7 +53,7 @@ def test_a_trim_balances_all_effects(asymmetric_vehicle):
 
 
 def test_a_trim_has_the_payload_at_the_beginning_of_a_flight(asymmetric_vehicle):
-    """A payload that is picked up later is not included. One that is dropped later is."""
+    """A payload that is dropped later is included, and a payload that is picked up later is not."""
     bare = find_trim(asymmetric_vehicle)
     later = find_trim(asymmetric_vehicle, effects=Effects(payload=MANY_EFFECTS.payload._replace(picked_up=0.5)))
     np.testing.assert_allclose(later.rotor_speed, bare.rotor_speed, rtol=1e-9)

@@ -65,7 +65,7 @@ def test_an_integrator_has_no_damping_and_a_growing_mode_a_negative_one():
 
 
 def test_modes_that_decay_within_a_tick_are_left_out():
-    """Poles at zero, as of a delay line, are left out, too. A pole of 0.0012 decays more slowly and is kept."""
+    """Poles at zero, as in a delay line, are left out as well. A pole at 0.0012 decays more slowly and is kept."""
     kept_modes = modes(np.diag([0.0, 0.0009, 0.0012, 0.5, -0.5]), tuple("abcde"), period=0.1)
     expected = sorted([math.log(0.0012) / 0.1, math.log(0.5) / 0.1, complex(math.log(0.5), math.pi) / 0.1], key=abs)
     assert [mode.pole for mode in kept_modes] == pytest.approx(expected)

@@ -90,7 +90,7 @@ def test_the_state_has_names_and_excludes_passive_systems(hover):
 
 
 def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
-    """The slow poles of a stepping vehicle are those of one that Drake integrates."""
+    """A vehicle with time steps and a vehicle that Drake integrates have the same slow poles."""
     poles_of_models = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
@@ -205,7 +205,7 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return a diagram of two zero-order holds over 0.1 s, one of two numbers and one of one, and its context."""
+    """Return a diagram of two zero-order holds over 0.1 s, with two inputs and one input, and its context."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
@@ -220,7 +220,7 @@ def two_inputs():
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
 def test_inputs_and_outputs_have_the_requested_order(order):
-    """The output of a hold is its input of one period earlier and depends on no older input."""
+    """The output of a hold is its input one period earlier, and does not depend on older inputs."""
     diagram, context = two_inputs()
     inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
     system, change = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)

@@ -28,7 +28,7 @@ def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
     expected[[1, 5, 8, 10]] = 1e-3, -2e-3, 3e-3, 4e-3
     np.testing.assert_allclose(response.linear[0], expected, atol=1e-15)
     np.testing.assert_allclose(response.nonlinear[0], expected, atol=1e-15)
-    # After one tick the height has changed by about the climb rate times the tick.
+    # After one tick, the height has changed by approximately the climb rate times the tick.
     assert response.linear[1, 2] == pytest.approx(0.02 * 3e-3, rel=0.1)
     assert response.nonlinear[1, 2] == pytest.approx(response.linear[1, 2], rel=1e-3)
 

@@ -83,14 +83,17 @@ def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T
     np.testing.assert_allclose(np.hstack([system.A(), system.B()]), numeric, atol=1e-6)
-    # At the operating point, the rates of the affine model are those of a straight flight.
+    # At the operating point, the derivatives of the affine model describe a straight flight.
     rate = system.A() @ point[:16] + system.B() @ point[16:] + system.f0()
     np.testing.assert_allclose(rate[:3], [4.0, 2.0, -1.0], atol=1e-9)
     np.testing.assert_allclose(rate[3:], 0.0, atol=1e-8)
 
 
 def test_a_trim_leans_into_the_wind():
-    """The tilt is tan θ = D / m g. The thrust balances drag and weight, and torques balance the offset mass."""
+    """The tilt is tan θ = D / m g.
+
+    The thrust balances drag and weight, and the torques balance the offset of the centre of mass.
+    """
     wind = np.array([6.0, -3.0, 0.0])
     trim = find_trim(WITH_DRAG, wind=tuple(wind))
     speed = np.linalg.norm(wind)
@@ -159,7 +162,7 @@ def test_a_slow_swing_is_one_mode(swing, multiplicity):
 
 
 def test_modes_are_named_by_their_participating_states():
-    """One oscillator has a damping of 0.1 at 2 rad/s, the other of 0.5 at 5 rad/s, also after sampling."""
+    """One oscillator has a damping ratio of 0.1 at 2 rad/s, the other 0.5 at 5 rad/s, before and after sampling."""
     A = np.zeros((4, 4))
     A[0, 1], A[1, :2] = 1.0, (-4.0, -0.4)
     A[2, 3], A[3, 2:] = 1.0, (-25.0, -5.0)

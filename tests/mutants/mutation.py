@@ -299,7 +299,7 @@ def _is_text(node: ast.expr) -> bool:
 
 
 def _is_whole(node: ast.expr) -> bool:
-    """Is it a whole number as far as can be seen?"""
+    """Return whether a node is recognisably an integer."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "len"
     return isinstance(node, ast.Constant) and isinstance(node.value, int)

@@ -8,7 +8,7 @@ until one of them fails. Tests in the file of the same name run first, the other
 mutant is tested in its own process, which is forked from a process that has imported all libraries, but not this
 project. A test that takes more than ten times its recorded CPU time plus 10 s counts as failed.
 
-`survivors.yaml` lists mutants that no test can kill, each with the reason. The score of a package is the share of
+`survivors.yaml` lists mutants that no test can kill, each with the reason. The score of a package is the fraction of
 killed mutants among those that are not listed there. The exit status is 1 if the score of any package is below 95 %.
 """
 
@@ -72,7 +72,7 @@ def main() -> int:
         print(f"--only: no path of a file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
         return 2
     tests = recorded_tests(arguments.processes, arguments.tests)
-    # The unchanged sources must pass. Otherwise a test fails for another reason than the mutant.
+    # The unchanged sources must pass; otherwise, a failure could have another cause than the mutant.
     unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
         (kill, file, mutant, worth_running(tests, file, mutant, arguments.seconds))
@@ -84,7 +84,7 @@ def main() -> int:
         for index, outcome in run_forked(jobs, arguments.processes, "mutants"):
             if index < len(unchanged):
                 if outcome.killer is not None:
-                    raise RuntimeError(f"{outcome.killer}: fails without a mutant; mend the test or the sources first")
+                    raise RuntimeError(f"{outcome.killer}: fails without a mutant; fix the test or the sources first")
                 continue
             mutant = mutants[index - len(unchanged)]
             results.append((*mutant, outcome))

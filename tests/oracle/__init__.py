@@ -1,6 +1,6 @@
 """Independent implementation of a flight in plain NumPy, with which the flights of the library are compared.
 
-It imports nothing from `drake_quad`. Its equations are those of the paper, with the paper's numbers, and those of the
+It imports nothing from `drake_quad`. Its equations are from the paper, with the paper's numbers, and from the
 documentation. It simulates a single vehicle, with all events in their order in time. Where there is a choice, its
 methods differ from those of the library: matrices instead of written-out products, lever arms instead of eq (5), a
 search instead of a closed form, and integrals instead of gamma functions.
@@ -15,5 +15,5 @@ search instead of a closed form, and integrals instead of gamma functions.
     control      position, network, thrust vectoring, attitude
     flight       simulation of all of these, and the metrics
 
-Only the numbers of a scenario and the trajectory of the reference come from the library.
+Only the parameters of a scenario and the trajectory of the reference come from the library.
 """

@@ -333,10 +333,10 @@ class Controller:
                 self.estimator = CommandEstimator(position, h, start)
         if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
             self.incremental_attitude = IncrementalAttitude(self.numbers.attitude, h)
-        self.attitude_integral = np.zeros(3)  # rad/s²
+        self.attitude_integral = np.zeros(3)  # rad/s², integral term as an angular acceleration
 
     def phase(self, time):
-        """Return the completed share of the route at a time."""
+        """Return the completed fraction of the route at a time."""
         return min(time / self.duration, 1.0)
 
     def act(self, tick, measured, reference):
@@ -389,7 +389,7 @@ class Controller:
         }
 
     def vectored(self, u, measured, reference):
-        """Return thrust, attitude, body rates and angular accelerations, from eq (7) at any yaw and within limits."""
+        """Return thrust, attitude, body rates and angular accelerations by eq (7), for any yaw and within limits."""
         mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.numbers.thrust_vectoring
         geometric = self.numbers.attitude is not None and self.numbers.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
@@ -460,7 +460,7 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return the body rates and angular accelerations with which F z_B follows jerk and snap, and the yaw its rate.
+    """Return the body rates and angular accelerations for which F z_B follows jerk and snap, and the yaw its rate.
 
     p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
     derivative follow from the yaw rate by eq (2) and its derivative.

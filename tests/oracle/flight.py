@@ -105,7 +105,7 @@ class Monitor:
         self.errors, self.commands, self.saturated, self.crash_time = [], [], [], math.inf
 
     def observe(self, time, state, wanted, command, shortfall):
-        """Return whether the vehicle still flies, and record the tick unless it is that of a crash."""
+        """Return whether the vehicle still flies; record the tick unless the vehicle crashes at it."""
         error = wanted - state[0:3]
         tilted = np.abs(state[3:5]).max() > self.limits.tilt
         if (

@@ -16,7 +16,7 @@ class Obstacles:
             self.radius = nominal.arm_length if space.radius is None else space.radius
 
     def touch(self, position):
-        """Return whether an obstacle is nearer to a position than the radius."""
+        """Return whether an obstacle is within the radius around a position."""
         return any(distance(solid, position) < self.radius for solid in self.solids)
 
 
@@ -43,7 +43,7 @@ def distance(solid, position):
 def distance_to_hull(points, p, iterations=2000):
     """Return the distance from p to the convex hull of points, by Gilbert's algorithm.
 
-    Each step goes towards the point of the hull that is farthest in the direction of p.
+    Each step moves towards the point of the hull that is farthest in the direction of p.
     """
     nearest = points[0]
     for _ in range(iterations):

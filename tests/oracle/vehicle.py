@@ -152,7 +152,7 @@ class Vehicle:
         return state
 
     def targets(self, command, time):
-        """Return the speeds to which the rotors tend under a command at a time."""
+        """Return the target speeds of the rotors for a command at a time."""
         numbers = self.numbers
         share = np.full(4, 1.0 - self.sag * time)
         failure = numbers.rotor_failure
@@ -163,7 +163,7 @@ class Vehicle:
     def step(self, state, speeds, command, wind, time, h):
         """Return state and rotor speeds after a step h that ends at a time, by the classical Runge-Kutta method.
 
-        The rotors tend exponentially to the commanded speeds, independently of the body.
+        The rotors approach the commanded speeds exponentially, independently of the body.
         """
         target = self.targets(command, time - 0.5 * h)
 
@@ -203,8 +203,8 @@ class SmallAngleVehicle(Vehicle):
 def allocate(wrench, nominal, priority):
     """Return the rotor speeds for a wrench, and the part of the wrench that the limits of the rotors do not allow.
 
-    The unknowns are thrust, share of roll and pitch torque, and yaw torque. For both priorities, the solution is at a
-    corner of the planes of the limits, so all corners are tried.
+    The unknowns are thrust, fraction of roll and pitch torque, and yaw torque. For both priorities, the solution is at
+    a corner of the planes of the limits, so all corners are tried.
 
     Args:
         wrench: thrust (N) and three torques (N m).

@@ -161,13 +161,13 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     assert approach.distance >= 0.17
 
 
-def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
-    """The predicted error depends on wind and control, so the plan depends on them, too."""
+def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
+    """The predicted error, and therefore the plan, depends on wind and control."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
     predicted_error = believed_tracking_error(room(wind, *dragged)).rms.value
-    # The share affects the plan, but not the detection of collisions.
+    # The fraction affects the plan, but not the detection of collisions.
     assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01

@@ -270,6 +270,6 @@ def test_yaw_rate_along_a_path_includes_the_rate_of_its_direction():
     (yaw,) = evaluate(plan.flown_yaw, sample_times(plan))
     assert np.ptp(yaw) > 2.0 * math.pi
     np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
-    # For a small tilt, the body rate r about the axis z of the vehicle is nearly the rate of the yaw.
+    # For a small tilt, the body rate r is nearly the yaw rate.
     (yaw_rate,) = evaluate(plan.flown_yaw, sample_times(plan), 1)
     np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())

@@ -104,7 +104,7 @@ def test_a_source_has_streams_of_several_periods():
     actual = log.FindLog(simulator.get_context()).data()
     for tick in range(100):
         np.testing.assert_array_equal(actual[:2, tick], fast.at(0.01 * tick))
-    # Between two ticks of the slower stream, its output is that of the nearest tick.
+    # Between two ticks, a stream has the output of the nearest tick.
     np.testing.assert_array_equal(actual[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
@@ -136,7 +136,7 @@ def turbulent_builder(num_vehicles):
     return builder, {streams[name][0]: source.GetInputPort("turbulence_noise") for name, source in sources.items()}
 
 
-def test_the_name_of_a_stream_is_that_of_its_system_and_port():
+def test_a_stream_is_named_after_its_system_and_port():
     _, ports = turbulent_builder(1)
     name = "turbulence_noise"
     assert [*ports] == [Stream(f"{system}.{name}", StreamKind.WIND, 5, GAUSSIAN, 0.02) for system in "ab"]
@@ -173,7 +173,7 @@ def test_drakes_random_sources_can_replace_the_streams():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 2])
-def test_exported_numbers_of_a_period_are_those_of_its_ticks_in_order(num_vehicles):
+def test_exported_numbers_of_a_period_are_in_the_order_of_its_ticks(num_vehicles):
     """A period of 60 ms contains three ticks of the turbulence, each with five numbers for every vehicle."""
     builder, ports = turbulent_builder(num_vehicles)
     export_noise(builder, ports, Exported(0.06), num_vehicles)

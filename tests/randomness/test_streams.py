@@ -36,7 +36,7 @@ def normal_pairs(states, count):
     return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 
-def test_numbers_are_those_of_splitmix64():
+def test_numbers_agree_with_splitmix64():
     """The expected sequence was published for the seed 1234567."""
     expected = [
         6457827717110365317,

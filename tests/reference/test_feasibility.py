@@ -23,7 +23,7 @@ def check(path, **limits):
 
 
 def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():
-    """In vertical flight all rotors have the speed √(m (g + a) / 4b), so its limit is also one of the acceleration."""
+    """In vertical flight, the rotor speeds are √(m (g + a) / 4b), so their limit also limits the acceleration."""
     assert check(CLIMBING_PATH) is None
     peak = 7.51319 * 1.0 / 2.0**2
     speed = np.sqrt(0.68 * (9.81 + 0.99 * peak) / (4.0 * 4.13e-5))

@@ -53,7 +53,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
         path_within(asked, (factor - 0.011) * durations)
 
 
-def test_a_velocity_that_no_slower_flight_can_have_is_reported():
+def test_a_velocity_that_is_infeasible_in_slower_flights_is_reported():
     """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
@@ -63,7 +63,7 @@ def test_a_velocity_that_no_slower_flight_can_have_is_reported():
     )
 
 
-def test_if_the_solver_fails_the_necessary_value_is_that_of_the_smoothest_path():
+def test_if_the_solver_fails_the_necessary_value_is_from_the_smoothest_path():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.waypoints, limits=asked.limits)
     said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
@@ -110,7 +110,7 @@ def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(a
 
 
 @pytest.mark.parametrize("corridors", [None, [Box([-1.0], [5.0])]])
-def test_no_corridor_is_blamed_if_only_the_solver_failed(monkeypatch, corridors):
+def test_no_corridor_is_named_if_only_the_solver_failed(monkeypatch, corridors):
     def gives_up(problem, durations):
         raise SolverError
 

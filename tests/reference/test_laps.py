@@ -21,7 +21,7 @@ def closed_path(seam, derivatives=FREE_DERIVATIVES):
     return MinimumSnap(POINTS, DURATIONS, given).path()
 
 
-def test_the_motion_between_laps_is_that_in_the_middle_of_many_laps():
+def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
     """There are 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
     points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
@@ -30,7 +30,7 @@ def test_the_motion_between_laps_is_that_in_the_middle_of_many_laps():
     np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
 
 
-def test_the_motion_between_laps_has_the_least_snap():
+def test_the_motion_between_laps_has_the_minimum_snap():
     seam = periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES)
     least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
@@ -181,7 +181,7 @@ def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, tex
 
 
 def test_metrics_can_start_at_a_later_lap(diagrams):
-    """The metrics are those from the start of this lap on."""
+    """The metrics cover the flight from the start of this lap on."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
     later, since, whole = (
         simulate(route(diagrams, lap, *window)).metrics.rmse

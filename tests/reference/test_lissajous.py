@@ -18,7 +18,7 @@ FIGURES = [
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_the_path_and_its_derivatives_are_those_of_sines(figure):
+def test_the_path_and_its_derivatives_agree_with_sines(figure):
     period, laps = 7.3, 2
     path = lissajous(**figure, period=period, laps=laps)
     assert (path.times[0], path.times[-1]) == (0.0, pytest.approx(period * laps))

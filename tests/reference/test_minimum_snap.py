@@ -122,7 +122,7 @@ def test_doubling_all_times_divides_the_cost_by_128():
     np.testing.assert_allclose(ratio, 128.0, rtol=1e-12)
 
 
-def test_the_path_has_the_least_cost_of_all_through_the_waypoints():
+def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
     """Random smooth detours only increase the cost. They and their first three derivatives vanish at the waypoints."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
@@ -252,7 +252,7 @@ def test_contacts_do_not_change_a_path_without_free_derivatives():
     np.testing.assert_array_equal(held.boundary_gradient(), free.boundary_gradient())
 
 
-def test_contacts_are_satisfied_with_the_least_cost():
+def test_contacts_are_satisfied_at_minimum_cost():
     rng = np.random.default_rng(6)
     points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)
     contacts = [Contact(0, 0.5, 0, 0.3), Contact(3, 0.3, 2, -0.4), Contact(3, 0.7, 2, 0.2)]
@@ -270,7 +270,7 @@ def test_contacts_are_satisfied_with_the_least_cost():
     np.testing.assert_allclose(solved.coefficients, held.path().coefficients, atol=1e-5 * scale)
 
 
-def test_the_cost_is_that_of_the_coefficients():
+def test_the_cost_agrees_with_the_coefficients():
     rng = np.random.default_rng(4)
     solution = MinimumSnap(rng.normal(size=(9, 3)), rng.uniform(0.3, 3.0, 8))
     assert solution.cost == pytest.approx(snap_cost(solution.path()).sum(), rel=1e-12)

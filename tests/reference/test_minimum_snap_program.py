@@ -140,14 +140,14 @@ def test_a_path_passes_a_waypoint_on_a_wall_parallel_to_the_wall():
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 
 
-def test_boxes_and_spheres_are_passed_at_the_point_of_least_cost():
+def test_boxes_and_spheres_are_passed_at_the_point_of_minimum_cost():
     ends = [Box.point([0.0, 0.0]), Box.point([4.0, 0.0])]
     sphere = Sphere([2.0, 1.0], 0.5)
     durations = np.array([2.0, 2.0])
     path = path_within(PathProblem([ends[0], sphere, ends[1]]), durations)
     passed = evaluate(path, [2.0])[:, 0]
     assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
-    # By symmetry, the point of least cost is the lowest point.
+    # By symmetry, the point of minimum cost is the lowest point.
     np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
     box = Box([1.0, 0.75], [3.0, 2.0])
     passed = evaluate(path_within(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
@@ -175,7 +175,7 @@ def test_a_user_defined_constraint_can_be_added(order):
     ("slack", "share"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
 def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, share):
-    """This scaling holds for any durations, so the numbers of the program have similar magnitudes."""
+    """This scaling holds for any durations, so the coefficients of the program have similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -380,7 +380,7 @@ def test_the_excess_over_limits_is_the_smallest_possible():
         path(0.97)
 
 
-def test_a_failure_of_the_solver_is_an_error(monkeypatch):
+def test_a_failure_of_the_solver_raises_an_error(monkeypatch):
     """The solver is limited to one step."""
 
     class OneStep(ClarabelSolver):

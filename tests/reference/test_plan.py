@@ -68,7 +68,7 @@ def test_a_plan_has_leg_times_and_an_initial_yaw():
     assert (hover.legs, hover.leg_times, hover.initial_yaw) == ((("hover", 0),), [0.0], 0.7)
 
 
-def test_derivatives_of_a_plan_are_those_of_its_path():
+def test_derivatives_of_a_plan_agree_with_its_path():
     for order in range(5):
         trajectory = PLAN.derivative(order)
         for time in (0.5, 0.9, 2.2):

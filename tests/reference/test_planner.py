@@ -127,13 +127,13 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
 
 
 @pytest.mark.slow
-def test_the_shortest_time_in_a_corridor_is_near_that_of_an_independent_search():
+def test_the_shortest_time_in_a_corridor_agrees_with_an_independent_search():
     """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
     assert total(plan_path(problem(corridors=CORRIDORS), Shortest())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
-def test_the_least_snap_in_a_corridor_is_near_that_of_an_independent_search():
+def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
     """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
     path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
@@ -153,7 +153,7 @@ def test_limits_have_priority_over_least_snap():
 
 @pytest.mark.parametrize("timing", [Heuristic(), Shortest()])
 def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
-    """At 0.7 m/s² or less, a flight from rest to rest takes at least 2 √(0.01 / 0.7) s."""
+    """With at most 0.7 m/s², a flight of 1 cm from rest to rest takes at least 2 √(0.01 / 0.7) s."""
     duration = total(plan_path(problem(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])), timing))
     assert 2.0 * np.sqrt(0.01 / 0.7) < duration < 0.4
 

@@ -66,7 +66,7 @@ def test_between_turning_points_the_position_is_monotonic(seed, segments):
             places = np.sort(s[(segment == i) & (axis == j)])
             extremes = evaluate_at(path, np.full(len(places) + 2, i), np.array([0.0, *places, 1.0]))[:, j]
             scale = np.abs(values[:, j]).max() + 1.0
-            # This is the largest backward motion within a cell whose slopes at both ends have the same sign.
+            # This is the largest backward motion within a cell whose derivatives at both ends have the same sign.
             hidden = np.abs(thirds[:, j]).max() * path.durations[i] ** 3 / NUM_CELLS**3 / 12.0
             for sign in (1.0, -1.0):
                 cell = min(int(dense[np.argmax(sign * values[:, j])] * NUM_CELLS), NUM_CELLS - 1)

@@ -8,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.regions import Box, Polytope, intersection_of
 
-# The inscribed circle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2 = 1 m.
+# The incircle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2 = 1 m.
 TRIANGLE = Polytope([[-1, 0], [0, -2], [4, 3]], [0, 0, 12])
 ROOM = Box([-1.0, 0.5, 2.0], [3.0, 1.0, 2.5])
 

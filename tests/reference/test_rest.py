@@ -84,7 +84,7 @@ def test_braking_does_not_exceed_speed_and_acceleration_of_the_route(name):
     assert peak_norm(plan.flown_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
 
 
-def test_braking_from_steady_motion_is_the_motion_of_least_snap():
+def test_braking_from_steady_motion_is_the_minimum_snap_motion():
     steady = hermite_path(np.array([0.0, 2.0]), np.array([[[0.0], [1.5]], [[3.0], [1.5]]]))
     path = with_rest(steady, orders=4, acceleration=0.7)
     duration = path.durations[2]
@@ -99,7 +99,7 @@ def test_braking_from_steady_motion_is_the_motion_of_least_snap():
 
 def test_a_path_that_ends_at_rest_is_not_braked():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # the yaw ends with an acceleration, which is ignored
+    assert not planned(ROUTES["circle"]).brakes  # the acceleration of the yaw at the end does not require braking
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 
@@ -124,7 +124,7 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 
 
 @pytest.mark.slow
-def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_and_says_so():
+def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_with_a_remark():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
     rests = flight.time > flight.plan.rest_time

@@ -9,7 +9,7 @@ from drake_quad.reference.routes import circle, figure_eight
 from drake_quad.scenario.files.loading import load_scenario
 
 
-def test_the_figure_eight_is_that_of_the_paper(diagrams):
+def test_the_figure_eight_agrees_with_the_paper(diagrams):
     """The extent is taken from the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     times = np.linspace(0.0, plan.duration, 5000)

@@ -87,7 +87,7 @@ def test_no_change_of_a_duration_shortens_the_path(limits):
             assert stretch * moved.sum() >= durations.sum() * (1.0 - 1e-4)
 
 
-def test_durations_change_by_no_more_than_the_reach():
+def test_durations_change_by_at_most_the_trust_radius():
     """The durations are 0.1 s and 2.9 s. The optimum has a much longer first duration."""
     points, start = np.array([[0.0], [1.0], [3.0]]), np.array([0.1, 2.9])
     for actual in (

@@ -1,4 +1,4 @@
-"""Tests of the searches for the shortest times and for the times of least snap within limits."""
+"""Tests of the searches for the shortest times and for the minimum-snap times within limits."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def problem(points, velocity=None, **more):
 
 
 def stretched(points, durations, limits=LIMITS):
-    """Return the path with the times of least snap, scaled so that a limit is attained."""
+    """Return the path with the minimum-snap times, scaled so that a limit is attained."""
     return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
 
 
@@ -91,10 +91,10 @@ def test_a_route_with_very_unequal_steps_is_flown_with_stops():
     ],
 )
 def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
-    """The better search starts from the times of least snap on the first route, and from the heuristic on the second.
+    """The better search starts from the minimum-snap times on the first route, and from the heuristic on the second.
 
-    It is about 7 % better than the other search. A Nelder-Mead search over the durations found the same totals from
-    two initial points.
+    Its result is about 7 % better than the result of the other search. A Nelder-Mead search over the durations found
+    the same totals from two initial points.
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
@@ -128,7 +128,7 @@ def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(poin
 
 
 def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
-    """The tried total times are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that of a flight with stops everywhere."""
+    """The total times are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times the time of a flight with stops at all waypoints."""
     for step, velocity, factor in (
         (4, 1.8, 0.7),
         (4, 0.8, 0.85),
@@ -204,7 +204,7 @@ def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
 
 
 @pytest.mark.slow
-def test_the_reason_for_a_missing_path_of_least_snap_is_reported():
+def test_the_reason_for_a_missing_minimum_snap_path_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     with pytest.raises(InputError) as error:
         least_snap_path(problem(points, [1.5, 0.0]), 6.0)
@@ -238,7 +238,7 @@ def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
             path_through_given_motion(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
-def test_changes_continue_while_the_cost_falls_and_the_reach_shrinks_otherwise():
+def test_changes_continue_while_the_cost_falls_and_the_trust_radius_shrinks_otherwise():
     """Each change is a decrease from 1, and the cost is smallest at 0.5."""
     reaches = []
 

@@ -25,7 +25,7 @@ def test_a_plan_is_sampled_periodically_and_at_its_end(tmp_path, options, period
     assert 0.0 < times[-1] - times[-2] <= period
 
 
-def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
+def test_the_table_contains_yaw_position_and_its_derivatives_to_nine_digits(tmp_path):
     file = saved(PLAN, tmp_path)
     table = read_table(file)
     times = table["time (s)"]

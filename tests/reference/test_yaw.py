@@ -1,4 +1,4 @@
-"""Tests of yaw profiles with the least acceleration, by comparison with closed forms and quadrature."""
+"""Tests of yaw profiles with minimum acceleration, by comparison with closed forms and quadrature."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_a_rotation_between_two_yaws_is_a_cubic_with_the_known_cost():
 
 @given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=8), st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_the_profile_takes_the_shorter_rotation_with_the_least_acceleration(yaws, seed):
+def test_the_profile_takes_the_shorter_rotation_with_minimum_acceleration(yaws, seed):
     rng = np.random.default_rng(seed)
     times = np.cumsum(rng.uniform(0.5, 2.0, len(yaws)))
     profile = yaw_through(times, yaws)

@@ -132,8 +132,8 @@ def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypat
 def test_a_range_without_the_target_is_refused(low, high):
     free = FreeNumber("gain (1/s)", low, high, lambda value: value)
     words = (
-        f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from it by"
-        f" {low - 1.75:+.3g} and {high - 1.75:+.3g} m at the ends"
+        f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from the"
+        f" target by {low - 1.75:+.3g} and {high - 1.75:+.3g} m at the ends"
     )
     with pytest.raises(InputError, match=re.escape(words)):
         calibration._fit(free, lambda value: np.full(3, value), 1.75)

@@ -78,7 +78,7 @@ def test_settings_are_written_to_their_fields():
 
 
 def test_metrics_have_rows_for_settings_and_columns_for_samples():
-    """Each metric equals that of a single flight of the sample with the gains of the setting."""
+    """Each metric equals the metric of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
     settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
     found = fly_settings(scenario, settings, [4, 0, 7])

@@ -20,7 +20,7 @@ def submodels(kind=Model):
         yield from submodels(each)
 
 
-# Yaws of a trajectory may turn many times. Yaws of waypoints are checked one after another.
+# The yaw of a trajectory may turn many times. For waypoints, only the change between two yaws is limited.
 UNLIMITED_ANGLES = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
 ANGLES = sorted(
     {

@@ -12,7 +12,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# Each text of a distribution has the name and the arguments of the same distribution in SciPy.
+# For each distribution, the text in the scenario language, and name and arguments of the SciPy distribution.
 DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
@@ -39,7 +39,7 @@ def test_choices_are_equally_likely(study):
     assert scipy.stats.chisquare(counts).pvalue > 1e-3
 
 
-def test_a_sample_drawn_alone_is_the_same_as_among_many(study):
+def test_a_sample_does_not_depend_on_the_other_samples(study):
     scenario = study(
         "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
         "control.position.k_p=[{uniform: {min: 0.5, max: 1}}, 0.8, {normal: {mean: 4, standard_deviation: 1, min: 1}}]",
@@ -58,13 +58,13 @@ def test_a_sample_drawn_alone_is_the_same_as_among_many(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_random_streams_of_rotors_are_those_of_releases_that_counted_rotors_from_0(study):
+def test_random_streams_of_rotors_are_unchanged_since_rotors_were_counted_from_0(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
     errors = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
     np.testing.assert_array_equal(errors, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
 
 
-def test_a_field_is_drawn_the_same_whatever_else_is_drawn(study):
+def test_the_draw_of_a_field_does_not_depend_on_other_fields(study):
     mass, drag = "vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "vehicle.linear_drag={uniform: {min: 0, max: 0.3}}"
     both, alone = (Batch.draw(scenario, range(50)).varying for scenario in (study(mass, drag), study(mass)))
     np.testing.assert_array_equal(both["vehicle.mass"], alone["vehicle.mass"])
@@ -86,8 +86,8 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
         draw_sample(study(), sample, seed=seed)
 
 
-def test_a_sample_may_have_a_route_of_its_own(study):
-    """Such a scenario is for flights of one vehicle. A fleet refuses it, since all its vehicles fly one route."""
+def test_a_sample_may_have_an_individual_route(study):
+    """Such a scenario is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -98,7 +98,7 @@ def test_a_sample_may_have_a_route_of_its_own(study):
 NORMAL_MOMENT = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
 
 
-def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
+def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
     """Impossible moments are replaced by the nearest possible ones, and possible moments are kept."""
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
@@ -136,7 +136,7 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
     )
 
 
-def test_samples_are_those_of_earlier_releases(study):
+def test_samples_agree_with_earlier_releases(study):
     """Earlier releases wrote items of lists in brackets, and names of random streams still do."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
@@ -147,7 +147,7 @@ def test_samples_are_those_of_earlier_releases(study):
 
 
 def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
-    """The scenario of the study is written with its distributions, and that of each vehicle with its numbers."""
+    """The scenario of the study is written with its distributions, and the scenario of each vehicle with its values."""
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
     batch = Batch.draw(scenario, [3, 8], seed=5)
     assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
@@ -182,8 +182,8 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
     np.testing.assert_array_equal(masses[2:], masses[1])
 
 
-def test_the_scenario_of_a_fleet_has_arrays_where_numbers_vary_and_is_unchanged_elsewhere(asymmetric):
-    """Varying numbers may be items of lists or fields of mappings in lists."""
+def test_the_scenario_of_a_fleet_contains_arrays_only_where_values_vary(asymmetric):
+    """Varying values may be items of lists, or fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}
     batch = Batch.draw(scenario, [7, 2]).with_varying(varying)

@@ -97,7 +97,7 @@ def test_numbers_of_a_network_may_be_distributions():
     load("pd_t2fnn", *(f"{NETWORK}.{override}" for override in overrides))
 
 
-def test_every_controller_of_the_file_loads_over_every_laboratory():
+def test_every_controller_of_the_file_can_be_combined_with_every_laboratory():
     for laboratory in ("nominal", "low_wind", "high_wind"):
         for name in ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"):
             spec = ROOT / "diagrams" / f"laboratory.yaml:{laboratory}"
@@ -140,7 +140,7 @@ def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_
     assert load_scenario(tmp_path / "saved.yaml") == scenario
 
 
-def test_without_a_limit_of_tilt_the_vehicle_may_turn_over():
+def test_without_a_tilt_limit_the_vehicle_may_turn_over():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
     monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf

@@ -97,8 +97,8 @@ def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study)
     np.testing.assert_array_equal(empty[MASS], values[MASS])
 
 
-def test_samples_of_shared_variables_are_those_of_earlier_releases(study):
-    """The numbers are those of the release that introduced shared variables."""
+def test_samples_of_shared_variables_agree_with_earlier_releases(study):
+    """The expected values are from the release that introduced shared variables."""
     values = Batch.draw(study(correlated_overrides()[0]), [0, 1, 41], seed=7).varying[MASS]
     np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
 
@@ -219,7 +219,7 @@ def normals(distributions):
 @settings(max_examples=40, deadline=None)
 @given(count=st.integers(1, 10), rank=st.integers(1, 12), seed=st.integers(0, 2**31))
 def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
-    """For any rank and any units, variances agree to rounding, and those of weighted sums to 2 %."""
+    """For any rank and units, variances agree to rounding errors, and variances of weighted sums to 2 %."""
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(count, rank))
     scale = 10.0 ** rng.uniform(-8.0, 3.0, count)
@@ -258,7 +258,7 @@ def test_correlated_normals_share_few_variables():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_parts_has_the_given_variance():
+def test_a_sum_that_is_known_better_than_its_terms_has_the_given_variance():
     """The coefficients of a curve fitted around hover are uncertain, but the thrust in hover is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])
@@ -285,7 +285,7 @@ def test_an_invalid_covariance_is_refused(names, covariance, words):
         correlated_normals(names, np.zeros(len(names)), np.array(covariance))
 
 
-def test_distributions_of_other_kinds_are_correlated_with_nothing(study):
+def test_only_normal_distributions_are_correlated(study):
     scenario = study(correlated_overrides()[0], f"{DRAG}={UNIFORM}")
     assert np.array_equal(correlation_matrix([*distributions_in(scenario).values()]), np.eye(2))
     assert joint_normal(distributions_in(scenario)).paths == (MASS,)

@@ -1,4 +1,4 @@
-"""Tests that declared units and bounds are those by which scenarios are validated."""
+"""Tests that scenarios are validated with the declared units and bounds."""
 
 import math
 import re
@@ -85,7 +85,7 @@ def test_units_are_products_of_si_units(model, path, declared):
     assert re.fullmatch(rf"{relative}|(1|{part}( {part})*)(/(\({part}( {part})*\)|{part}))?", declared.unit)
 
 
-def test_declarations_are_those_of_the_fields():
+def test_declarations_agree_with_the_fields():
     """Some well-known fields have the expected units and bounds."""
     mass, error = DECLARED[Vehicle, "mass"], DECLARED[Vehicle, "thrust_factor_error"]
     assert (mass.unit, mass.items, mass.needs_min, mass.needs_max) == ("kg", 0, True, False)

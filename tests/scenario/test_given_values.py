@@ -116,7 +116,7 @@ def test_a_python_path_may_name_a_file(load):
         load({"control.network.learned": Path("nowhere.yaml")})
 
 
-def test_missions_and_vehicles_take_python_values(diagrams):
+def test_missions_and_vehicles_accept_python_values(diagrams):
     assert load_mission(diagrams / "slalom.yaml", {"nominal": {"mass": 0.66}}).nominal.mass == 0.66
     assert load_undesigned(diagrams / "vehicles" / "paper.yaml", {"nominal.mass": 0.66}).nominal.mass == 0.66
     with pytest.raises(InputError, match=r"^override vehicle.mass: a plan does not depend on vehicle, only on name, "):

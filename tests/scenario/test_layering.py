@@ -1,4 +1,4 @@
-"""Tests of layered scenarios: a vehicle, a control or a route leaves nothing behind when another one replaces it."""
+"""Tests of layered scenarios: a vehicle, control or route replaces another one completely."""
 
 import itertools
 
@@ -45,7 +45,7 @@ def load(tmp_path):
 
 
 def airframe(scenario):
-    """Return the fields that describe the airframe, without those of the flight."""
+    """Return the fields that describe the airframe, without the fields of the flight."""
     vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
     return scenario.nominal.model_dump(), vehicle
 
@@ -110,7 +110,7 @@ def test_effects_that_a_vehicle_lacks_have_no_distribution(load):
     assert (racer.linear_drag, racer.quadratic_drag) == (0.0, 0.0)
 
 
-def test_a_relative_choice_scales_each_of_its_numbers(load):
+def test_a_relative_choice_scales_each_of_its_values(load):
     field = "vehicle.mass={relative: {choice: [0.5, 1.0, 4.0], to: 2.0}}"
     assert load_scenario("figure_eight", field).vehicle.mass.choice == pytest.approx((0.17, 0.34, 1.36), rel=1e-12)
 
@@ -147,7 +147,7 @@ def test_one_item_of_a_list_can_be_relative(field, expected):
         assert extremes == pytest.approx(limits)
 
 
-def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
+def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
     spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
     i_xx, i_yy, i_zz = load("spread", "x500", beside=X500 + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
@@ -178,7 +178,7 @@ def test_a_required_field_must_not_be_relative_without_a_value(field, path):
         load_scenario("figure_eight", [f"vehicle.{field}"])
 
 
-def test_a_number_over_a_relative_distribution_replaces_it(load):
+def test_a_number_replaces_a_relative_distribution_of_a_lower_layer(load):
     assert load("robustness", own="  vehicle: {mass: 0.7}\n").vehicle.mass == 0.7
     assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7
 
@@ -285,7 +285,7 @@ def test_invalid_relative_distributions_are_refused(field, message):
 DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
 
 
-def test_a_flight_reports_that_its_nominal_vehicle_is_a_different_one():
+def test_a_flight_reports_that_its_nominal_vehicle_differs():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
     assert "mass 0.68 kg (nominal 2)" in remark
     assert "inertia" not in remark
@@ -352,7 +352,7 @@ def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(firs
     assert not is_reported or "compute: rotor 1 at" in remarks[0]
 
 
-def test_a_random_centre_of_mass_is_reported_if_it_is_far_off_compared_with_its_spread():
+def test_a_random_centre_of_mass_is_reported_if_its_offset_is_large_compared_with_its_spread():
     """The limits are a tenth of the arm length and five standard deviations."""
     for standard_deviation, is_reported in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
@@ -371,13 +371,13 @@ def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
 
 
 def test_the_rotors_of_a_larger_vehicle_are_not_reported_besides_its_arm_length():
-    """Positions of rotors are compared relative to the arm length, which has a remark of its own."""
+    """Positions of rotors are compared relative to the arm length, for which there is a separate remark."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
     assert "compute: arm length 0.25 m (nominal 0.17);" in remark
 
 
 def test_controllers_that_fly_under_unequal_conditions_are_reported():
-    """A controller may change the laboratory. A comparison with another one that does not is then unfair."""
+    """A controller may change the laboratory, which makes a comparison with other controllers unfair."""
 
     def low_wind(*layers, changes=()):
         return load_scenario("laboratory:low_wind", changes, layers=layers)

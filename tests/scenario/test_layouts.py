@@ -1,4 +1,4 @@
-"""Tests that attributes and methods of every kind of layout agree with its geometry, also for a user's kind."""
+"""Tests that attributes and methods of every kind of layout, including a user's kind, agree with the geometry."""
 
 from typing import ClassVar, Literal
 
@@ -24,7 +24,7 @@ FIELDS = {
 
 
 class DiamondLayout(RotorLayout):
-    """A plus that is half as long as it is wide."""
+    """Plus layout that is half as long as it is wide."""
 
     kind: Literal["diamond"]
     is_paired: ClassVar = True

@@ -1,4 +1,4 @@
-"""Tests that oversized scenarios are refused before they are read, and impossible times before they are flown."""
+"""Tests that oversized scenarios are refused before reading, and impossible times before the flight."""
 
 import math
 import os
@@ -54,7 +54,7 @@ def refusal(load, *arguments):
 
 
 def chain(levels, *, twice=False):
-    """Return scenarios each of which extends the previous one. The first scenario is complete."""
+    """Return a chain of scenarios, each of which extends the previous one; the first is complete."""
     bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
     return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
@@ -193,7 +193,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
         (f"a: {{extends: {'x' * 900}.yaml}}", "loop.yaml:1: extends .*xxx.yaml, which does not exist"),
     ],
 )
-def test_odd_text_is_explained(write, text, words):
+def test_unusual_text_is_explained(write, text, words):
 
     assert re.search(words, refusal(load_scenario, write(text)))
 
@@ -460,7 +460,7 @@ def test_a_route_that_takes_longer_than_a_day_is_not_planned(write):
         plan_route(slow)
 
 
-def test_a_vehicle_with_infinite_numbers_has_crashed_and_records_none_of_them(write):
+def test_a_vehicle_with_infinite_states_has_crashed_and_records_only_finite_values(write):
 
     flight = simulate(load_scenario(write(SMALL_FILE), ["vehicle.centre_of_mass=[1e6, 0]", "duration=0.2"]))
     assert flight.metrics.crashed

@@ -1,4 +1,4 @@
-"""Tests of the loading of scenarios: inputs that are accepted, and one sentence for each that is not."""
+"""Tests of the loading of scenarios: accepted inputs, and one sentence for each refused input."""
 
 import re
 from io import StringIO
@@ -336,7 +336,7 @@ def test_overrides_and_messages_number_rotors_in_the_same_way(write):
 
 
 def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
-    """A given arm length may differ by one per cent. A default arm length is ignored."""
+    """A given arm length may differ by 1 % from the layout. A default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
         text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
@@ -626,10 +626,10 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
     assert load_scenario(write(text.getvalue())) == scenario
 
 
-def test_a_vehicle_alone_has_no_control(diagrams):
+def test_a_vehicle_file_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # The control is that of the extended scenario.
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited control
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 
@@ -656,8 +656,8 @@ def test_a_vehicle_alone_has_no_control(diagrams):
         ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
     ],
 )
-def test_an_item_of_a_list_can_be_given_alone(diagrams, written, given, path, expected):
-    """The other items keep the values of the file, or else the default values."""
+def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, expected):
+    """The other items keep the values of the file or, without these, the defaults."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
 
 

@@ -26,7 +26,7 @@ def test_a_controller_replaces_a_cascade_that_does_not_state_its_kind(tmp_path):
         f"back: {{extends: [mine, {PD}], control: {{position: {{k_p: [2, 2, 2]}}}}}}\n"
     )
     mine, back = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
-    # A layer without a kind changes the control below.
+    # A layer without a kind changes the control of the layers below.
     assert (mine.control.kind, mine.control.max_tilt, mine.control.lateral.lag) == ("lqg", 0.5, 0.04)
     assert mine.control.lateral.command_weight == load().control.lateral.command_weight
     assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)
@@ -94,7 +94,7 @@ def test_the_design_of_a_cascade_refuses_other_controls():
         with_gains(load(), {"position": {"k_p": [1.0, 1.0, 1.0]}})
 
 
-def test_numbers_of_too_different_magnitude_are_refused_on_assembly():
+def test_weights_of_too_different_magnitudes_are_refused_on_assembly():
     slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.5, command_weight: 1.0e+9}"
     with pytest.raises(InputError, match=r"control\.lateral: no filter or regulator can be computed"):
         build_tracking_diagram(load(slow))

@@ -94,7 +94,7 @@ def test_activations_are_read_and_written_with_their_parameters(load_arrays, tmp
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_numbers_that_are_exact_in_single_precision_are_saved_in_single_precision(load_arrays):
+def test_values_that_are_exact_in_single_precision_are_saved_in_single_precision(load_arrays):
     single = {
         name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
     }
@@ -367,7 +367,10 @@ def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
 
 
 def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Return nodes of two layers with an activation between them. `first` names input and output of the first."""
+    """Return nodes of two layers with an activation between them.
+
+    `first` names the input and output of the first layer.
+    """
     begin = helper.make_node("Gemm", [first[0], "W", "B"], [first[1]], transB=1)
     between = [each if not isinstance(each, tuple) else helper.make_node(*each) for each in activation]
     return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
@@ -413,7 +416,7 @@ CONSTANTS = {
 @pytest.mark.parametrize(
     "nodes",
     [
-        # The value function of an actor-critic may branch off before or after a layer.
+        # The value function of an actor-critic network may branch off before or after a layer.
         [*two_layers(), make_node("Gemm", ["active", "V", "C"], ["value"], transB=1)],
         [
             make_node("Gemm", ["seen", "U", "D"], ["other"], transB=1),
@@ -438,7 +441,7 @@ CONSTANTS = {
             make_node("Add", ["B", "product"], ["hidden"]),
             *two_layers()[1:],
         ],
-        # LeakyRelu and Elu have a parameter, and Gelu has two forms.
+        # LeakyRelu and Elu have one parameter, and Gelu has two forms.
         two_layers(activation=[make_node("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
         two_layers(activation=[("LeakyRelu", ["hidden"], ["active"])]),
         two_layers(activation=[make_node("Elu", ["hidden"], ["active"], alpha=0.5)]),
@@ -478,7 +481,7 @@ CONSTANTS = {
                 ("Mul", ["half", "c"], ["active"]),
             ]
         ),
-        # The same approximation may have a difference in place of a sum.
+        # The same approximation may contain a difference instead of a sum.
         two_layers(
             activation=[
                 ("Pow", ["hidden", "three"], ["third"]),
@@ -908,7 +911,7 @@ def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(load_onn
         ),
     ],
 )
-def test_arithmetic_that_no_network_has_is_refused(load_onnx, nodes, words):
+def test_arithmetic_that_is_not_part_of_a_network_is_refused(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
         load_onnx(nodes, CONSTANTS)
 

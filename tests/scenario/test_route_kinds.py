@@ -1,4 +1,4 @@
-"""Tests that attributes and methods of every kind of route agree with its plan, also for a user's kind."""
+"""Tests that attributes and methods of every kind of route, including a user's kind, agree with the plan."""
 
 from functools import reduce
 from typing import Literal
@@ -37,7 +37,7 @@ class LineRoute(MovingRoute):
     length: Positive = 2.0
 
     def plan(self, space):
-        """Return the plan of the shortest duration within the limit on the speed."""
+        """Return the plan with the shortest duration within the speed limit."""
         ends = np.array([[0.0, 0.0, 1.0], [self.length, 0.0, 1.0]])
         path = minimum_snap(ends, np.array([0.0, 35.0 / 16.0 * self.length / self.top_speed]))
         return Planned(Plan(path, self.yaw_of(path)))

@@ -1,4 +1,4 @@
-"""Tests of sensors in scenarios: their attributes, and flights with shipped and with a user's sensors."""
+"""Tests of sensors in scenarios: their attributes, and flights with shipped and user-defined sensors."""
 
 import pickle
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -44,7 +44,7 @@ class AltimeterNumbers(NamedTuple):
 
 
 def altitude(numbers: AltimeterNumbers, noise: Altitude | None, state: State, wind: Wind) -> Altitude:
-    """Return the height, which the dynamic pressure of the wind from the front makes too small."""
+    """Return the height minus an error caused by the dynamic pressure of a head wind."""
     height = state.z - 0.05 * wind.x * wind.x
     return Altitude(height if noise is None else height + numbers.noise * noise.height)
 
@@ -108,7 +108,7 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ids=["vehicle", "response"],
 )
 def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
-    """Numbers are random. One sensor has a shorter period than the control, the other a longer one."""
+    """Parameters are random. One sensor has a shorter period than the control, the other a longer one."""
     drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE_FLIGHT, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
     (alone,) = simulate_samples(drawn, [2])
@@ -133,7 +133,7 @@ def test_readings_have_the_same_bits_wired_and_compiled():
 
 @pytest.mark.slow
 def test_sensors_do_not_change_the_flight(asymmetric):
-    """Motion and random numbers agree to the bit, and a scenario without sensors is written as before."""
+    """Motion and random numbers agree to the bit. The file of a scenario without sensors does not mention sensors."""
     plain, sensing = (
         simulate(asymmetric("pid", WHOLE_FLIGHT, "duration=0.3", f"laboratory.sensors={sensors}"))
         for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
@@ -146,7 +146,7 @@ def test_sensors_do_not_change_the_flight(asymmetric):
     assert "sensors" in sensing.scenario.laboratory.model_dump()
 
 
-def test_an_accelerometer_has_the_numbers_of_its_scenario(asymmetric):
+def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
     """The position is relative to the true centre of mass. The noise follows from the density and the period."""
     scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
     batch = Batch.draw(scenario, range(4))
@@ -264,14 +264,14 @@ def test_an_impossible_sensor_is_refused(sensor, words):
 
 @pytest.mark.slow
 def test_sensors_do_not_change_linear_models():
-    """No control of the language reads sensors, and even slow sensors do not lengthen a period."""
+    """No control of the language reads sensors, and slow sensors do not lengthen the period of a linear model."""
     plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
 class SpecificForceControl(LeafSystem):
-    """Control of the thrust alone, which keeps the specific force equal to gravity."""
+    """Control of only the thrust, which keeps the specific force equal to gravity."""
 
     def __init__(self):
         super().__init__()

@@ -23,7 +23,7 @@ def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
     np.testing.assert_array_equal(evaluate(plan.flown_yaw, times)[0], expected[:, 3])
 
 
-def test_setpoints_have_no_feed_forward():
+def test_setpoints_have_no_feedforward():
     """All derivatives of position and yaw are zero, although the setpoints jump."""
     rows = plan_of(SETPOINTS).reference().vector_values(np.linspace(-0.5, 3.0, 50))
     fed_forward = [row for row in range(len(rows)) if row not in (0, 1, 2, 9)]

@@ -1,4 +1,4 @@
-"""Tests that attributes of every member of every open union agree with its systems, also for a user's members."""
+"""Tests that attributes of every member of every open union, including a user's members, agree with the systems."""
 
 import pickle
 from importlib import import_module
@@ -48,7 +48,7 @@ TESTED_CONTROLS = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return a member in which all required numbers are one and each part has its first kind."""
+    """Return a member in which all required values are one, and each part has the first kind."""
     fields = {name: value_for(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 

@@ -1,4 +1,4 @@
-"""Tests that attributes and methods of every effect agree with the motion of the vehicle, also for a user's effect."""
+"""Tests that attributes and methods of every effect, including a user's effect, agree with the vehicle's motion."""
 
 import math
 from importlib import import_module
@@ -54,7 +54,7 @@ FIELDS = {
 
 
 def test_a_payload_that_is_dropped_later_stays_in_hover():
-    """The vehicle is trimmed with the payload, but not with one that is dropped at time zero."""
+    """The vehicle is trimmed with the payload, unless the payload is dropped at time zero."""
     dropped = {**FIELDS["payload"], "event": "dropped"}
     payload = EFFECTS.members["payload"](**dropped)
     assert has_constant_acceleration("payload", payload.in_hover())
@@ -125,7 +125,7 @@ def rotates_body(name, effect):
 
 
 def slopes_along_axes_of(effect):
-    """Return the derivatives of the force along each axis by the airspeed along it, up to 5 m/s, N s/m."""
+    """Return the derivatives of the force along each axis with respect to the airspeed along it, up to 5 m/s, N s/m."""
     rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):

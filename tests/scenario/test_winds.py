@@ -1,4 +1,4 @@
-"""Tests that attributes and methods of every kind of wind agree with its system, also for a user's kind."""
+"""Tests that attributes and methods of every kind of wind, including a user's kind, agree with the system."""
 
 import pickle
 from importlib import import_module
@@ -26,7 +26,7 @@ SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a source of a kind near `POSITIONS`, in which all other required fields are one."""
+    """Return a wind source of the given kind near `POSITIONS`; all other required fields are one."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -84,7 +84,7 @@ def check_member(kind):
 
 @pytest.mark.parametrize("kind", WINDS.members.values(), ids=lambda kind: kind.__name__)
 def test_every_kind_of_wind_agrees_with_its_system(kind):
-    """The wind depends on position and time as the source states, and is not faster than its largest speed."""
+    """The wind depends on position and time as the source states, and does not exceed the stated largest speed."""
     check_member(kind)
 
 

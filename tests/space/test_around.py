@@ -37,7 +37,7 @@ def space_of(*shapes, radius=0.2):
     return Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=radius)
 
 
-def test_bounds_restrict_every_corridor_and_change_nothing_else():
+def test_bounds_affect_only_the_corridors():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
     problem = PathProblem([START, END, START], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
@@ -102,7 +102,7 @@ def detour(*corners):
     return RouteAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
-# The straight route has the shortest time and the least snap. The other routes lead 0.4 m to 1 m to the side.
+# The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
 TIMINGS = {
     "heuristic": (Heuristic(), LIMITS),
@@ -140,7 +140,7 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times are those of a polyline at constant speed, whose segments are lengthened by one millimetre."""
+    """The times follow from constant speed along a polyline whose segments are lengthened by one millimetre."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
@@ -282,7 +282,7 @@ def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
 
 
 def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
-    """The diagonal is that of a cell, of which there are 20 between 21 points along each axis."""
+    """The diagonal is the diagonal of a cell; the 21 points along each axis are the corners of 20 cells."""
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
@@ -336,7 +336,7 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
 
 
 def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """The gap leaves 1 cm for the centre of mass, between points of the first grid and around one of the second grid.
+    """The gap leaves 1 cm for the centre of mass, between points of the first grid, around one of the second grid.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """
@@ -358,7 +358,7 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
 
 
 def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
-    """The length of a route over a point is at least that of the straight lines between the point and both ends."""
+    """A route over a point is at least as long as the straight lines between the point and both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from
 

@@ -1,4 +1,4 @@
-"""Tests of the explanation why there is no route: which waypoints are not connected, and what blocks the way."""
+"""Tests of the explanation why there is no route: waypoints that are not connected, and blocking obstacles."""
 
 import pytest
 
@@ -59,7 +59,7 @@ def test_the_smallest_sets_of_obstacles_that_block_all_routes_are_named(walls, e
 
 
 def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
-    """Without the first wall, a gap of 5 cm remains, the spacing of the grid, so that a route is not certain."""
+    """Without the first wall, the remaining gap is 5 cm wide, the spacing of the grid, so a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explanation_of({"a": wall(0.7), **sides})
     assert said.endswith("without a and left, or without a and right, there would be a way")
@@ -73,7 +73,7 @@ def test_a_corridor_between_grid_points_may_contain_a_route():
     for low, would in ((0.51, "may"), (0.49, "would")):
         corridor = Box([0.0, low, 0.0], [2.0, low + 0.02, 1.0])
         said = explanation_of({"a": wall(1.0)}, [Box.point([x, low + 0.01, 0.5]) for x in (0.3, 1.7)], [corridor])
-        assert said.endswith(f"without a, there {would} be one")
+        assert said.endswith(f"without a, there {would} be a way")
 
 
 def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
@@ -134,7 +134,7 @@ def test_corridors_that_are_blocked_together_are_both_named():
     assert "without a, there would be a way" in said
 
 
-def test_bounds_alone_can_block_all_routes():
+def test_bounds_can_block_all_routes_without_obstacles():
     """The bounds end before the second waypoint, regardless of the obstacles."""
     said = explanation_of({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
@@ -153,7 +153,7 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
     assert said.startswith("no way was found")
 
 
-def test_a_single_blocking_obstacle_among_many_is_named_alone():
+def test_of_many_obstacles_only_the_blocking_one_is_named():
     """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explanation_of({**beside, "a": wall(1.0)})

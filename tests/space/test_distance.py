@@ -82,7 +82,7 @@ def test_an_approach_is_printed_in_one_line():
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 
 
-def test_the_distance_of_a_path_at_rest_is_that_of_its_position():
+def test_the_distance_of_a_path_at_rest_is_the_distance_of_its_position():
     """On a path at rest, the middle of a piece is its nearest point."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     actual = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))

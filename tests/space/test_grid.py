@@ -15,7 +15,7 @@ from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 EMPTY_SPACE = Space((), radius=0.1)
-# Each axis of this grid has another spacing.
+# Each axis of this grid has a different spacing.
 UNEVEN_BOUNDS = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
 
@@ -51,7 +51,7 @@ def test_a_grid_of_a_flat_space_has_one_layer():
     np.testing.assert_array_equal(grid.points[:, 2], 1.0)
 
 
-def test_distances_of_a_grid_are_those_to_its_obstacles():
+def test_distances_of_a_grid_are_distances_to_its_obstacles():
     room = random_room(2)
     grid = Grid.of(room.space, room.bounds, most=3000, finest=0.05)
     outside = grid.nearest > 0.0
@@ -252,7 +252,7 @@ REGIONS = {
 
 @pytest.mark.parametrize("place", REGIONS.values(), ids=REGIONS)
 @pytest.mark.parametrize("distance", [0.0, 0.17])
-def test_points_near_a_region_are_those_within_a_distance(place, distance):
+def test_points_near_a_region_are_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
         # Near edges, where the shifted planes intersect, some additional points are included.

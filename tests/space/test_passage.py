@@ -1,4 +1,4 @@
-"""Comparison of chains of regions, and of passages through them, with an enumeration in small mazes of boxes."""
+"""Chains of regions and passages through them, compared with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -175,7 +175,7 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the route through it has 40 m. The route along the top has 5 m.
+    # The centre of the bottom box is so far away that the route through it is 40 m long; along the top it is 5 m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
@@ -235,7 +235,7 @@ def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_without_random_factors_random_passages_are_the_shortest_between_centres(monkeypatch, seed):
-    """The length is that of a route through the centres of regions and intersections, plus transition costs."""
+    """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))

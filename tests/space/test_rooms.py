@@ -18,7 +18,7 @@ from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred rooms. Among these rooms, room 4 is blocked, and room 1 is planned with the least snap.
+# `make rooms` plans a hundred rooms. Room 4 is blocked, and room 1 is planned with minimum snap.
 ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 

@@ -52,7 +52,7 @@ def distance_by_drake(shape, point):
 
 
 @each_shape
-def test_the_distance_outside_is_that_to_the_projection(shape):
+def test_the_distance_outside_is_the_distance_to_the_projection(shape):
     points = points_around(shape, 60)
     for point, distance in zip(points, shape.distances(points), strict=True):
         assert max(0.0, distance) == pytest.approx(distance_by_drake(shape, point), abs=2e-6)
@@ -71,7 +71,7 @@ def test_inside_the_largest_ball_touches_the_surface(shape):
     inside = distances < 0.0
     assert inside.any()
     expected = (points[inside] @ normals.T - offsets).max(axis=1)
-    # Triangles with 32 sides per turn lie inside the ball by this share of the radius, in both directions.
+    # Triangles with 32 sides per turn lie inside the ball by this fraction of the radius, in both directions.
     slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
     np.testing.assert_allclose(distances[inside], expected, atol=slack)
 
@@ -103,7 +103,7 @@ def test_distances_are_not_below_their_lower_bound(shape):
     points = np.vstack([points_around(shape, 2000), shape.triangles().reshape(-1, 3)])
     bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
-    # Half of the hull's corners are near the surface of the ball, so that the bound is not trivial.
+    # Half of the hull's corners are near the surface of the ball, so the bound is not trivial.
     assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))
     if bound is not None:
         assert (shape.distances(points) - bound).min() < 1e-6

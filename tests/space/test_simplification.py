@@ -162,7 +162,7 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
         assert gaps.max() < side
 
 
-def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their_span():
+def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_to_their_span():
     """The distance is right for any size and position."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):

@@ -1,4 +1,4 @@
-"""Comparison of the distributions that estimates compute with `scipy.special` with those of `scipy.stats`."""
+"""Distributions that estimates compute with `scipy.special`, compared with `scipy.stats`."""
 
 import math
 

@@ -129,7 +129,7 @@ def test_a_system_that_mixes_vehicles_may_fly_one_vehicle():
 
 
 def test_a_system_that_cannot_be_connected_is_refused():
-    with pytest.raises(InputError, match="position_controller has no output port|position_controller needs"):
+    with pytest.raises(InputError, match="position_controller has no output port|position_controller must have"):
         run(position_controller=LeafSystemOf)
 
 

@@ -97,7 +97,7 @@ def test_rewriting_a_results_file_does_not_change_it(tmp_path):
 def test_a_foreign_file_is_refused_and_not_changed(tmp_path, content):
     path = tmp_path / "results.csv"
     path.write_text(content)
-    with pytest.raises(InputError, match="it has other columns"), open_results(path, FORM):
+    with pytest.raises(InputError, match="its columns are different"), open_results(path, FORM):
         pass
     assert path.read_text() == content
 

@@ -83,7 +83,7 @@ def test_drawn_values_are_compared_to_the_written_digits(two_masses):
 
 
 def test_columns_have_descriptions(two_masses):
-    assert column_meaning(two_masses, "sample") == "number of the sample"
+    assert column_meaning(two_masses, "sample") == "index of the sample"
     assert column_meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
     assert column_meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
     assert column_meaning(two_masses, "rmse") == "metric (m)"

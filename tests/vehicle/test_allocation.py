@@ -71,8 +71,8 @@ def best_wrench(wrench, rotors, priority):
     """Return the best wrench of rotors between 60 and 300 rad/s, and which of its parts are less than commanded.
 
     The parts are roll and pitch torque, thrust, and yaw torque. There is one linear programme for each part, in the
-    order of the priority. Unknowns are the share of roll and pitch torque, the thrust, the share of yaw torque, and the
-    distance of the thrust from the commanded one.
+    order of the priority. Unknowns are the fraction of roll and pitch torque, the thrust, the fraction of yaw torque,
+    and the distance of the thrust from the commanded one.
     """
     x, y, _, turns, b, d = np.array(rotors).T
     inverse = np.linalg.inv([b, y * b, -x * b, -turns * d]) / 300.0**2
@@ -105,7 +105,7 @@ def best_wrench(wrench, rotors, priority):
 
 
 def random_demand(rotors, rng):
-    """Return a random wrench that the rotors can produce, or one that exceeds this by a little or by much."""
+    """Return a random wrench that is within, slightly beyond, or far beyond the limits of the rotors."""
     x, y, _, turns, b, d = np.array(rotors).T
     feasible = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
     spread = rng.choice([0.0, 0.5, 5.0])
@@ -116,7 +116,7 @@ def random_demand(rotors, rng):
 @with_both_priorities
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
 def test_each_part_of_a_wrench_is_the_best_that_the_previous_parts_allow(shape, priority):
-    """Allocation agrees with linear programmes for a plus, an x or h of any size, and any four rotors."""
+    """Allocation agrees with linear programmes for a plus, for an X or H of any size, and for any four rotors."""
     rng = np.random.default_rng(5)
     paired = shape is not random_layout
     num_reduced = np.zeros(3)
@@ -281,7 +281,7 @@ def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
 @pytest.mark.slow
 @with_both_allocations
 @with_both_priorities
-def test_rounding_takes_no_rotor_below_its_limit(allocate, priority):
+def test_rounding_errors_move_no_rotor_below_its_limit(allocate, priority):
     """Negative squared speeds would make the speeds NaN."""
     for low in (0.0, 60.0):
         rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
@@ -289,7 +289,7 @@ def test_rounding_takes_no_rotor_below_its_limit(allocate, priority):
         assert np.min(speeds) >= low
 
 
-def test_rounding_takes_no_rotor_above_its_limit():
+def test_rounding_errors_move_no_rotor_above_its_limit():
     """This applies to the general allocation, whose coefficients are less exact than those of pairs."""
     rng = np.random.default_rng(3)
     speeds, _ = allocate(Wrench(*(rng.normal(size=(300, 4)) * [10.0, 3.0, 3.0, 0.3]).T), ROTORS)

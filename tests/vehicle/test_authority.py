@@ -85,7 +85,7 @@ def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(share,
 
 
 def test_three_rotors_with_the_same_direction_cannot_hover():
-    """Without yaw torque, the fourth rotor carries half of the weight, and so does the rotor opposite to it."""
+    """Without yaw torque, the fourth rotor and the rotor opposite to it each carry half of the weight."""
     rotors = layout_of(SQUARE, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"

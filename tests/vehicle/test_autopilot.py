@@ -1,4 +1,4 @@
-"""Tests of attitude and rate loops on board against independent equations, and of flights with them."""
+"""Tests of attitude and rate loops on board: comparison with independent equations, and flights."""
 
 import numpy as np
 import pytest
@@ -129,7 +129,7 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
 
 
 def test_an_estimator_that_neglects_drag_measures_the_drag_as_a_tilt():
-    """At a constant velocity v, the error approaches that of the neglected drag with a first-order lag."""
+    """At a constant velocity, the error follows the neglected drag with a first-order lag."""
     drag, period = NeglectedDrag(0.04, 0.5), 0.002
     error = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)

@@ -1,4 +1,4 @@
-"""Tests that the equations of motion agree with Drake's plants, the paper and the conservation laws of mechanics."""
+"""Tests that the equations of motion agree with Drake's plants, the paper and conservation laws."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def assert_close(actual, expected):
 
 @pytest.fixture(scope="module")
 def parameters_without_drag(asymmetric_vehicle):
-    """Return asymmetric parameters without rotor inertia and drag, which Drake's plants do not have."""
+    """Return asymmetric parameters without rotor inertia and drag, which Drake's plants do not model."""
     return asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
 
 

@@ -45,7 +45,7 @@ def test_hover_demands_hover_speed():
 
 
 def test_the_demanded_speed_of_a_rotor_that_would_have_to_push_down_is_zero():
-    """A snap along x requires more pitch torque than the other rotors produce when the front rotor stops."""
+    """A snap along x requires more pitch torque than the other rotors produce with a stopped front rotor."""
     snap = Snap(3000.0, 0.0, 0.0, 0.0)
     demand = rotor_demand(Reference(*[0.0] * 11), Jerk(0.0, 0.0, 0.0), snap, QuadrotorParameters())
     torque = 0.007 * 3000.0 / 9.81

@@ -74,7 +74,7 @@ def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
 
 
 def test_zero_and_full_throttle_limit_the_wrench():
-    """The limits of the rotor speeds are wider than those of the throttle, which are zero and full throttle."""
+    """The rotor speeds at zero and full throttle are inside the limits of the rotor speeds."""
     parameters = QuadrotorParameters(max_rotor_speed=1e4, min_rotor_speed=0.0)
     model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
     command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)

@@ -68,7 +68,7 @@ def test_commands_beyond_the_limits_are_clipped(time_step, shift, asymmetric_veh
     np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
 
 
-def test_each_vehicle_of_a_fleet_flies_as_it_would_alone():
+def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle():
     masses = np.array([0.6, 0.68, 0.75])
     commands = COMMAND + np.array([[0.0], [3.0], [-4.0]])
     fleet = final_state(quadrotor(PARAMETERS._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
@@ -216,7 +216,7 @@ def test_the_linear_model_in_hover_agrees_with_textbooks():
     np.testing.assert_allclose(system.A(), expected, atol=1e-12)
 
 
-def test_a_vehicle_hovers_level_at_the_origin_unless_another_place_is_given():
+def test_a_vehicle_hovers_level_at_the_origin_unless_another_position_is_given():
     vehicle = quadrotor()
     np.testing.assert_array_equal(vehicle.GetOutputPort("state").Eval(vehicle.CreateDefaultContext()), 0.0)
 

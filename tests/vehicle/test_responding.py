@@ -66,7 +66,7 @@ def lag_response(omega, zeta, target, start, end):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
-    """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target do not matter."""
+    """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target have no effect."""
     vehicle = responding_vehicle(start=Place(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = context_after(vehicle, end, TARGET._replace(yaw=-3.0))
@@ -83,14 +83,14 @@ def test_each_angle_follows_its_command_with_its_own_lag(time_step):
         np.testing.assert_allclose(state[9:12], to_body @ rates, atol=2e-5)
 
 
-def test_with_small_angles_body_rates_are_those_of_the_angles():
+def test_with_small_angles_body_rates_equal_the_rates_of_the_angles():
     vehicle = responding_vehicle(kinematics="small_angle")
     state = vehicle.GetOutputPort("state").Eval(context_after(vehicle, 0.2))
     numbers = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
     np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in numbers], atol=2e-5)
 
 
-def test_the_translation_of_a_responding_vehicle_is_that_of_a_quadrotor(asymmetric_vehicle):
+def test_the_translation_of_a_responding_vehicle_agrees_with_a_quadrotor(asymmetric_vehicle):
     """Both vehicles are level, with equal thrusts of all rotors and in wind, so no torque acts on them."""
     equal_rotors = asymmetric_vehicle._replace(
         rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass
@@ -106,7 +106,7 @@ def test_the_translation_of_a_responding_vehicle_is_that_of_a_quadrotor(asymmetr
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_effects_on_the_translation_of_a_responding_vehicle_are_those_on_a_quadrotor(time_step):
+def test_effects_on_the_translation_of_a_responding_vehicle_agree_with_a_quadrotor(time_step):
     """Both vehicles are level near the ground. Drag acts at the centre of mass, so no torque acts on them."""
     effects = Effects(
         body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),

@@ -18,11 +18,11 @@ def moments_of_bodies():
 
 def test_moments_of_inertia_of_any_body_are_possible(moments_of_bodies):
     assert all(inertia_flaw(moments) == "" for moments in moments_of_bodies.tolist())
-    # The moments of flat bodies and rods are possible up to rounding.
+    # The moments of flat bodies and rods satisfy the conditions up to rounding errors.
     np.testing.assert_allclose(nearest_rigid(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)
 
 
-def test_moments_may_be_impossible_by_the_rounding_of_data_sheets_but_not_by_more():
+def test_moments_may_violate_the_conditions_by_no_more_than_the_rounding_of_data_sheets():
     assert inertia_flaw([0.0061, 0.0061, 0.0123]) == ""
     assert inertia_flaw([0.007, 0.007, 0.03]) == "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
     assert inertia_flaw([1.0, 3.0, 1.5]) == "I_yy, 3, is larger than I_xx + I_zz, 2.5 kg m²"
@@ -65,7 +65,7 @@ def test_the_nearest_moments_are_the_solution_of_a_quadratic_programme():
         np.testing.assert_allclose(nearest, expected, atol=1e-5 * moments.max())
 
 
-def test_moments_of_many_samples_are_those_of_single_samples():
+def test_moments_of_many_samples_agree_with_single_samples():
     rng = np.random.default_rng(2)
     moments = rng.lognormal(size=(3, 50))
     low = np.zeros(3)

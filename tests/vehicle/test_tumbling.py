@@ -1,4 +1,4 @@
-"""Tests that vehicles that pitch through 90° agree with integrations that have no singularity there."""
+"""Tests that vehicles that pitch through 90° agree with integrations without a singularity at this pitch."""
 
 import itertools
 import math
@@ -179,7 +179,7 @@ def test_yaw_counts_whole_turns_and_does_not_drift():
     assert final_states[1, 4] == pytest.approx(0.4, abs=1e-13)
 
 
-def test_the_linear_model_of_a_step_in_hover_is_that_of_the_runge_kutta_method(asymmetric_vehicle):
+def test_the_linear_model_of_a_step_in_hover_agrees_with_the_runge_kutta_method(asymmetric_vehicle):
     """The matrix is I + hA + (hA)²/2 + (hA)³/6 + (hA)⁴/24, apart from the rows and columns of the rotors."""
     numbers = QuadrotorNumbers(asymmetric_vehicle)
     continuous, stepping = Quadrotor(time_step=0.0, numbers=numbers), Quadrotor(numbers=numbers)
@@ -224,7 +224,7 @@ def test_derivatives_are_finite_where_the_nose_points_straight_up():
 @pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
 def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
-    """With error control, the steps are short enough for the half-turns of roll and yaw, or the integrator refuses."""
+    """With error control, either the steps resolve the half-turns of roll and yaw, or the integrator refuses."""
     flip = flip_at(yaw_rate)
     vehicle = Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)
@@ -246,7 +246,7 @@ def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integ
     assert degrees_apart(final_state[:, 3:6], rotation) < 1e-3
 
 
-def test_a_compiled_vehicle_tumbles_like_an_interpreted_one(asymmetric_vehicle):
+def test_compiled_and_interpreted_vehicles_tumble_equally(asymmetric_vehicle):
     """Their states are equal, for single vehicles and fleets, even if angles jump only for some vehicles of a fleet."""
     tumbles = random_tumbles(11, seed=3)
     wired_states, _ = final_states_and_swings(asymmetric_vehicle, tumbles, 0.01, 1.0)

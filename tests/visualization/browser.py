@@ -1,8 +1,8 @@
 """Headless Chromium that tests control by the DevTools protocol over a pair of pipes.
 
 As a script, the module takes a picture of a replay: browser.py PAGE TIME FILE, with the time in seconds. Six optional
-numbers are the position of the camera and the point that it looks at, in metres. If the time is a range such as 12:16,
-the script writes an animation in real time, FILE.webp.
+values are the position of the camera and the point at the centre of its view, in metres. If the time is a range such as
+12:16, the script writes an animation in real time, FILE.webp.
 """
 
 import base64
@@ -119,7 +119,7 @@ class Browser:
 # The README shows the picture 500 px wide, so the window is small and its resolution is high.
 _SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
 _FILM_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.0, "mobile": False}
-# Position of the camera, and the point that it looks at, m.
+# Position of the camera, and the point at the centre of its view, m.
 _VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
 _FRAME_RATE = 10  # 1/s, frame rate of an animation
 _FILM_QUALITY = 55  # quality of the WebP file, from 0 to 100
@@ -127,7 +127,10 @@ _FILM_QUALITY = 55  # quality of the WebP file, from 0 to 100
 
 @contextmanager
 def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any]) -> Iterator[Browser]:
-    """Yield a browser that shows a replay at a time (s), from the camera position to a point (6 numbers, m)."""
+    """Yield a browser that shows a replay at a time (s).
+
+    `view` is the camera position and the viewed point, (6,), m.
+    """
     # In Meshcat's camera frame, Y points up.
     (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (view[:3], view[3:]))
     with (
@@ -145,13 +148,13 @@ def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any
 
 
 def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
-    """Write a picture of a replay at a time (s) as PNG; the view is that of `replay`."""
+    """Write a picture of a replay at a time (s) as PNG, with the view of `replay`."""
     with replay(page, moment, view, _SIZE) as browser:
         browser.screenshot(file)
 
 
 def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[float] = _VIEW) -> None:
-    """Write an animation of a replay from one time to another (s); the view is that of `replay`."""
+    """Write an animation of a replay from one time to another (s), with the view of `replay`."""
     frames = []
     with replay(page, first, view, _FILM_SIZE) as browser:
         for i in range(round(_FRAME_RATE * (last - first))):

@@ -1,4 +1,4 @@
-"""Plots of designs, stability maps, plans and sensitivities show the right numbers."""
+"""Plots of designs, stability maps, plans and sensitivities show the right values."""
 
 import math
 import re
@@ -94,7 +94,7 @@ def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design
         assert axes.lines[2].get_xydata().tolist() == [[-1.0, 0.0]]
 
 
-def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
+def test_a_root_locus_contains_the_poles_of_the_closed_loop(design):
     loop = design.loops["x"]
     plant = loop.plant
     row = np.array([loop.gains])
@@ -152,7 +152,7 @@ def test_step_responses_settle_at_the_step_size():
             assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
         np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
         assert axes.get_ylim()[1] >= 1.06 * size
-    # The plot ends when the slowest mode has decayed to less than 1 %, but after 4 s to 60 s.
+    # The plot ends when the slowest mode has decayed below 1 %, but not before 4 s or after 60 s.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
 
@@ -209,7 +209,7 @@ def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     assert not outside.lines
 
 
-def test_contours_of_a_map_are_stability_limit_damping_and_delay_margin(panels):
+def test_contours_of_a_map_show_stability_limit_damping_and_delay_margin(panels):
     found, first, second, *_ = panels
     axes = drawn_map(found, first, second).axes[0]
     edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
@@ -435,7 +435,7 @@ def test_names_of_many_obstacles_are_left_out():
 
 
 def test_many_obstacles_are_one_silhouette_from_the_side():
-    """Their outlines and clearances would cover the path, while from above each obstacle remains visible."""
+    """Individual outlines and clearances would hide the path in this view; from above, each obstacle is visible."""
     for count, patches_from_the_side in ((6, 12), (7, 7)):
         boxes = tuple(Obstacle(str(i), Cuboid((2.0 * i, 0.0, 0.0))) for i in range(count))
         side, above = new_figure(3.0, 3.0).subplots(1, 2)

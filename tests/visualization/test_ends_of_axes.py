@@ -72,11 +72,11 @@ def test_compared_errors_fit_into_the_axes():
         assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
 
 
-def test_the_axis_of_sample_shares_ends_just_above_one():
+def test_the_axis_of_sample_fractions_ends_just_above_one():
     (axes,) = study_plots.plot_distribution({"one": no_crash()}).axes
     assert 1.0 < axes.get_ylim()[1] < 1.1
     (axes,) = study_plots.plot_influences(study()).axes
-    # The two bars of a parameter touch, and there is a gap to those of the next parameter.
+    # The two bars of a parameter touch, and there is a gap before the bars of the next parameter.
     bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches]
     assert bars[0][1] == pytest.approx(bars[1][0])
     assert bars[1][1] < bars[2][0]
@@ -91,7 +91,7 @@ def test_sample_counts_have_ticks_at_one_two_and_five():
 
 
 def alike(near, share, count=200):
-    """Return whether a curve is dashed if it is at a distance, in points, from another over a share of its length."""
+    """Return whether a curve is dashed that is `near` points from another one over a fraction `share` of its length."""
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -129,7 +129,7 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # These are curves 1 and 2 of the lower three, and curve 1 of the upper two.
+    # The dashed curves are 1 and 2 of the lower three, and 1 of the upper two.
     assert calls == [(1, 3), (2, 3), (1, 2)]
 
 
@@ -166,7 +166,7 @@ def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
     state = flight["state"].copy()
     state[-5:] = np.nan
-    state[-5:, 1] = 1e6  # a position with NaN components is not shown
+    state[-5:, 1] = 1e6  # large but finite; a position with NaN components is not shown
     diverged = replace(flight, signals={**flight.signals, "state": state})
     for whole, part in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
         np.testing.assert_allclose(part.get_xlim(), whole.get_xlim(), atol=0.02)
@@ -297,7 +297,7 @@ def camera():
 
 
 def middle_of(frame, color):
-    """Return the mean position of all pixels of a colour, from the left and from the bottom; None if there are none."""
+    """Return the mean position of all pixels of a colour, from the left and the bottom; None without such pixels."""
     up, across = np.nonzero(np.abs(frame - 255.0 * np.array(to_rgb(color))).max(axis=2) < 30.0)
     return np.array([across.mean(), len(frame) - up.mean()]) if len(up) else None
 
@@ -333,7 +333,7 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
 
 
 def test_a_camera_sees_a_room_around_the_path(camera):
-    """The room around a hover extends three times as far as the rotors, and each axis has a few round ticks."""
+    """The room around a hover is three times as wide as the rotors, and each axis has a few round ticks."""
     axes = camera._axes
     reach = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
     for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):

@@ -58,7 +58,7 @@ def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
     assert upper.get_shared_x_axes().joined(upper, lower)
 
 
-def test_attitude_is_in_degrees_beside_its_command(flight):
+def test_attitude_is_shown_in_degrees_with_its_command(flight):
     figure = plots.plot_attitude(flight)
     assert legends(figure) == ["commanded", "flown"]
     rows = figure.axes
@@ -120,7 +120,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
     np.testing.assert_array_equal(wanted, [reference.x, reference.y, reference.z])
-    # The start is marked, and the pillar beside the path is in view.
+    # The start is marked, and the pillar next to the path is in view.
     start = np.array(space.collections[0]._offsets3d)[:, 0]
     np.testing.assert_array_equal(start, flown[:, 0])
     limits = np.array([space.get_xlim(), space.get_ylim(), space.get_zlim()])
@@ -190,7 +190,7 @@ def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
 
 
-def test_positions_and_coordinates_are_those_of_the_signal(flight):
+def test_positions_and_coordinates_are_taken_from_the_signal(flight):
     state = flight.record("state")
     np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
     assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)
@@ -221,7 +221,7 @@ def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
     assert leg_marks(plan_route(load_scenario("hover"))) == []
 
 
-def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
+def test_leg_numbers_are_next_to_the_path_and_along_the_time_axis(plan):
     figure = new_figure(4.0, 3.0)
     above, time = figure.subplots(2, 1)
     number_legs(above, plan, distance=7.0)
@@ -283,7 +283,7 @@ def mean_speed(flight, x, y, z):
 
 @pytest.mark.slow
 def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
-    """The fan blows along its axis, and far from it there is only the steady wind."""
+    """The fan blows along its axis; far from the fan, there is only the steady wind."""
     above, side, *_ = plot_wind(windy).axes
     reference, state = windy.record("reference"), windy.record("state")
     long, short = ("y", "x") if np.ptp(above.get_xlim()) and above.get_xlabel() == "Y (m)" else ("x", "y")
@@ -326,7 +326,7 @@ def test_a_fan_is_a_bar_across_its_direction(windy):
 
 
 def test_arrows_have_the_direction_of_the_wind(windy):
-    """Each arrow shows the velocity at its position. The longest arrow reaches to the next one."""
+    """Each arrow shows the velocity at its position. The longest arrow ends at the start of the next one."""
     above, *_ = plot_wind(windy).axes
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
@@ -338,7 +338,7 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     assert whole.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
-    # Far from the fan, only the steady wind is left.
+    # Far from the fan, there is only the steady wind.
     flat = {"Y (m)": (-0.2, 0.3), "X (m)": (0.3, -0.2)}[above.get_xlabel()]
     far = np.argmin(speeds)
     assert (arrows.U[far], arrows.V[far]) == pytest.approx(flat, abs=0.05)

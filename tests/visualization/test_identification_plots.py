@@ -62,12 +62,12 @@ def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identificat
     assert np.abs(correlation[1:]).max() < 0.25
     density = right.lines[0].get_ydata()
     assert density.max() / density.min() < 30.0
-    # The one-sided spectral density of white noise over its variance is twice the sampling period.
+    # The one-sided spectral density of white noise, divided by its variance, is twice the sampling period.
     assert density.mean() == pytest.approx(2.0 * 0.04, rel=0.2)
     assert legends(figure) == [output.name for output in identification.outputs]
 
 
-def test_the_thrust_has_a_band_of_its_covariance(identification):
+def test_the_thrust_has_a_confidence_band_from_its_covariance(identification):
     figure = plots.plot_thrust(identification, np.linspace(0.3, 0.6, 100))
     (axes,) = figure.axes
     line = next(line for line in axes.lines if line.get_label() == "identified")
@@ -100,7 +100,7 @@ def test_nonzero_correlations_are_written(identification):
 
 
 def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
-    """Each estimate adds a row and a column of the same size, with room for the numbers in its cells."""
+    """Each estimate adds a row and a column of constant size, with room for the values in the cells."""
     names = [
         f"{name}[{i}]" for name in ("inertia", "body_drag.linear", "motors.curve", "centre_of_mass") for i in range(3)
     ]
@@ -168,7 +168,7 @@ def test_residuals_have_the_autocorrelation_and_the_spectrum_of_numpy_and_scipy(
         coloured, 1.0 / 0.04, window=np.hanning(26), detrend=False, scaling="density", return_onesided=True
     )
     np.testing.assert_allclose(frequency, expected[0][1:])
-    # A one-sided spectrum doubles every frequency but the last one.
+    # A one-sided spectrum doubles the density at every frequency except the last one.
     np.testing.assert_allclose(density[:-1], expected[1].mean(axis=0)[1:-1] / np.mean(coloured**2))
     span = left.patches[0].get_y(), left.patches[0].get_y() + left.patches[0].get_height()
     assert span == pytest.approx((-1.96 / np.sqrt(coloured.size), 1.96 / np.sqrt(coloured.size)))
@@ -246,7 +246,7 @@ def test_prediction_errors_have_intervals_and_are_side_by_side():
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return a comparison of a log of one second, with a gap, and twenty predictions, one of which crashes half-way."""
+    """Return a comparison of a log of one second, with a gap, and twenty predictions; one crashes half-way."""
     time = np.concatenate([np.arange(40) * 0.01, 0.9 + np.arange(40) * 0.01])
     target = np.stack([time, 2.0 * time, 1.0 + 0.0 * time], axis=1)
     flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)

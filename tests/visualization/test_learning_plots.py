@@ -122,7 +122,7 @@ def test_surfaces_show_the_correction_before_and_after_the_flight(flight):
             np.testing.assert_array_equal(met[1], getattr(flight.record("error_rate"), axis))
 
 
-def test_a_secant_gain_is_the_change_of_the_output_over_the_error(flight):
+def test_a_secant_gain_is_the_change_of_the_output_divided_by_the_error(flight):
     sets: Antecedents = flight.scenario.control.network.antecedents()
     weights = np.random.default_rng(2).normal(size=9)
     errors = (0.002, 0.03)

@@ -75,7 +75,7 @@ def test_the_sliders_set_mass_and_gains(page):
     assert flight.scenario.nominal == given.nominal
     np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(given.control.position.k_p))
     assert flight.scenario.control.position.k_d == given.control.position.k_d
-    # A restart keeps the changed numbers, so it equals the flight of a scenario with these numbers.
+    # A restart keeps the changed parameters, so it equals the flight of a scenario with these parameters.
     page.clicks["start again"] += 1
     state = flown(flight, 1.0)
     written = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(
@@ -84,7 +84,7 @@ def test_the_sliders_set_mass_and_gains(page):
     np.testing.assert_allclose(state, simulate(written, until=1.0).signals["state"][-1], atol=1e-9)
 
 
-def test_changed_numbers_do_not_make_the_state_jump(page):
+def test_changed_parameters_do_not_make_the_state_jump(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     before = flown(flight, 1.0)
     page.SetSliderValue("mass (kg)", 0.9)

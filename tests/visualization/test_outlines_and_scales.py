@@ -36,6 +36,6 @@ def test_arms_are_thicker_than_blades_and_both_are_flat():
     assert arm_width > blade_width > blade_height
 
 
-def test_no_vehicle_of_a_swarm_has_a_colour_like_that_of_a_crash():
+def test_no_vehicle_of_a_swarm_has_a_colour_similar_to_a_crash():
     assert set(page._BODY_COLORS[:2]) == {BLACK, VERMILION}
     assert len(set(page._BODY_COLORS)) == 7

@@ -77,7 +77,7 @@ def test_a_network_on_one_axis_has_one_column():
     assert [axes.get_title() for axes in surfaces.axes] == ["on Y, before the flight", "on Y, after the flight", ""]
 
 
-def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
+def test_overlapping_curves_are_dashed_in_all_plots_of_a_flight(hover):
     """In hover without wind all errors and angles are almost zero, so their curves overlap."""
     upper, _ = plots.plot_errors(hover).axes
     assert [line.is_dashed() for line in upper.lines[:2]] == [False, True]

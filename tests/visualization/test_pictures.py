@@ -28,7 +28,7 @@ def learned():
 
 
 def labels_on_plates(figure):
-    """Return the number of annotations in a figure that have a white background, beside the points that they name."""
+    """Return the number of annotations with a white background in a figure."""
     labels = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
     assert all(to_hex(label.get_bbox_patch().get_facecolor()) == "#ffffff" for label in labels)
     assert all(3.0 <= np.hypot(*label.get_position()) <= 10.0 for label in labels)
@@ -83,7 +83,7 @@ def test_overlapping_curves_are_dashed():
 
 
 def test_each_of_several_overlapping_curves_is_visible():
-    """The dashes of each curve cover less of its length than those of the curve below it, but not zero."""
+    """The dashes of each curve cover a smaller fraction of its length than the dashes of the curve below it."""
     drawn = [dashes(place, 4)[1] for place in range(4)]
     shares = [on / (on + off) for on, off in drawn]
     assert shares == pytest.approx([1.0, 0.75, 0.5, 0.25])
@@ -101,13 +101,13 @@ def test_equal_rotor_speeds_are_distinguishable(flight):
     figure.draw_without_rendering()
     box = close.get_legend().get_window_extent(figure.canvas.get_renderer())
     inside = close.get_window_extent()
-    # The legend is right above the axes, at their right end.
+    # The legend is directly above the axes, at the right end.
     assert 0.0 <= box.y0 - inside.y1 < 15.0
     assert abs(box.x1 - inside.x1) < 15.0
 
 
 def test_the_legend_identifies_each_weight(learned):
-    """The curve of the last rule, with the last set of each input, has the colour and the style in the legend."""
+    """The curve of the last rule, which has the last set of each input, has the colour and the style in the legend."""
     figure = plot_learning(learned)
     weights = figure.axes[3]
     key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}

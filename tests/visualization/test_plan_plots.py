@@ -11,7 +11,7 @@ def area(corners):
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-def test_the_outline_of_an_octahedron_is_its_square_in_the_middle():
+def test_the_outline_of_an_octahedron_is_its_middle_square():
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = outline(Polytope(signs, np.full(8, 10.0)), DRAWING, 0, 2)
     assert corners.shape == (4, 2)

@@ -64,7 +64,7 @@ def test_every_panel_has_its_signals_in_its_unit():
     assert figure.get_suptitle() == "a log: 0.5 s at 100 Hz"
 
 
-def test_a_panel_without_its_measured_signal_shows_the_command_as_a_curve_of_its_own():
+def test_a_panel_without_a_measured_signal_shows_the_command_as_a_solid_curve():
     time = 0.01 * np.arange(50)
     figure = plot_record(record(time, "attitude_command", "hover_share"))
     attitude, hover = figure.axes

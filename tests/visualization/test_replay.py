@@ -30,9 +30,10 @@ def flight():
 
 
 def watched(page, folder, names, moments):
-    """Return visibility, position and attitude of objects on a page at some times of the flight (s).
+    """Return the visibility, position and attitude of objects on a page at the given times of the flight (s).
 
-    Also return pictures at the first and the last time. The page plays by itself, and continues from a stop.
+    Also return pictures at the first and the last time. The replay starts automatically, and is resumed after the pause
+    for each time.
     """
     rows = ", ".join(
         f"((o) => [Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()])"
@@ -56,7 +57,7 @@ def watched(page, folder, names, moments):
 
 
 def at(flight, moments):
-    """Return the positions of a flight at some times."""
+    """Return the positions of a flight at the given times."""
     return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
 
@@ -71,7 +72,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
     np.testing.assert_allclose(vehicle[:, 1:4], at(flight, moments), atol=0.01)
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
-    # The times are too far apart to follow every turn of the rotors.
+    # The times are too far apart to count the revolutions of the rotors.
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
     # The piece of the trail from 2.5 to 2.75 s is invisible at first. Once it has appeared, it stays.
@@ -164,7 +165,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
                 left, top, right, bottom = next(box for name, *box in texts if name == mark["text"])
                 middle = (0.5 * (left + right), 0.5 * (top + bottom))
                 assert middle == pytest.approx((180.0 * (1.0 + x), 0.5 * height * (1.0 - y)), abs=1.0)
-        # Trails are visible through the jets of fans.
+        # The jets of fans do not hide trails.
         jet = "viewer.scene_tree.find(['fan_1', 'jet', '<object>']).object.material.depthWrite"
         assert "laboratory" not in spec or browser.value(jet) is False
         assert len(texts) >= 6
@@ -193,7 +194,7 @@ def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
             browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
         browser.wait_for(f"Math.abs(viewer.animator.time - {0.75 * flight.time[-1]}) < 0.02")
         place = at(flight, browser.value("viewer.animator.time"))
-        # The key F makes the camera follow the first vehicle, which is then near and in the middle of the view.
+        # The key F makes the camera follow the first vehicle, which is then close and in the middle of the view.
         for key in ("f", "+", "+"):
             browser.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
         browser.wait_for("viewer.animator.mixer.timeScale === 5")
@@ -227,7 +228,8 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     page = save_replay({"one": flight, "two": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]* (src|href)="(?!data:)', page)
     swarm = save_swarm({"all": [flight] * 100}, tmp_path / "swarm.html")
-    # Meshcat itself takes 2.3 MB. Beyond that, a full flight of 25 s takes three times as much as these 8 s.
+    # Meshcat itself takes 2.3 MB. The remaining size grows with the duration: a full flight of 25 s needs 3.2 times as
+    # much as these 8 s.
     assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
 
 
@@ -278,7 +280,7 @@ def test_rotors_1_and_3_turn_clockwise():
 
 
 def test_rotors_are_drawn_at_their_positions():
-    """An X layout with reversed rotors has two arms in front, and propellers that do not touch."""
+    """In an X layout with reversed rotors, two arms point forward, and the propellers do not touch."""
     rotors = Rotors.x(length=0.1, width=0.08, rotor_1_direction=1.0)
     positions = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
     np.testing.assert_allclose(positions[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
@@ -292,7 +294,7 @@ def test_rotors_are_drawn_at_their_positions():
 
 
 def test_an_h_frame_is_drawn_with_its_crossbar():
-    """An H frame has two side bars and a crossbar; an X with the same rotors has four arms from its middle."""
+    """An H frame has two side bars and a crossbar; an X frame with the same rotors has four arms from its centre."""
     layout = "nominal.layout={{kind: {}, length: 0.2, width: 0.3}}"
     frames = {
         kind: Frame.of(load_scenario("diagrams/hover.yaml", [layout.format(kind)]).vehicle) for kind in ("h", "x")

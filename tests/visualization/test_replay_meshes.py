@@ -43,10 +43,10 @@ def test_a_bar_is_a_box_that_is_open_at_its_start(end):
     np.testing.assert_allclose(np.sort(along), [0.0] * 4 + [length] * 4, atol=1e-12)
 
 
-def test_a_tube_is_open_at_its_two_ends_alone():
+def test_a_tube_is_open_only_at_its_two_ends():
     points = np.stack([np.linspace(0.0, 1.0, 6), np.zeros(6), np.zeros(6)], axis=1)
     vertices, faces = shapes.tube(points, 0.1)
-    # The section is a triangle within a circle of the radius.
+    # The cross section is a triangle inscribed in a circle of the given radius.
     assert area(vertices.T, faces.T) == pytest.approx(3.0 * 0.1 * np.sqrt(3.0))
     assert len(rims(map(tuple, faces.T))) == 6
 
@@ -75,7 +75,7 @@ def written(monkeypatch, tmp_path):
     return lambda flights: page.save_replay(flights, tmp_path / "new" / "page.html").read_text(encoding="utf-8")
 
 
-def test_the_page_of_a_lone_flight_has_a_bar_of_colours_up_to_its_largest_error(flight, written):
+def test_the_page_of_a_single_flight_has_a_colour_bar_up_to_its_largest_error(flight, written):
     text = written({"a < b": flight})
     assert "<b>a &lt; b</b>" in text
     assert 'max="0.400"' in text
@@ -94,7 +94,7 @@ def test_the_page_of_a_lone_flight_has_a_bar_of_colours_up_to_its_largest_error(
     assert [each["path"] for each in page_data["vehicles"]] == ["/a___b"]
 
 
-def test_the_page_of_several_flights_has_their_names_and_no_bar(flight, written):
+def test_the_page_of_several_flights_has_their_names_and_no_colour_bar(flight, written):
     text = written({"one": flight, "other": flight})
     assert "<b>one, other</b>" in text
     assert "error along the trail" not in text
@@ -120,7 +120,7 @@ def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
     for end in ("top", "bottom"):
         assert stage.properties["/Background/<object>", f"{end}_color"] == [1.0, 1.0, 1.0]
     lights = {path: value for (path, name), value in stage.properties.items() if name == "intensity"}
-    # Spot lights would make colours differ from those of the legend.
+    # With spot lights, colours would differ from the legend.
     assert {path for path, value in lights.items() if value > 0.0} == {
         "/Lights/AmbientLight/<object>",
         "/Lights/FillLight/<object>",

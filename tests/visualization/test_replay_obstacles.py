@@ -53,7 +53,7 @@ def test_page_data_name_the_obstacle_of_a_crash(hover):
     assert told["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
 
 
-def test_page_data_contain_only_numbers_that_json_has(hover):
+def test_page_data_contain_only_numbers_that_json_allows(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, {"post": np.array([np.nan, 0.5, 3.0])})
     with pytest.raises(ValueError, match="JSON"):
         page_data({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)

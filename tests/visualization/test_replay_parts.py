@@ -57,7 +57,7 @@ def test_a_recording_shows_nothing_until_it_is_played_and_has_a_small_point(flig
     monkeypatch.setattr(page, "local_meshcat", lambda: scene)
     page.save_swarm({"one": [*flights.values()]}, tmp_path / "swarm.html")
     assert not scene.shows_while_recording
-    # Trails of short flights have all of their points, and those of long ones a few hundred.
+    # Trails of short flights contain all points; trails of long flights contain a few hundred.
     for number, flight in enumerate(flights.values()):
         np.testing.assert_array_equal(scene.lines[f"/one_trails/{number}"].T, positions(flight.record("state")))
     flight = flights["other"]

@@ -39,7 +39,7 @@ from drake_quad.visualization.style import AXES, BLUE, SKY
 
 
 class Animation:
-    """Animation that keeps its keyframes by path and property."""
+    """Animation that stores its keyframes by path and property."""
 
     def __init__(self, rate):
         self.rate, self.transforms, self.properties = rate, {}, {}
@@ -58,7 +58,7 @@ class Animation:
 
 
 class Scene:
-    """Replacement of Meshcat that keeps all drawn objects by path."""
+    """Replacement for Meshcat that stores all drawn objects by path."""
 
     def __init__(self):
         self.objects, self.colors, self.poses, self.properties = {}, {}, {}, {}
@@ -142,7 +142,7 @@ def test_the_parts_of_a_quadrotor_are_at_their_positions():
         assert blades.width() == pytest.approx(2.0 * disc.radius())
         # Propellers do not touch, and none is longer than 8 inches.
         assert disc.radius() == pytest.approx(min(0.1, 0.48 * 0.2))
-        # Blades that turn clockwise are blue, the others light blue, and so are the discs.
+        # Blades and discs that turn clockwise are blue, and the others are light blue.
         shade = to_rgb(BLUE if rotor.direction == -1.0 else SKY)
         for part, opacity in ((f"rotor_{number}/blades", 1.0), (f"disc_{number}", 0.2)):
             color = scene.colors[f"/v/{part}"]
@@ -182,7 +182,7 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     discs = np.isclose(a[:, 2], height) & np.isclose(b[:, 2], height) & np.isclose(c[:, 2], height)
     expected = 4 * 0.5 * 10 * radius**2 * np.sin(2.0 * np.pi / 10)
     assert areas[discs].sum() == pytest.approx(expected)
-    # The bars lead from the middle to the rotors and are closed, so their outward triangles enclose their volume.
+    # The bars lead from the centre to the rotors. They are closed surfaces of outward triangles with the right volume.
     bars = triangles[~discs]
     a, b, c = (corners[bars[:, i]] for i in range(3))
     enclosed = np.sum(np.cross(a, b) * c) / 6.0
@@ -276,7 +276,7 @@ def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
     )
 
 
-def test_a_pose_is_that_of_the_state():
+def test_a_pose_agrees_with_the_state():
     state = State(1.0, 2.0, 3.0, 0.1, -0.2, 0.3, *[0.0] * 6)
     expected = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [1.0, 2.0, 3.0])
     np.testing.assert_allclose(pose_of(state).GetAsMatrix4(), expected.GetAsMatrix4())
@@ -292,7 +292,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     room = draw_surroundings(scene, windy, flight.plan, flown)
     path = reference_points(flight.plan)
     margin = 4.0 * Frame.of(scenario.vehicle).reach
-    # Flown positions count up to three metres from the path.
+    # Flown positions are taken into account up to three metres from the path.
     low = np.minimum(path.min(axis=0), [0.0, 1.0, 1.0]) - margin
     high = np.maximum(path.max(axis=0), [0.5, path[0, 1] + 3.0, 1.2]) + margin
     np.testing.assert_allclose(room.low, [-4.0, low[1], 0.0])
@@ -318,10 +318,10 @@ def test_the_room_has_a_floor_edges_and_a_grid():
         np.testing.assert_allclose(start, begin)
         i = "xyz".index(axis)
         np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
-    # The jet of the fan reaches as far as the path and a margin beyond it.
+    # The drawn jet of the fan ends a margin beyond the path.
     assert scene.meshes["/fan_1/jet"][2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
-    # The camera looks at the scene from above and from the side.
+    # The camera is above the scene and to its side.
     place, target = scene.camera
     middle = 0.5 * (room.low + room.high)
     np.testing.assert_allclose(target[:2], middle[:2])
@@ -335,7 +335,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Return two flights of one reference: one in steady wind, and one that ends earlier."""
+    """Return two flights along the same reference: one in steady wind, and one that ends earlier."""
     wind = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.5, 0.2]}]"
     return {
         "first one": simulate(load_scenario("figure_eight", ["duration=1.3", wind])),
@@ -400,7 +400,7 @@ def test_a_trail_appears_piece_by_piece(flights):
             np.testing.assert_allclose(rings[0], way[np.abs(flight.time - 0.25 * number).argmin()], atol=2e-2)
 
 
-def test_the_trail_of_a_lone_flight_has_the_colours_of_its_errors(flights):
+def test_the_trail_of_a_single_flight_has_the_colours_of_its_errors(flights):
     scene = Scene()
     flight = flights["first one"]
     draw_replay(scene, {"alone": flight})

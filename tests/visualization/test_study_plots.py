@@ -36,7 +36,7 @@ def no_crash(seed=0, count=COUNT):
     return study(seed, 0, count)
 
 
-def test_a_distribution_is_the_share_of_samples_up_to_a_value():
+def test_a_distribution_is_the_fraction_of_samples_up_to_a_value():
     """Crashed samples count as worse than all others. The bands follow from Massart's inequality."""
     some, none = study(), no_crash(1)
     figure = plots.plot_distribution({"one": some, "other": none})
@@ -69,7 +69,7 @@ def test_titles_count_samples():
 
 
 def test_estimates_converge_with_the_number_of_samples():
-    """The left panel shows the mean over samples without a crash, from the tenth on; the right one shows crashes."""
+    """The left panel shows the mean over samples without a crash, from the tenth on; the right panel shows crashes."""
     found = study()
     figure = plots.plot_convergence({"one": found})
     assert legends(figure) == ["one"]
@@ -108,7 +108,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     assert left.get_ylabel() == right.get_ylabel() == "peak error (cm)"
 
 
-def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
+def test_a_study_of_crashes_only_is_drawn_without_a_mean():
     left, right = plots.plot_convergence({"one": study(crashes=COUNT)}).axes
     assert left.get_xscale() == "linear"
     assert right.get_xscale() == "log"
@@ -145,7 +145,7 @@ def test_a_tornado_has_the_means_of_the_tenths(name):
     assert ("%" in axes.xaxis.get_major_formatter()(0.1)) == percent
 
 
-def test_a_tornado_shows_sixteen_fields_at_most():
+def test_a_tornado_shows_at_most_sixteen_fields():
     found = study()
     rng = np.random.default_rng(2)
     crowd = {
@@ -192,8 +192,8 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
         plots.plot_crash_probability(none)
 
 
-def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
-    """Their points are drawn three typographic points apart, around the true value. Integers have integer ticks."""
+def test_controllers_with_equal_values_are_drawn_side_by_side():
+    """The markers are drawn three typographic points apart, around the true value. Integers have integer ticks."""
     studies = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
     figure = plots.plot_crash_probability(studies, DELAY)
     (axes,) = figure.axes
@@ -223,7 +223,7 @@ def test_labels_of_metrics_have_units(name, label):
     with new_panels(3.0, 3.0) as (_, axes):
         plots.label_metric(axes.xaxis, name)
         assert axes.get_xlabel() == label
-        # Values are drawn in SI units, and their numbers are in those of the tables.
+        # Values are drawn in SI units, and tick labels are in the units of the tables.
         expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])
         assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
 

@@ -44,7 +44,7 @@ def test_drawing_leaves_the_matplotlib_settings_unchanged():
     assert dict(matplotlib.rcParams) == before
 
 
-def test_colours_are_those_that_okabe_and_ito_publish():
+def test_colours_agree_with_okabe_and_ito():
     """M. Okabe and K. Ito, "Color universal design", 2008: red, green and blue from 0 to 255."""
     published = {
         "BLACK": (0, 0, 0),
@@ -60,7 +60,7 @@ def test_colours_are_those_that_okabe_and_ito_publish():
         np.testing.assert_allclose(np.array(to_rgb(getattr(style, name))) * 255.0, color)
 
 
-def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_seen():
+def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_visible():
     """The lightness (CIE 1931, here linear in sRGB) decreases monotonically."""
     colors = shading()(np.linspace(0.0, 1.0, 11))[:, :3]
     lightness = colors @ [0.2126, 0.7152, 0.0722]

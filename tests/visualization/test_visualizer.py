@@ -30,7 +30,7 @@ def shown(time, scenario=HOVER, **constants):
     return scene
 
 
-def test_with_only_the_state_connected_only_the_vehicle_is_shown():
+def test_if_only_the_state_is_connected_only_the_vehicle_is_shown():
     scene = shown(0.1, state=PLACED)
     pose = scene.poses["/mine"]
     np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
@@ -54,12 +54,12 @@ def test_a_point_shows_the_reference_and_an_arrow_the_wind():
     np.testing.assert_allclose(scene.poses["/mine_reference"].translation(), [4.0, 5.0, 6.0])
     assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).reach
     np.testing.assert_allclose(scene.poses["/mine_wind"].rotation().matrix()[:, 0], [0.0, 0.6, 0.8], atol=1e-12)
-    # 15 cm for each m/s.
+    # The arrow is 15 cm long for each m/s.
     assert scene.properties["/mine_wind/arrow", "scale"][0] == pytest.approx(0.75)
 
 
 @pytest.mark.slow
-def test_a_flight_is_shown_32_times_a_second_and_leaves_its_trail():
+def test_a_flight_is_shown_32_times_per_second_with_its_trail():
     scenario = load_scenario("figure_eight", ["laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
     builder, scene = DiagramBuilder(), Recording()
     loop = builder.AddNamedSystem("loop", build_tracking_diagram(scenario))
@@ -127,7 +127,10 @@ def test_the_vehicle_of_the_sample_is_drawn():
 
 @pytest.mark.slow
 def test_an_existing_diagram_can_be_shown():
-    """The scene is Drake's own Meshcat. With steps of 10 ms, frames are 40 ms apart, the multiple next above 1/32 s."""
+    """The scene is Drake's own Meshcat.
+
+    With steps of 10 ms, frames are 40 ms apart, the smallest multiple above 1/32 s.
+    """
     scenario = load_scenario("outdoor", ["duration=1"])
     simulator = Simulator(build_tracking_diagram(scenario))
     meshcat, times = local_meshcat(), []

@@ -1,4 +1,4 @@
-"""Interval type-2 fuzzy inference with elliptic membership functions. Equation numbers are those of the paper.
+"""Interval type-2 fuzzy inference with elliptic membership functions. Equation numbers refer to the paper.
 
     (11), (12) μ(x) = (1 - |u|^a)^(1/a) with u = (x - c) / d where |u| < 1, else 0: the upper membership for an exponent
                a = a1 > 1, the lower membership for a = a2 < 1
@@ -24,7 +24,7 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, total, where
 from drake_quad.signals import Number, Row
 
-# Smallest argument of a logarithm.
+# Smallest argument of a logarithm; smaller arguments are replaced with it.
 _TINY = 1e-250
 # Largest double-precision number below 1.
 _BELOW_ONE = 1.0 - 2.0**-53

@@ -18,7 +18,7 @@ InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "
 
 # Tolerance on the end of a lap, as a fraction of the lap.
 _LAP_TOLERANCE = 1e-9
-_ON_OWN_AXIS = ("error", "error_rate", "disturbance")
+_ON_OWN_AXIS = ("error", "error_rate", "disturbance")  # inputs that use only the signal on the axis of the network
 
 
 def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Learning laws for the weights of a network, all with the same interface. Equation numbers are those of the paper.
+"""Learning laws for the weights of a network, all with the same interface. Equation numbers refer to the paper.
 
     (14) τ = τ_c - τ_f, with the PD command τ_c           (15) s_p = ė + λ e
     (16) Ḟ = -K_D P W s_p                                 (17) Ṗ = -P W Wᵀ P

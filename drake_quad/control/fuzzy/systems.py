@@ -273,11 +273,11 @@ class WeightLearning(FleetSystem):
         - weights
         - covariance_trace
 
-    `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`; it is zero on other axes than those of the
-    network. The weights F are adapted at every tick, by the learning signal s_p = ė + λ e of eq (15) with the inputs
-    `error` and `error_rate`, or by the feedback with the inputs `pd` and `disturbance`; `disturbance` is zero if not
-    connected. `weights` contains F in the order of `firing`. `covariance_trace` exists for a law with a covariance, and
-    has a row for each axis.
+    `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`; it is zero on all axes that the
+    network does not contain. The weights F are adapted at every tick, by the learning signal s_p = ė + λ e of eq (15)
+    with the inputs `error` and `error_rate`, or by the feedback with the inputs `pd` and `disturbance`; `disturbance`
+    is zero if not connected. `weights` contains F in the order of `firing`. `covariance_trace` exists for a law with a
+    covariance, and has a row for each axis.
 
     If the network has a lead time, `correction` is computed from `firing_ahead`, because a command acts on the vehicle
     with a delay. The weights are still adapted with `firing`, and `learned_disturbance` is Fᵀ W with `firing`: the

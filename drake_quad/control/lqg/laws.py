@@ -472,7 +472,7 @@ def corrected_acceleration(reference: Reference, correction: Acceleration | None
 
 
 def _deviation(chain: Any, *motion: Row) -> Any:
-    """Return the deviation of a chain from position, velocity, acceleration, jerk and snap, as far as it contains them."""
+    """Return a chain minus the reference's position, velocity, acceleration, jerk and snap, if these are states."""
     target = dict(zip(("position", "velocity", "thrust", "jerk", "snap"), motion, strict=True))
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 

@@ -134,7 +134,7 @@ OBSERVABLE_SIGNALS = {
     "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z, in any frame (m)"),
     "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
-    "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference minus that of the vehicle (m/s)"),
+    "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
     "reference_velocity": ObservableSignal(3, _reference_velocity, "velocity of the reference (m/s)"),
     "reference_acceleration": ObservableSignal(3, _reference_acceleration, "acceleration of the reference (m/s²)"),
     "reference_ahead": ObservableSignal(
@@ -149,7 +149,7 @@ OBSERVABLE_SIGNALS = {
         "rotation matrix from B to W, row by row; with `heading` and `reference_heading` from B to this frame (1)",
     ),
     "yaw_error": ObservableSignal(
-        2, _yaw_error, "sine and cosine of the yaw of the reference minus that of the vehicle (1)"
+        2, _yaw_error, "sine and cosine of the yaw of the reference minus the yaw of the vehicle (1)"
     ),
     "body_rates": ObservableSignal(3, _body_rates, "body rates p, q, r along the axes of B (rad/s)"),
     "rotor_speed": ObservableSignal(

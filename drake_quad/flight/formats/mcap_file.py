@@ -36,8 +36,8 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
-_NANOSECONDS = 10**9
-_WORLD = "world"
+_NANOSECONDS = 10**9  # per second
+_WORLD = "world"  # name of the world frame W
 # Dimensions of drawn arms and rotors, relative to the largest horizontal distance of a rotor from the centre of mass.
 _ARM_WIDTH = 0.08
 _ROTOR_WIDTH = 0.9
@@ -49,7 +49,7 @@ _ERROR = 4
 # RGB colours of the vehicles and their paths, in the order of the flights. Plots use the same colours (palette of Okabe
 # and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
-_REFERENCE_COLOR = (0.5, 0.5, 0.5)
+_REFERENCE_COLOR = (0.5, 0.5, 0.5)  # RGB of the reference, and of all arms except for the first
 
 
 class Message(NamedTuple):

@@ -34,8 +34,8 @@ from drake_quad.geometry.quaternion import Quaternion
 _AXIS_SIGNS = (1.0, -1.0, -1.0)
 # Indices of this package's rotors in the order in which PX4 numbers them.
 _PX4_ROTOR_ORDER = (0, 2, 3, 1)
-_RPM = 60.0 / (2.0 * math.pi)
-_MICROSECONDS = 1e6
+_RPM = 60.0 / (2.0 * math.pi)  # revolutions per minute in 1 rad/s
+_MICROSECONDS = 1e6  # per second
 
 _Columns = dict[str, np.ndarray]
 

@@ -260,7 +260,7 @@ def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
 
 
 def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
-    """Return roll, pitch and yaw (n, 3) of quaternions (n, 4) in the frames of a record; NaN for invalid ones."""
+    """Return roll, pitch and yaw (n, 3) in the frames of a record from quaternions (n, 4); NaN for invalid ones."""
     quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     valid = (length > _MIN_QUATERNION_NORM) & (length < _MAX_QUATERNION_NORM)
@@ -353,13 +353,10 @@ def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]
         if "attitude" in signals:
             turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
-            yield (
-                f"{channel.signal} is turned from the axes of the {source_axes} to those of the {target_axes} by the"
-                " attitude"
-            )
+            yield f"{channel.signal} is turned from {source_axes} axes to {target_axes} axes by the attitude"
         else:
             del signals[channel.signal]
-            yield f"{channel.signal} is left out: it is along the axes of the {source_axes}, and no attitude is logged"
+            yield f"{channel.signal} is left out: it is along {source_axes} axes, and no attitude is logged"
 
 
 def _name_range(names: Sequence[str]) -> str:

@@ -132,7 +132,7 @@ def _common_faults(signals: _Signals) -> Iterator[Fault]:
     yield Fault(known, text, lambda grid: {name: grid[name] * np.array(_HALF_TURN) for name in known}, 2)
     for signal, frame in _WRONG_FRAMES.items():
         if signal in signals:
-            text = f"{signal} looks as if it were along the axes of the {frame}"
+            text = f"{signal} looks as if it were along {frame} axes"
             yield Fault((signal,), text, _turned(signal, frame), 0, is_frame=True)
 
 

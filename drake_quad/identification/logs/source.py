@@ -176,7 +176,7 @@ def _bag_in(path: Path) -> Path:
         return path
     files = [each for each in path.iterdir() if each.suffix in _BAG_SUFFIXES]
     if len(files) != 1:
-        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; give the path of the one to read")
+        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; give the path of the file to read")
     return files[0]
 
 

@@ -380,7 +380,7 @@ def _mean_of(value: Any) -> float:
 
 
 def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
-    """Complete the autopilot and the control if an attitude response was estimated and the base has none.
+    """Complete the autopilot and the control if an attitude response was estimated, but the base has no response.
 
     Raises:
         InputError: if only one of natural frequency and damping is estimated.

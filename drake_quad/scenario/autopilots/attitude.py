@@ -143,7 +143,7 @@ class AttitudeAutopilotSettings(Autopilot):
         return self
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the period of the loops is longer than that of the link."""
+        """Raise a validation error if the period of the loops is longer than the period of the link."""
         link = scenario.laboratory.command_link.period
         if not self.period <= link:
             demand = f"must not be longer than the period of the command link, {link} s"

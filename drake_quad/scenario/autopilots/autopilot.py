@@ -27,7 +27,7 @@ class Autopilot(Model):
         period: period of the loops on board, s; None if there are no loops.
         command: name of the signal that the command link carries.
         accepts: types of commands that a control may compute.
-        feeds_forward: highest derivatives of the reference that a control may feed forward.
+        feeds_forward: allowed values for the highest derivative of the reference that a control feeds forward.
         noise_free: values of the noise fields that remove the noise.
         bias_free: values of the bias fields that remove the bias.
         loop_gains: names of the fields with the gains of the attitude and the rate loop; None if no gains can be

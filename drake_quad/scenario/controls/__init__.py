@@ -1,4 +1,4 @@
-"""Controls of the scenario language, which run on the ground, each kind in a module of its own."""
+"""Controls of the scenario language, which run on the ground, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

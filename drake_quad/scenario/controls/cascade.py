@@ -35,7 +35,7 @@ class CascadeControl(Control):
     attitude: AnyAttitudeController | None = Field(
         default=None,
         description="attitude controller on the ground; required without an autopilot, and to be left out, or null,"
-        " with one",
+        " with an autopilot",
     )
     user_system_paths: ClassVar = {"position_controller": ("position", "network.")}
 
@@ -76,7 +76,7 @@ class CascadeControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the cascade; a user's `position_controller` has no network around it."""
+        """Return the diagram of the cascade; there is no network around a user's `position_controller`."""
         position, network = own.get("position_controller"), None
         if position is None:
             network = None if self.network is None else self.network.build(systems)

@@ -163,7 +163,7 @@ class LqgControl(Control):
     )
     yaw: YawPd | None = Field(
         default=None,
-        description="yaw controller; required without an autopilot, and to be left out, or null, with one",
+        description="yaw controller; required without an autopilot, and to be left out, or null, otherwise",
     )
     max_tilt: Tilt = Field(
         default=0.6, description="tilt in hover that corresponds to the largest commanded horizontal acceleration (rad)"
@@ -173,7 +173,7 @@ class LqgControl(Control):
     max_snap: PlainPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
-    # Kinds that add a quadratic programme to the regulator set this to True.
+    # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
 
     def check_fits(self, scenario: Any) -> None:
@@ -218,7 +218,7 @@ class LqgControl(Control):
 
     def _numbers(self, setting: ControlSetting) -> LqgNumbers:
         times, believed = self.timing(setting.frame, setting.tick), setting.believed
-        # A command acts for one tick, and the feed-forward is exact in the middle of that tick.
+        # A command acts for one tick. The feed-forward is computed for the middle of this tick.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(believed)
         thrust = ThrustNumbers(believed.mass, believed.gravity, *limits, lead + self.vertical.lag)
@@ -236,7 +236,7 @@ class LqgControl(Control):
         return LqgNumbers(loops[0], loops[1], thrust, torques, target)
 
     def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the controller with its network and its programme, if it has them."""
+        """Return the diagram of the controller, with a network and a quadratic programme if the controller has them."""
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 

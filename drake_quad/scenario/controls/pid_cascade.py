@@ -41,7 +41,7 @@ class PidLoop(LoopTerms):
 
 
 class _CommandKind(Model):
-    """Quantity that the velocity loop commands, with its limits."""
+    """Quantity that the velocity loop commands, with the limits of the command."""
 
     kind: str
     has_limits: ClassVar[bool]
@@ -123,7 +123,7 @@ class PidCascadeControl(Control):
     def _has_limits_once(self) -> "PidCascadeControl":
         if self.command.has_limits:
             if self.velocity.limit is not None:
-                raise self.field_error("must be left out: the command has limits of its own", "velocity", "limit")
+                raise self.field_error("must be left out, since the command itself is limited", "velocity", "limit")
             if not excludes_zero(self.velocity.k_p[0]):
                 raise self.field_error(
                     "must be larger than 0, since the anti-windup divides by it", "velocity", "k_p", 0

@@ -1,4 +1,4 @@
-"""Effects on the vehicle that the paper's equations do not contain, each in a module of its own."""
+"""Effects on the vehicle that the paper's equations do not contain, with one module each."""
 
 from drake_quad.scenario.unions import import_members
 

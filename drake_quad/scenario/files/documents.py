@@ -20,7 +20,7 @@ _SCALARS = ("float", "int", "bool", "null", "str")
 
 @functools.lru_cache(maxsize=256)
 def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MAX_NODES) -> Tree:
-    """Parse YAML 1.2 text. The result is cached, so it must not be changed.
+    """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
     Args:
         text: text of the document.

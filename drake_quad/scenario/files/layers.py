@@ -96,7 +96,7 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
 def with_override(base: Tree, override: Tree) -> Tree:
     """Return a scenario with the fields of an override merged into it.
 
-    A layout with distances determines the arm length, so it removes the arm length of the base.
+    A layout with distances determines the arm length, so the arm length of the base is removed.
     """
     fields = dict(base.value)
     for section in ("nominal", "vehicle"):
@@ -110,7 +110,7 @@ def with_override(base: Tree, override: Tree) -> Tree:
 
 
 def with_layer(base: Tree, layer: Tree) -> Tree:
-    """Return a scenario with another one layered over it.
+    """Return a scenario with another scenario layered over it.
 
     - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base then apply to the
       new vehicle. If the autopilot of the base is a response that was identified with the old vehicle, the autopilot
@@ -128,8 +128,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they are merged last: first those of the base, then those of
-    # the layer, which take precedence.
+    # Relative distributions apply to the new vehicle, so they are merged last. The distributions of the layer are
+    # merged after the distributions of the base, so that they take precedence.
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:
@@ -146,7 +146,7 @@ def describes_vehicle(tree: Tree) -> bool:
 def check_description(tree: Tree) -> None:
     """Raise InputError if a scenario without `extends` describes a vehicle incompletely.
 
-    The missing fields would be those of the paper's vehicle, which has a mass of 0.68 kg.
+    The defaults of missing fields belong to the paper's vehicle, which has a mass of 0.68 kg.
     """
     nominal = tree.value.get("nominal")
     if nominal is None or not isinstance(nominal.value, dict) or not {"mass", "inertia"} <= nominal.value.keys():
@@ -159,7 +159,7 @@ def check_description(tree: Tree) -> None:
 
 
 def with_default_vehicle(tree: Tree) -> Tree:
-    """Return a scenario on top of its default vehicle, unless it describes a vehicle itself."""
+    """Return a scenario layered over its default vehicle, or unchanged if the scenario describes a vehicle."""
     default = tree.value.get(DEFAULT_VEHICLE)
     if default is None:
         return tree

@@ -19,7 +19,7 @@ _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 class Library:
-    """Reader of the files of one scenario, each of which is read once, with limits on their total size."""
+    """Reader of the files of one scenario, with limits on their total size. Each file is read only once."""
 
     def __init__(self) -> None:
         self._bytes, self._nodes, self._bases = MAX_BYTES, MAX_NODES, MAX_BASES
@@ -70,7 +70,7 @@ class Library:
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        tree = parse_document(text, source, numbered=numbered)  # only results with the default limit are reused
+        tree = parse_document(text, source, numbered=numbered)  # with the default limit, a cached result can be used
         if tree.size() > self._nodes:
             tree = parse_document(text, source, numbered=numbered, most=self._nodes)
         self._bytes -= len(text)
@@ -156,7 +156,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
     """Return the file and the name of a scenario that is extended.
 
     FILE is relative to the folder of the file that extends it. A name without suffix is a scenario of the same file, or
-    else a shipped one.
+    else a shipped scenario.
 
     Args:
         spec: text in `extends` that names the scenario.
@@ -180,7 +180,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
 
 
 def _parse_trajectory(text: str, path: Path) -> Tree:
-    """Parse a table of pieces as a document with one scenario, which has the name of the file and only a route."""
+    """Parse a table of pieces as a document with one scenario, named after the file, which contains only a route."""
     pieces = parse_piece_table(text, path)
     route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
     scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)

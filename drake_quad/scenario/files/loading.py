@@ -64,8 +64,8 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: new values of fields, which take precedence over the file. Either a mapping from paths to values,
             such as `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, whose
-            mappings are merged with those of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"` with
-            the value in YAML; or a list of either, in which later items take precedence.
+            mappings are merged with the mappings of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"`
+            with the value in YAML; or a list of either, in which later items take precedence.
         layers: further scenarios, as FILE:NAME, that are layered over the scenario one after the other, as if a
             scenario extended all of them.
 
@@ -99,8 +99,7 @@ def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
     return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
-# Route and control of a scenario whose gains are still to be designed, unless it gives others. The gains here are not
-# used.
+# Default route and control of a scenario whose gains are still to be designed. The gains in this text are not used.
 _UNDESIGNED_DEFAULTS = """
 route: {kind: figure_eight}
 control:

@@ -47,7 +47,7 @@ _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("at
 
 
 def mesh_points(path: Path) -> Tree:
-    """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the mesh's own axes and units.
+    """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the axes and units of the mesh.
 
     A hull with too many corners is replaced by a simpler hull around it, see `surrounding`, with a warning.
 

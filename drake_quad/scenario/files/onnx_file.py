@@ -101,7 +101,7 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
     onnx = import_extra("onnx", "onnx")
     try:
         model = onnx.load_from_string(data)
-    except Exception:  # the parser raises exceptions of several types of its own
+    except Exception:  # the parser raises exceptions of several types
         raise UnreadableError("is not an ONNX model") from None
     if any(onnx.external_data_helper.uses_external_data(each) for each in model.graph.initializer):
         raise UnreadableError("stores its weights in another file; export it with external_data=False")
@@ -111,7 +111,7 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
             raise UnreadableError(f"has opset {each.version}, but onnx {onnx.__version__} supports 1 to {known}")
     try:
         onnx.checker.check_model(model)
-    except Exception as error:  # the checker raises exceptions of several types of its own
+    except Exception as error:  # the checker raises exceptions of several types
         raise UnreadableError(f"is not a valid ONNX model: {shortened(str(error), 120)}") from None
     layers, remark = Layers(), ""
     graph = _Graph(model, output)
@@ -199,7 +199,7 @@ class _Graph:
         model = helper.make_model(graph, opset_imports=self._opsets)
         try:
             results = self._onnx.reference.ReferenceEvaluator(model).run(None, {})
-        except Exception as error:  # the evaluator raises exceptions of several types of its own
+        except Exception as error:  # the evaluator raises exceptions of several types
             raise UnreadableError(f"has a node {node.op_type} of constants that cannot be computed") from error
         self._constants |= dict(zip(node.output, results, strict=False))
 
@@ -277,7 +277,7 @@ class _Graph:
         Args:
             name: name of the value.
             known: known values by name.
-            depth: largest number of successive nodes from the known values to this one.
+            depth: largest number of successive nodes from the known values to this value.
         """
         if name in known:
             return known[name]

@@ -44,7 +44,7 @@ class _Network(Model):
 
     @model_validator(mode="after")
     def _fits(self) -> "_Network":
-        """Raise an error if the learned parameters come from a network with another structure."""
+        """Raise an error if the learned parameters come from a network with a different structure."""
         if self.learned is None:
             return self
         own = {

@@ -32,7 +32,7 @@ class ObservationSettings(Model):
         " reference (`reference_heading`); or B",
     )
     history: Annotated[int, Field(ge=1, le=100)] = Field(
-        default=1, description="number of ticks in an observation, including the present one"
+        default=1, description="number of ticks in an observation, including the present tick"
     )
     ahead: Annotated[tuple[PlainMoment, ...], Field(strict=False, max_length=50)] = Field(
         default=(),

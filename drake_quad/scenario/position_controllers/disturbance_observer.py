@@ -20,7 +20,7 @@ class ObserverPosition(EstimatingPosition):
     position_noise: PlainPositive = Field(description="standard deviation of the measured position (m)")
     deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
     time_constant: PlainSpans = Field(
-        description="correlation time of the disturbance on X, Y, Z (s); a long one approaches a random walk"
+        description="correlation time of the disturbance on X, Y, Z (s); long for a disturbance like a random walk"
     )
 
     def law(self, axis: int, period: float) -> KalmanLaw:

@@ -19,10 +19,10 @@ Setpoint = Annotated[tuple[PlainMoment, Real, Real, Real, Real], Field(strict=Fa
 
 @ROUTES.member
 class SetpointsRoute(MissionRoute):
-    """Setpoints of position and yaw, each held until the next one, as a computer sends them to an autopilot.
+    """Setpoints of position and yaw, each held until the next setpoint, as a computer sends them to an autopilot.
 
-    The reference jumps from one setpoint to the next. Its velocity and all further derivatives are zero, so that
-    nothing is fed forward.
+    The reference jumps from one setpoint to the next. Velocity and higher derivatives of the reference are zero, so
+    that nothing is fed forward.
     """
 
     kind: Literal["setpoints"]

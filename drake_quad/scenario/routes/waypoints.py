@@ -133,7 +133,9 @@ class WaypointRoute(MovingRoute):
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
-            demand = "must be a number unless top_acceleration is one, since the total time follows from these limits"
+            demand = (
+                "must be a number unless top_acceleration is a number, since the total time follows from these limits"
+            )
             raise self.field_error(demand, "top_speed")
         return self
 

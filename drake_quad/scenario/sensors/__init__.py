@@ -1,4 +1,4 @@
-"""Sensors on board of the scenario language, each in a module of its own."""
+"""Sensors on board of the scenario language, with one module each."""
 
 from drake_quad.scenario.unions import import_members
 

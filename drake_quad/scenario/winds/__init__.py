@@ -1,4 +1,4 @@
-"""Sources of wind of the scenario language, each in a module of its own. Their winds add up."""
+"""Sources of wind of the scenario language, with one module each. Their winds add up."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -56,7 +56,7 @@ class FanSource(WindSource):
         return self.model_copy(update={"turbulence": 0.0})
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the wind of this fan alone."""
+        """Return the recipe for the wind of only this fan."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod

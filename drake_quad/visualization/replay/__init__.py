@@ -1,1 +1,1 @@
-"""Three-dimensional views of flights: live in a browser, or as a page that any browser can replay."""
+"""Three-dimensional views of flights: live in a browser, or as an HTML page that any browser can replay."""

@@ -86,7 +86,7 @@ def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
 
 
 def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
-    """Write a page that replays many flights together, with simplified vehicles; vehicles that crash are red.
+    """Write a page that replays many flights together, with simplified vehicles. Vehicles that crash are red.
 
     Args:
         flights: flights by the name of their controller; each controller has its own colour.
@@ -156,7 +156,7 @@ def _animate_vehicle(
 
 
 def _has_undrawn_wind(flight: Flight) -> bool:
-    """Return whether a flight has wind that the scene does not show by the jets of fans."""
+    """Return whether a flight has wind from sources other than fans, whose jets the scene shows."""
     has_wind_in_python = not flight.scenario.laboratory.wind and bool(flight["wind"].any())
     return has_wind_in_python or has_wind_besides_fans(flight.scenario)
 
@@ -206,10 +206,10 @@ def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Fl
 
 
 def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[int, int]]:
-    """Return the numbers of the frames in the animation of a flight, each with the tick that it shows.
+    """Return the number of each frame in the animation of a flight, with the tick that the frame shows.
 
-    The browser repeats each motion after the last frame of this motion. All motions must repeat together, so each of
-    them has a frame at the end of the longest flight.
+    The browser repeats each motion after the last frame of this motion. All motions must repeat together, so each
+    motion has a frame at the end of the longest flight.
     """
     count = int(np.floor(flight.time[-1] * frames_per_second)) + 1
     ticks = np.searchsorted(flight.time, np.arange(count) / frames_per_second + 1e-9, side="right") - 1

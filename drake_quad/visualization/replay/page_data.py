@@ -17,7 +17,7 @@ _MAX_INSTANTS = 800
 # Smallest time step of the plot, s.
 _MIN_STEP = 0.05
 _OBSTACLE_COLOR = "#555555"
-# Quantiles at the lower and the upper end of the band over many flights.
+# Quantiles at the lower and upper edges of the band over many flights.
 _BAND_QUANTILES = (0.05, 0.95)
 
 
@@ -60,8 +60,8 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
     """Return the curve of a group of flights at given times.
 
     Returns:
-        The median `error`, cm, and `speed`, m/s; for several flights the ends `low` and `high` of the band, cm; and the
-        times `crashes`, s, and the obstacles `into` of the crashes.
+        The median `error`, cm, and `speed`, m/s; for several flights, the edges `low` and `high` of the error band, cm;
+        and for each crash, the time, s, in `crashes`, and the obstacle in `into`.
     """
     errors, speeds = np.full((2, len(group), len(times)), np.nan)
     for flight, error, speed in zip(group, errors, speeds, strict=True):
@@ -83,7 +83,7 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
 
 
 def _rounded(values: np.ndarray) -> list[float | None]:
-    """Return values with three significant digits; None for NaN, which JSON lacks."""
+    """Return values with three significant digits; None for NaN, which JSON does not support."""
     return [float(f"{value:.3g}") if np.isfinite(value) else None for value in values]
 
 
@@ -106,5 +106,5 @@ def _marks(room: SceneRoom) -> list[dict[str, Any]]:
     obstacles: list[dict[str, Any]] = [
         {"at": position_at, "text": name, "color": _OBSTACLE_COLOR} for name, position_at in room.names.items()
     ]
-    # If labels overlap, the page shows the first of them, so the order is a priority.
+    # If labels overlap, the page shows only the first one, so the labels are in the order of their priority.
     return [mark | {"at": [round(float(each), 3) for each in mark["at"]]} for mark in titles + numbers + obstacles]

@@ -19,7 +19,7 @@ from drake_quad.visualization.style import AXES
 # Margin of the room around the paths, relative to the distance from the vehicle's middle to its farthest rotor. The
 # margin is 0.7 m for the vehicle of the paper.
 _MARGIN_RATIO = 4.0
-# Positions farther from the reference than this distance, m, do not enlarge the room.
+# Positions of the vehicle that are farther from the reference than this, m, do not enlarge the room.
 _MAX_DISTANCE = 3.0
 _LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
@@ -66,7 +66,7 @@ def local_meshcat() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
-    # Diffuse light makes colours look like those of the legend.
+    # With diffuse light, the colours match the legend.
     for light, intensity in _LIGHT_INTENSITIES.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     for end in ("top", "bottom"):
@@ -116,7 +116,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
 
 
 def round_spacing(length: float) -> float:
-    """Return the spacing of a grid along a length (m), in m: 1, 2 or 5 times a power of ten."""
+    """Return the spacing of grid lines, m, along a given length, m: 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length / _NUM_GRID_LINES))
     return float(
         next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= length / _NUM_GRID_LINES * (1.0 - 1e-9))
@@ -140,7 +140,7 @@ def reference_points(plan: Plan) -> np.ndarray:
 
 
 def has_wind_besides_fans(scenario: Scenario) -> bool:
-    """Return whether a scenario has wind from other sources than fans, whose jets the scene shows."""
+    """Return whether a scenario has wind from sources other than fans, whose jets the scene shows."""
     return len(jets(scenario.laboratory.wind)) < len(scenario.laboratory.wind)
 
 
@@ -158,7 +158,7 @@ def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
     _draw_segments(
         meshcat, "/room/edges", [(low + corners[a] * size, low + corners[b] * size) for a, b in edges], "0.7"
     )
-    # The axes lie on edges that are in front or at the side of the room as the camera sees it.
+    # The axes lie on edges at the front or at the side of the room, as seen from the camera.
     for axis, start in zip("xyz", ([0, 0, 0], [1, 0, 0], [0, 0, 0]), strict=True):
         begin = low + np.array(start) * size
         end = np.where([axis == each for each in "xyz"], high, begin)

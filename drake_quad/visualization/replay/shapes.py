@@ -18,17 +18,18 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# Distance from the middle of a vehicle to its rotors, m, from which on motors and arms are drawn in full size. It is
-# that of the paper's vehicle. The parts of smaller vehicles are scaled down.
+# Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn in full size. The
+# value is the distance of the paper's vehicle. The parts of smaller vehicles are scaled down.
 _FULL_SIZE_REACH = 0.17
-# Radius of an 8-inch propeller, m, as on the vehicle of the paper; it is smaller if rotors are close to each other.
+# Radius of an 8-inch propeller, m, as on the vehicle of the paper. Smaller propellers are drawn if rotors are close to
+# each other.
 _MAX_PROPELLER_RADIUS = 0.1
 _ARM_SECTION = (0.022, 0.014)  # m, width and height
 _BLADE_SECTION = (0.018, 0.004)  # m, width and height
 # Height of the rotors above the centre line of the arms, m.
 _ROTOR_HEIGHT = 0.035
-_FAN_DEPTH = 0.25
-# Real rotors turn at 200 rad/s, too fast for 30 frames a second, so the drawn ones turn this much slower.
+_FAN_DEPTH = 0.25  # m, length of the housing of a fan
+# Speed of the drawn rotors relative to the real rotors, which turn at 200 rad/s, too fast for 30 frames per second.
 _ROTATION_FACTOR = 0.1
 # Length of the arrow of a wind of 1 m/s, m.
 _ARROW_LENGTH_PER_SPEED = 0.15
@@ -36,14 +37,14 @@ _ARROW_LENGTH_PER_SPEED = 0.15
 TRAIL_PIECE_DURATION = 0.25
 _TRAIL_RADIUS = 0.018
 ERROR_COLORS = colormaps["viridis"]
-# Rotors at least this far forward, relative to the foremost rotor, have arms in the colour of the front.
+# Rotors whose x is at least this fraction of the x of the foremost rotor have arms in the colour of the front.
 _MIN_FRONT_SHARE = 0.5
-# Largest radius of a propeller relative to the smallest distance between two rotors; propellers touch at 0.5.
+# Largest radius of a propeller, relative to the smallest distance between two rotors. Propellers touch at 0.5.
 _MAX_RADIUS_RATIO = 0.48
 
 
 class Frame(NamedTuple):
-    """Airframe of a quadrotor, as it is drawn.
+    """Airframe of a quadrotor for drawing.
 
     Attributes:
         rotors: rotors 1 to 4.
@@ -85,7 +86,7 @@ def rotor_poses(rotors: Rotors, angles: np.ndarray) -> list[RigidTransform]:
 
 
 def rotation_angles(rotors: Rotors, rotor_speed: RotorSpeed, time: float) -> np.ndarray:
-    """Return the angles (4,), rad, by which the drawn rotors turn during a time in s."""
+    """Return the angles (4,), rad, by which the drawn rotors turn during a time, s."""
     return _ROTATION_FACTOR * time * np.array(rotor_speed) * [rotor.direction for rotor in rotors]
 
 
@@ -108,7 +109,7 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
         meshcat: server that shows the scene.
         path: path of the piece in the scene.
         points: points along the piece, (n, 3), m.
-        shades: colour of the piece, or position errors relative to the largest one, (n,).
+        shades: colour of the piece, or position errors (n,) relative to the error at the upper end of the colour map.
         size: scale of the vehicle, from `shrunk`.
     """
     vertices, faces = tube(points, size * _TRAIL_RADIUS)
@@ -119,7 +120,7 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
 
 
 def part_scale(rotors: Rotors) -> float:
-    """Return the scale with which motors, arms and trail of a vehicle are drawn, at most 1."""
+    """Return the scale at which motors, arms and trail of a vehicle are drawn, at most 1."""
     return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_SIZE_REACH, 1.0)
 
 
@@ -195,7 +196,7 @@ def quadrotor_mesh(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
-    """Draw a fan and its jet, out to the radius at which the wind speed has halved.
+    """Draw a fan and its jet. The jet is drawn up to the radius at which the wind speed is half of its maximum.
 
     Args:
         meshcat: server that shows the scene.
@@ -211,7 +212,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
     lengths = np.linspace(0.0, length, 9)
     x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # With depth writing, a jet that is drawn first would hide the trails inside and behind it.
+    # With depth writing, a jet that is drawn first would hide the trails inside and behind the jet.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 

@@ -34,7 +34,7 @@ _FRAME_PERIOD = 1.0 / 32.0  # s, the publish period of Drake's MeshcatVisualizer
 class QuadrotorVisualizer(LeafSystem):
     """Meshcat visualizer of one quadrotor, for any diagram.
 
-    It draws the vehicle and its trail 32 times a second. A Meshcat recording contains the poses of all frames, but it
+    The vehicle and its trail are drawn 32 times per second. A Meshcat recording contains the poses of all frames, but
     shows the whole trail from the start.
 
     All input ports except `state` may be left unconnected:
@@ -43,14 +43,14 @@ class QuadrotorVisualizer(LeafSystem):
     - `rotor_speed` (4 rows): rotor speeds in rad/s. The drawn rotors turn ten times slower, so that their motion is
       visible.
     - `reference` (11 rows): reference, whose position in m is drawn as a point.
-    - `wind` (3 rows): velocity of the air in m/s, which an arrow above the vehicle shows.
+    - `wind` (3 rows): velocity of the air in m/s, which is drawn as an arrow above the vehicle.
 
     Args:
         meshcat: server that shows the scene.
-        scenario: scenario whose vehicle is drawn. If it has distributions, the vehicle is that of its sample.
-        plan: plan whose path is drawn, with floor, obstacles and fans of the scenario, and at which the camera is
-            aimed; None to draw the vehicle alone.
-        name: path of the vehicle in the scene; it must differ from those of other vehicles in the same scene.
+        scenario: scenario with the vehicle that is drawn. If it has distributions, the vehicle of its sample is drawn.
+        plan: plan with the path that is drawn and at which the camera is aimed. Floor, obstacles and fans of the
+            scenario are drawn as well. None to draw only the vehicle.
+        name: path of the vehicle in the scene; each vehicle in a scene needs a different path.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class QuadrotorVisualizer(LeafSystem):
         Args:
             builder: builder of a diagram.
             meshcat: server that shows the scene.
-            scenario: scenario whose vehicle is drawn.
+            scenario: scenario with the vehicle that is drawn.
             sources: systems in the builder, such as a laboratory and a reference. Each input port is connected to the
                 first system that has an output port of the same name. `wind` stays unconnected if all wind of the
                 scenario comes from fans, whose jets the scene shows.
@@ -171,6 +171,6 @@ class QuadrotorVisualizer(LeafSystem):
         self._last_time, self._trail, self._num_pieces = -np.inf, [], 0
 
     def _signal_value(self, name: str, context: Context) -> Any:
-        """Return the value of an input port as a record of named rows; None if the port is not connected."""
+        """Return the value of an input port as a tuple of named rows; None if the port is not connected."""
         port = self.GetInputPort(name)
         return SIGNALS[name](*port.Eval(context)) if port.HasValue(context) else None

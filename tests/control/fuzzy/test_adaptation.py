@@ -35,7 +35,7 @@ INITIAL = Antecedents(1.4, 0.6, 0.3, SETS)
 
 
 def with_change(antecedents, index, change):
-    """Return the antecedents with one of their numbers changed."""
+    """Return the antecedents with one changed parameter."""
     layout = layout_of(Antecedents, antecedents)
     rows = layout.flatten(antecedents)
     rows[index] += change
@@ -44,7 +44,7 @@ def with_change(antecedents, index, change):
 
 @pytest.mark.parametrize("a1", [1.0, 1.4])
 def test_the_gradient_matches_differences_of_the_output(a1):
-    """Derivatives agree with central differences, except those by the scales, which never learn."""
+    """Derivatives agree with central differences, except with respect to the scales, which never learn."""
     rng = np.random.default_rng(7)
     start = INITIAL._replace(a1=a1)
     layout = layout_of(Antecedents, start)
@@ -89,7 +89,7 @@ def test_sets_stay_valid_for_any_learning_signal(seed, size):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
-            # Every point belongs to a set, so that no division by zero occurs.
+            # Every point belongs to a set, so no division by zero occurs.
             assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
             if isinstance(before, CircularSets):
                 assert widths[-1] + widths[0] >= 1.02 * (centres[0] + before.scale - centres[-1]) - 1e-12
@@ -182,7 +182,7 @@ def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
     assert "antecedents" not in plain.signals
 
 
-def test_membership_slopes_are_the_derivatives_of_the_membership():
+def test_membership_derivatives_agree_with_the_membership():
     """`membership_slopes` returns the derivatives of `elliptic_membership` with respect to its two arguments."""
     for exponent in (0.7, 1.3):
         for u in (0.1, 0.5, 0.9):

@@ -41,7 +41,7 @@ def pyit2fls_network(antecedents, weights):
     import pyit2fls  # The import takes two seconds.
 
     network = pyit2fls.IT2TSK(pyit2fls.product_t_norm, pyit2fls.probabilistic_sum_s_norm)
-    # The output of pyit2fls is the middle of an interval, which is the only point of this one.
+    # The output of pyit2fls is the middle of an interval, which contains only one point here.
     q = antecedents.q
     network.algorithm = lambda intervals: (pyit2fls.BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
     inputs = {}

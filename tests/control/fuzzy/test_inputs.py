@@ -52,7 +52,7 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_firing_strengths_of_four_inputs_are_products_of_memberships():
-    """Firing strengths of four inputs are products of those of two pairs of inputs.
+    """Firing strengths of four inputs are the products of the firing strengths of two pairs of inputs.
 
     This holds for type 1, where the pairs may be normalised separately or together.
     """
@@ -80,7 +80,7 @@ def test_the_phase_has_a_derivative_with_respect_to_time():
 
 @pytest.mark.slow
 def test_a_network_over_the_phase_flies_the_same_compiled_and_uncompiled(diagrams):
-    """The flight has laps of a third of a second, and each set learns only in its part of a lap."""
+    """A lap takes a third of a second, and each set learns only in its part of the lap."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal",
         [

@@ -11,14 +11,14 @@ from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
 from drake_quad.control.fuzzy.systems import LearningNumbers, WeightLearning
 
-H = 0.02  # s, period of learning
+H = 0.02  # s, step of the learning law
 
 
 class Learner:
     """System that learns on X from a given signal, with the same law for n vehicles."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
-        # With a slope of zero, the learning signal s_p is the rate of the error.
+        # With a slope λ of zero, the learning signal s_p is the rate of the error.
         numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
@@ -259,7 +259,7 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
 
 
 @pytest.mark.parametrize("law", [CovarianceLaw(0.9, 3.0, 0.99), GradientLaw(0.7), SignLaw(0.3, 0.2)])
-def test_a_vehicle_in_a_large_fleet_learns_as_it_does_alone(law):
+def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
     """The vehicles learn on X, with a dead zone, leakage and a limit that some of them reach."""
     n, limits, rng = 150, LearningLimits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
     firing, signal = random_firing(rng, n), rng.normal(size=n)

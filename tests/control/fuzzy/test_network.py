@@ -54,7 +54,7 @@ def simulated(network, inputs, ticks, num_vehicles=1):
 
 
 def smooth_inputs(rng, num_vehicles):
-    """Return random trajectories of all inputs, which pass through all sets."""
+    """Return random trajectories of all inputs that pass through all sets."""
     times = np.linspace(0.0, 2.0, 9)
     names = ("error", "error_rate", "pd", "disturbance")
     return {
@@ -79,7 +79,7 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
 def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator):
     """The correction of each tick follows from the weights before it, and the weights from the equations of the law.
 
-    Without an estimator, the network learns from the feedback of the PD alone.
+    Without an estimator, the network learns only from the feedback of the PD.
     """
     rng = np.random.default_rng(3)
     inputs, sets = smooth_inputs(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
@@ -103,7 +103,7 @@ def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator
     np.testing.assert_array_equal(corrections[:, others], 0.0)
 
 
-def test_each_vehicle_of_a_fleet_learns_as_it_does_alone():
+def test_each_vehicle_of_a_fleet_learns_like_a_single_vehicle():
     """Each vehicle has its own network. The fleet is so large that its sums are in a different order."""
     rng = np.random.default_rng(4)
     n = 40
@@ -133,7 +133,7 @@ def test_each_vehicle_of_a_fleet_learns_as_it_does_alone():
 
 
 @pytest.mark.parametrize(("reset_time", "tick"), [(0.8, 40), (0.801, 41), (0.819, 41), (0.82, 41)])
-def test_a_reset_acts_at_the_first_tick_that_is_not_before_its_time(reset_time, tick):
+def test_a_reset_acts_at_the_first_tick_at_or_after_its_time(reset_time, tick):
     """Learning at this tick already uses the initial covariance."""
     inputs, law = smooth_inputs(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
     learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), numbers=LearningNumbers(law=law))
@@ -188,7 +188,7 @@ def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, l
 
 
 @pytest.mark.parametrize("controller", ["pd_t1fnn", "pid", "pd_feed_forward"])
-def test_a_sample_has_the_same_error_alone_and_in_a_fleet(scenario_with, controller):
+def test_a_sample_has_the_same_error_in_a_single_flight_and_in_a_fleet(scenario_with, controller):
     scenario = scenario_with(controller, "duration=3", laboratory="low_wind")
     fleet = fly_samples(scenario, [4, 2, 9])
     alone = simulate(scenario, sample=2, compiled=False).metrics

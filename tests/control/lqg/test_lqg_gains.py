@@ -91,7 +91,7 @@ def test_gains_match_python_control(model):
     np.testing.assert_allclose(gain, expected, rtol=1e-6)
 
 
-def test_the_filter_has_the_least_variance():
+def test_the_filter_has_the_smallest_variance():
     """If the gain is changed by 5 % in either direction, the error variance is larger."""
     model = MODELS["torque"]
     A, _ = sampled(model.A, model.B, H)
@@ -107,7 +107,7 @@ def test_the_filter_has_the_least_variance():
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_commands_under_way_act_after_the_delay(delay):
+def test_commands_on_the_link_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = sampled(model.A, model.B, TICK)
     whole = with_commands_under_way(A, B, delay)
@@ -139,7 +139,7 @@ def test_the_outer_gain_is_the_gain_of_the_position_in_equilibrium():
         assert slope[model.kind._fields.index("thrust")] * s + drive * u == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_shipped_numbers_give_the_recorded_gains():
+def test_the_shipped_design_gives_the_recorded_gains():
     """The gains of the search were recorded with four digits."""
     lateral = torque_model(
         0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)

@@ -76,7 +76,7 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # The specific thrust f̄ keeps the height. The thrust beyond it acts along the measured attitude.
+        # The specific thrust f̄ keeps the height. Additional thrust acts along the measured attitude.
         offset = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
         expected[:2] += 0.5 * H**2 * offset, H * offset
         np.testing.assert_allclose(getattr(estimate, axis), expected, rtol=1e-12)
@@ -88,7 +88,7 @@ def test_a_repeated_frame_is_ignored():
     estimate = estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
     x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
-    # Cameras that lose no frames may measure the same position twice.
+    # Without lost frames, cameras may still measure the same position twice.
     assert estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimated(
         MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )
@@ -132,7 +132,7 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
 UNLIMITED_THRUST = NOMINAL_THRUST._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
-def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
+def test_the_snap_command_contains_state_feedback_and_feedforward_with_lead():
     numbers = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST, torques=TORQUE_LQG.torques._replace(max_snap=1e6))
     estimate, sent = running_filter(TorqueChain).estimate, sent_commands(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
@@ -180,7 +180,7 @@ def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
 
 
 def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
-    """The horizontal part is shortened in its own direction. Deviations are those of the limited command."""
+    """The horizontal part is shortened in its own direction. Deviations are computed from the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
         running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, TARGET_LQG, TICK
@@ -238,8 +238,8 @@ def undisturbed_output(x, y, z):
     return RegulatorOutput(command, command, Acceleration(x, y, z), NOMINAL_THRUST.gravity + REFERENCE.a_z)
 
 
-def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
-    """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
+def test_the_wrench_for_a_vehicle_on_its_path_follows_from_flatness():
+    """The controller neglects the gyroscopic torque, which is zero for equal moments of inertia."""
     demand, measured, estimate = vehicle_on_path(TorqueChain)
     equal_inertia = TORQUE_LQG.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
     numbers = TORQUE_LQG._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
@@ -268,7 +268,7 @@ def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
     output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     disturbance = estimate.z.first + estimate.z.second
     assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
-    # The value stays within the limits of the thrust, so that no division by zero occurs.
+    # The value stays within the limits of the thrust, so no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
     limited = regulated(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert limited.upward == pytest.approx(2.0 / 0.68)

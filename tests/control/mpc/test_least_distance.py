@@ -8,7 +8,7 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 def by_nonnegative_least_squares(rows, bounds):
-    """Return the v of least norm with G v <= h.
+    """Return the v with the smallest norm that satisfies G v <= h.
 
     This is -r / r_n with the residual r of E u = f, E = [-Gᵀ; -hᵀ] and f = e_n.
     """

@@ -28,10 +28,10 @@ from drake_quad.control.mpc.programme import Programme
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Jerk, Reference, Snap
 
-TIMING = Timing(0.01, 0.02, 2)
-NUM_TICKS = 7  # of the horizon
-NUM_INSTANTS = 12  # of the preview
-NOW = 3  # instant of the preview at which the horizon begins
+TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)
+NUM_TICKS = 7  # ticks of the horizon
+NUM_INSTANTS = 12  # times in the preview
+NOW = 3  # index of the preview time at which the horizon begins
 WEIGHT = {"lateral": 2e-6, "vertical": 3e-4}
 ATTITUDE_WEIGHT = 2e-3
 THRUST = ThrustNumbers(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
@@ -66,7 +66,7 @@ def lateral_weight(kind):
 
 
 class ExplicitAxis:
-    """One axis, simulated tick by tick, with the cost of all time after the horizon."""
+    """One axis, simulated tick by tick, with the cost-to-go after the horizon."""
 
     def __init__(self, model, command_weight):
         self.A, B = with_commands_under_way(*sampled(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
@@ -264,7 +264,7 @@ def test_there_is_always_a_solution():
             assert abs(command) <= 40.0 * (1.0 + 1e-6)
 
 
-def test_derivatives_are_those_for_fixed_active_constraints():
+def test_derivatives_hold_for_fixed_active_constraints():
     horizon = horizon_of("torques")
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
@@ -298,7 +298,7 @@ def test_predictions_match_the_simulated_axis():
 
 
 def test_a_perturbation_adds_its_weighted_square_to_the_cost():
-    """The sum of p² + ρ u² over all time is the regulator's own cost plus w Σ c² for the perturbations c."""
+    """The sum of p² + ρ u² over all time is the regulator's cost plus w Σ c² for perturbations c of its commands."""
     regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), ExplicitAxis(MODELS["torques"], 2e-6)
     K = np.array(regulator.K)
     rng = np.random.default_rng(6)

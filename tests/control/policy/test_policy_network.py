@@ -111,7 +111,7 @@ def test_recurrent_units_match_their_equations():
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_activations_of_large_numbers_have_their_limits(activation):
+def test_activations_of_large_inputs_have_their_limits(activation):
     above = {"tanh": 1.0, "sigmoid": 1.0}.get(activation, 1000.0)
     below = {"identity": -1000.0, "tanh": -1.0, "elu": -1.0, "leaky_relu": -10.0}.get(activation, 0.0)
     for x, expected in ((1000.0, above), (-1000.0, below)):

@@ -72,7 +72,7 @@ def context_at(source, time):
 
 
 @pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
-def test_an_observation_has_inputs_for_its_own_signals_only(signals):
+def test_an_observation_has_inputs_only_for_its_signals(signals):
     spec = ObservationSpec(signals, "world", 1)
     observation = Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, (0.0, 0.0)))
     for name in ("wind", "rotor_speed"):

@@ -32,7 +32,7 @@ NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, air
 
 
 def matrices(turbulence, period):
-    """Return A, B and C of the whole filter. Their columns are steps and outputs of unit vectors."""
+    """Return A, B and C of the whole filter, from the steps and outputs for unit vectors."""
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
     unit_states, zero_state = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
     A = np.column_stack([next_filter_state(column, zero_state, sampled) for column in unit_states])
@@ -57,7 +57,7 @@ def test_turbulence_starts_in_the_stationary_distribution():
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
-def test_sampled_covariances_are_those_of_the_continuous_process(period):
+def test_sampled_covariances_agree_with_the_continuous_process(period):
     """By Dryden's spectra, the covariances are σ² exp(-t / T) for u and σ² (1 - t / 2T) exp(-t / T) for v and w."""
     A, B, C = matrices(NEAR_GROUND, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
@@ -72,7 +72,7 @@ def test_sampled_covariances_are_those_of_the_continuous_process(period):
 
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
 def test_a_long_record_has_the_given_standard_deviation(period, duration):
-    """The deviation is that over 3,000 vehicles and the whole record."""
+    """The standard deviation is taken over 3,000 vehicles and the whole record."""
     n = 3000
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
@@ -139,7 +139,7 @@ def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
             T = length / turbulence.airspeed
             x = (T * omega) ** 2
             shape = 2.0 / (1.0 + x) if axis == 0 else (1.0 + 3.0 * x) / (1.0 + x) ** 2
-            # The one-sided density per Hz is 2π times that per rad/s.
+            # The one-sided density per Hz is 2π times the density per rad/s.
             analytic = 2.0 * np.pi * deviation**2 * T / np.pi * shape
             assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
 

@@ -62,11 +62,11 @@ def test_far_from_the_fan_the_jet_has_its_centreline_speed_and_half_width(diamet
     along = diameters * D
     assert speed(along) == pytest.approx(5.9 * JET.exit_speed * D / along, rel=1e-12)
     assert speed(along, 0.094 * along) == pytest.approx(0.5 * speed(along), rel=1e-12)
-    # A Gaussian profile has a sixteenth of the speed at twice the half-width.
+    # At twice the half-width, a Gaussian profile has a sixteenth of the centreline speed.
     assert speed(along, 0.188 * along) == pytest.approx(speed(along) / 16.0, rel=1e-12)
 
 
-def test_the_momentum_flux_is_constant_far_away_and_close_to_that_of_the_exit_in_the_core():
+def test_the_momentum_flux_is_constant_far_away_and_close_to_the_exit_value_in_the_core():
     exit_flux = JET.exit_speed**2 * math.pi * D**2 / 4.0
     far_fluxes = [integral_of_speed(diameters * D, 2) for diameters in (6.0, 9.0, 15.0, 30.0)]
     np.testing.assert_allclose(far_fluxes, far_fluxes[0], rtol=1e-9)
@@ -124,7 +124,7 @@ def test_the_wind_has_the_mean_and_turbulence_of_its_position():
     np.testing.assert_allclose(wind[:, :, 0].std(axis=1), 0.22 * mean, rtol=0.06)
 
 
-def test_the_correlation_time_of_turbulence_is_the_half_width_over_the_speed():
+def test_the_correlation_time_of_turbulence_is_the_half_width_divided_by_the_speed():
     state = state_at(5.0, 0.0)
     mean, half_width = jet_speed(state, JET)
     wind = wind_at(state, JET, n=3000, duration=1.0)[0]

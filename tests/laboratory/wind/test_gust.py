@@ -13,7 +13,7 @@ from drake_quad.signals import Wind
 
 
 def test_a_gust_has_the_given_shape():
-    """The share of the velocity is 0 before the gust, (1 - cos(π t / d)) / 2 while it rises, and then 1."""
+    """Relative to its final value, the velocity is 0, then (1 - cos(π t / d)) / 2 while the gust rises, and then 1."""
     times = [1.0, 2.0, 2.75, 3.5, 4.25, 5.0, 50.0]
     expected = [0.0, 0.0, 0.5 - 0.5 * math.cos(math.pi / 4), 0.5, 0.5 + 0.5 * math.cos(math.pi / 4), 1.0, 1.0]
     shares = [gust_share(time, 2.0, 3.0, math.inf) for time in times]
@@ -41,7 +41,7 @@ def test_each_vehicle_has_its_own_gust():
     log_data = log.FindLog(simulator.get_context())
     time, wind = log_data.sample_times(), log_data.data().reshape(3, 2, -1)
     np.testing.assert_array_equal(wind[1, :, time < 0.99], 0.0)
-    # The wind logged at a tick is that of the middle of the previous period.
+    # The wind logged at a tick belongs to the middle of the previous period.
     middle_tick = np.searchsorted(time, 1.2501)
     middle_share = 0.5 - 0.5 * math.cos(math.pi * (time[middle_tick] - 0.005 - 1.0) / 0.5)
     assert 0.4 < middle_share < 0.6

@@ -169,7 +169,7 @@ def test_wind_needs_either_a_velocity_or_a_speed_and_heading(diagrams, motion):
 
 
 class UserJets(LeafSystem):
-    """Wind of a user that has no state: the mean wind of jets at the position of each vehicle."""
+    """User-defined wind without a state: the mean wind of jets at the position of each vehicle."""
 
     def __init__(self, jets, num_vehicles=1):
         super().__init__()
@@ -197,7 +197,7 @@ def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_is_added_to_that_of_the_scenario_in_single_flights_and_fleets(diagrams):
+def test_a_user_s_wind_is_added_to_the_scenario_s_wind_in_single_flights_and_fleets(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])

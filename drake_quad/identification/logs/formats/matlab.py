@@ -57,7 +57,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     for each, values in variables.items():
         rows = values if values.shape[0] == len(time) else values.T
         if rows.shape[0] != len(time):
-            remarks.append(f"{each} is not read: its length differs from that of {mapping.time.column}")
+            remarks.append(f"{each} is not read: its length differs from the length of {mapping.time.column}")
             continue
         components = {f"{each}[{i}]": column for i, column in enumerate(rows.T)} if rows.ndim == 2 else {}
         is_split = bool(components.keys() & mapping.names)

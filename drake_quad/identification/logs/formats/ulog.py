@@ -111,7 +111,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         mapping = mapping if rotors is None else mapping.with_rotors(rotors)
         order = ", ".join(map(str, mapping.rotors or ()))
         source = (
-            "assumed to be those of its quad-x layout, since the log has no parameters CA_ROTOR0_PX and so on"
+            "assumed as in PX4's quad-x layout, since the log has no parameters CA_ROTOR0_PX and so on"
             if rotors is None
             else "by the parameters CA_ROTOR0_PX and so on"
         )
