@@ -19,6 +19,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
+from drake_quad.errors import listed
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.flown_again.comparison import (
     AXES,
@@ -30,6 +31,7 @@ from drake_quad.identification.flown_again.comparison import (
 from drake_quad.identification.flown_again.prediction import predict
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_file import believed_estimates
 from drake_quad.reports.results import write_rows
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import Override, has_control, load_undesigned
@@ -106,6 +108,13 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
     vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     if distributions_in(vehicle):
         remark("the predictions use the medians of the vehicle's random parameters")
+    believed = believed_estimates(vehicle)
+    if believed and record.rotor_speed_command is None and record.motor_command is None:
+        remark(
+            f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
+            f" identified values ({listed(believed)}); the prediction is wrong unless the firmware assumed these values"
+            " in the flight; the file that identify writes without --nominal has the values of the firmware"
+        )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: middle_of(vehicle)}))
 

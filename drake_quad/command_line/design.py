@@ -29,12 +29,14 @@ from drake_quad.design.cascade import (
     LoopOptions,
     default_options,
     design_cascade,
+    hover_offset,
     on_board_options,
     with_autopilot_gains,
     with_gains,
     with_integrals,
 )
-from drake_quad.design.gains import PolePair, RegulatorRequirements
+from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
+from drake_quad.errors import listed
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.modes import modes
@@ -54,6 +56,7 @@ _MAX_MODE_FREQUENCY = 60.0
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID use by default.
 _DEFAULT_INTEGRAL_SHARE = 0.15
+_MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
 _RANGES = {
     "phase-margin": (0.0, 180.0),
     "gain-margin": (0.0, 60.0),
@@ -125,6 +128,8 @@ def main(arguments: argparse.Namespace) -> None:
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
+    for sentence in design_remarks(design, designed):
+        remark(sentence)
     loop = closed_loop(as_believed(middle_of(designed)))
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
@@ -139,6 +144,28 @@ def main(arguments: argparse.Namespace) -> None:
     fly = "study {} --samples 32" if has_distributions else "fly {}"
     print(f"  drake-quad {fly.format(files[1])}")
     print_files(files)
+
+
+def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
+    """Return sentences on loops that a slow pole limits, and on an error that no integral of the loops removes."""
+    remarks = []
+    limited = [axis for axis in _AXIS_ORDER if axis in design.loops and SLOWER_POLE in design.loops[axis].limits]
+    if limited and designed.laboratory.autopilot.controls_attitude:
+        remarks.append(
+            f"a slow pole of the loops on board limits {listed(limited)}, and not a margin, as an integral on board can"
+            " cause; --method lqr has no such limit and may give a faster loop"
+        )
+    autopilot: Any = designed.laboratory.autopilot
+    terms = (autopilot.attitude_terms, autopilot.rate_terms) if design.on_board else ()
+    integrates = designed.cascade.position.has_integral or any(each is not None and each.k_i for each in terms)
+    offset = hover_offset(middle_of(designed)) if design.on_board and not integrates else 0.0
+    if offset > _MIN_REMARKED_OFFSET:
+        remarks.append(
+            f"the vehicle will hover {100.0 * offset:.0f} cm beside its reference, because its centre of mass is not in"
+            " the middle and neither the loops on board nor the position loops have an integral; --integral adds"
+            " one to the position loops"
+        )
+    return remarks
 
 
 def refuse_design_options(arguments: argparse.Namespace) -> None:

@@ -267,6 +267,12 @@ def print_estimates(identification: Identification) -> None:
         print(f"not identified: {name}: {why}")
     for sentence in (*identification.remarks, *estimates.remarks):
         remark(sentence)
+    weak = len(estimates.names) - len(estimates.identified)
+    if 2 * weak > len(estimates.names):
+        remark(
+            f"the logs identify only {len(estimates.identified)} of {len(estimates.names)} parameters; the others have"
+            " wide distributions in the file, which include model errors, so rather use the initial vehicle"
+        )
 
 
 def coverage_text(identification: Identification, name: str) -> str:

@@ -1,8 +1,9 @@
 """Design of the gains of a scenario's whole cascade."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -130,6 +131,29 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
     """Return the scenario with new gains on board, in the form of `CascadeDesign.autopilot_gains`."""
     return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
+
+
+def hover_offset(scenario: Scenario) -> float:
+    """Return the horizontal distance at which a scenario hovers from its reference, m, if no loop has an integral.
+
+    An offset c of the centre of mass causes the torque m g c, which the loops on board cancel only by an attitude error
+    of m g c / (I k_rate k_attitude). The position loop cancels the acceleration of g per rad of this error by an offset
+    from the reference.
+
+    Args:
+        scenario: scenario without distributions, with an autopilot of kind `attitude` and a position controller with
+            k_P.
+    """
+    vehicle, nominal = scenario.vehicle, scenario.nominal
+    autopilot: Any = scenario.laboratory.autopilot
+    gains: Any = scenario.cascade.position
+    offsets = []
+    for place, axis in enumerate(_POSITION[:2]):
+        loop = _ANGLES.index(_TILT_OF_AXIS[axis][0])
+        stiffness = nominal.inertia[loop] * autopilot.k_rate[loop] * autopilot.k_attitude[loop]
+        tilt = vehicle.mass * vehicle.gravity * vehicle.centre_of_mass[place] / stiffness
+        offsets.append(vehicle.gravity * tilt / gains.k_p[place])
+    return math.hypot(*offsets)
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:

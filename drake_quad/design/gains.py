@@ -64,6 +64,8 @@ class ProportionalGain(NamedTuple):
 Gains = AxisGains | PidGains | ProportionalGain
 
 _NO_GAINS = AxisGains(math.nan, math.nan)
+SLOWER_POLE = "a slower pole"
+"""Limit of a loop whose pole pair would not be its slowest poles."""
 _SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
@@ -357,7 +359,7 @@ def _flaws_of(
     if isinstance(family, PolePair):
         decay = -math.log(size) / plant.period
         if decay < 0.98 * effort * family.damping:
-            return {"a slower pole": f"it decays at {decay:.3g} 1/s, the pair at {effort * family.damping:.3g}"}
+            return {SLOWER_POLE: f"it decays at {decay:.3g} 1/s, the pair at {effort * family.damping:.3g}"}
     return {}
 
 

@@ -3,6 +3,7 @@
 import importlib
 import math
 import multiprocessing
+import re
 import signal
 import warnings
 from pathlib import Path
@@ -15,6 +16,9 @@ from test_passed_arguments import replaced  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario
 from drake_quad.command_line import identify, interruption, running
+from drake_quad.command_line.design import design_remarks
+from drake_quad.design.cascade import CascadeDesign
+from drake_quad.design.gains import SLOWER_POLE
 from drake_quad.design.lqg import LqgLimits
 from drake_quad.errors import InputWarning
 from drake_quad.flight.mission import plan_route
@@ -89,6 +93,41 @@ def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
         assert (scenario.control.position.kind, named["integral"]) == ("pid", integral)
         saved = load_scenario(tmp_path / "scenario.yaml").control.position
         assert (saved.kind, saved.k_i) == ("pid", (7.0, 8.0, 9.0))
+
+
+ATTITUDE_LOOPS = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 3], k_rate: [14, 14, 8]}"
+INTEGRAL_ON_BOARD = "laboratory.autopilot.rate_terms={k_i: [9, 9, 9]}"
+PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "on_board", "is_told"),
+    [
+        ([], True, True),
+        ([], False, False),
+        ([INTEGRAL_ON_BOARD], True, False),
+        ([PID], True, False),
+        (["vehicle.centre_of_mass=[0, 0]"], True, False),
+    ],
+)
+def test_a_design_without_an_integral_tells_the_error_that_remains(overrides, on_board, is_told):
+    designed = load_scenario(
+        "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
+    )
+    told = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
+    words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
+    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_told
+
+
+@pytest.mark.parametrize("scenario", ["onboard", "hover"])
+def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scenario):
+    limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
+    design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
+    told = design_remarks(design, load_scenario(scenario))
+    assert [sentence.partition(", and not")[0] for sentence in told] == (
+        ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
+    )
+    assert all("--method lqr" in sentence for sentence in told)
 
 
 @pytest.mark.slow
@@ -211,6 +250,31 @@ def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_p
     result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert calls["compare_with_log"][0][0][1].name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("nominal", "commands", "is_told"),
+    [(2e-8, {}, True), (3e-8, {}, False), (2e-8, {"rotor_speed_command": np.ones((3, 4))}, False)],
+)
+def test_a_prediction_by_another_belief_than_that_of_the_firmware_is_told(
+    run,
+    replaced,  # noqa: F811
+    tmp_path,
+    nominal,
+    commands,
+    is_told,
+):
+    """Rotor commands follow from the logged thrust by `nominal`, into which `identify --nominal` writes estimates."""
+    record = FlightRecord("log7", np.arange(3.0), thrust_command=np.ones(3), **commands)
+    replaced("compare_log", read_log=record, predict=None, print_predictions=None)
+    vehicle = "vehicle: {thrust_factor: {normal: {mean: 2e-8, standard_deviation: 1e-10, min: 1e-9}}}"
+    (tmp_path / "mine.yaml").write_text(
+        f"mine:\n  extends: vehicles/crazyflie\n  nominal: {{thrust_factor: {nominal}}}\n  {vehicle}\n"
+    )
+    result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
+    assert result.returncode == 0
+    words = "`nominal` of mine, which has identified values (thrust_factor)"
+    assert (words in result.stderr) == is_told
 
 
 def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path):  # noqa: F811

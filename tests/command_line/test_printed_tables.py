@@ -156,7 +156,7 @@ def compared():
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
     flown = predicted[0] * [1.0, 1.0, 0.1]
     predicted[[3, 7], 30:] = np.nan
-    reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 0.00123)
+    reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 4.0, 0.00123)
     record = FlightRecord("log7", np.arange(2.0))
     return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
 
@@ -376,6 +376,15 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
         "not identified: quadratic_drag: it hovers",
     ]
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
+
+
+@pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
+def test_a_vehicle_that_is_hardly_identified_is_told(capsys, weak, is_told):
+    found = identified()
+    estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
+    identify.print_estimates(replace(found, estimates=estimates))
+    told = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
+    assert told == is_told
 
 
 def test_explained_variances_of_outputs_are_printed(capsys):

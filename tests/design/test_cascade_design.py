@@ -5,8 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_quad import load_scenario
-from drake_quad.design.cascade import _has_equal_response, _markov, attitude_plant, position_plant
+from drake_quad import load_scenario, simulate
+from drake_quad.design.cascade import (
+    _has_equal_response,
+    _markov,
+    attitude_plant,
+    hover_offset,
+    position_plant,
+)
 from drake_quad.design.gains import AxisGains
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
@@ -75,3 +81,21 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
         value, rate = plant.response(np.array([np.exp(s * 0.02)]))[0, :, 0]
         assert value == pytest.approx(1.0 / (s * (s + 0.1 / 0.75)), rel=0.06)
         assert rate == pytest.approx(s * value, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
+def test_a_vehicle_hovers_beside_its_reference_as_its_centre_of_mass_says(diagrams, centre):
+    """The expected offset is the distance from a vehicle without such an error that hovers in the same conditions."""
+    overrides = [
+        "laboratory.autopilot={kind: attitude, k_attitude: [6, 5, 3], k_rate: [14, 12, 8]}",
+        "control.position={kind: pd, k_p: [1.5, 1.2, 4], k_d: [1.7, 1.5, 3], feed_forward: acceleration}",
+        "route={kind: hover, duration: 20}",
+    ]
+    scenario, ideal = (
+        load_scenario(diagrams / "onboard.yaml", [*overrides, f"vehicle.centre_of_mass={list(place)}"])
+        for place in (centre, (0.0, 0.0))
+    )
+    states = [simulate(each, compiled=True)["state"][-200:, :2].mean(axis=0) for each in (scenario, ideal)]
+    assert hover_offset(scenario) == pytest.approx(np.linalg.norm(states[0] - states[1]), rel=0.02)
+    assert hover_offset(ideal) == 0.0

@@ -25,7 +25,7 @@ def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
     log, scenario = LOGS / "log100.xz", f"{SCENARIOS}:log100"
     status, printed, _ = compare(log, scenario, "--samples", 40, "--output", tmp_path)
     assert status == 0
-    verdict = r"^The flown RMSE, 3\.58 cm, lies within the 95 % interval of 40 flights, whose median is \d"
+    verdict = r"^The measured RMSE, 3\.58 cm, is within the 95 % interval of 40 simulated flights, whose median is \d"
     assert re.search(verdict, printed, re.MULTILINE)
     assert re.search(
         r"^reference: \d+ pieces of degree 7, within 0\.\d\d mm of the logged positions$", printed, re.MULTILINE
@@ -43,7 +43,7 @@ def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
     given = [each for field in exact for each in ("--set", field)]
     status, printed, _ = compare(log, scenario, "--samples", 40, *given, "--output", tmp_path)
     assert re.search(
-        r"lies outside the 95 % interval of 40 flights, whose median is \S+ cm \[1\.\d+, 2\.\d+\]\.", printed
+        r"is outside the 95 % interval of 40 simulated flights, whose median is \S+ cm \[1\.\d+, 2\.\d+\]\.", printed
     )
 
 
@@ -53,7 +53,7 @@ def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
     status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIOS}:sheet_08", "--samples", 1, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^RMSE +all +5\.65 +crash +–$", printed, re.MULTILINE)
-    assert "1 of 1 predictions crash" in printed
+    assert "1 of 1 simulated flights crash" in printed
     assert "nan" not in printed
 
 
@@ -65,7 +65,7 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
         given = ["--set", "nominal.mass=0.0375", "--set", f"vehicle.thrust_factor={thrust_factor}"]
         status, printed, _ = compare(LOGS / "log100.xz", "diagrams/vehicles/crazyflie.yaml", *given)
         assert status == 0
-        assert printed.startswith("crazyflie has no control: RMS error of its open-loop predictions of log100\n")
+        assert printed.startswith("crazyflie has no controller; RMS errors of its open-loop predictions of log100:\n")
         errors.append(float(re.search(r"^position +0\.2 s +(\S+) \[", printed, re.MULTILINE)[1]))
     assert errors[1] < 0.7 * errors[0]
 

@@ -123,7 +123,7 @@ def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_anothe
 
 def comparison_of(flown, predicted):
     """Return a comparison that contains only errors."""
-    nothing = LoggedReference(None, 0.0, 0.0)
+    nothing = LoggedReference(None, 0.0, 0.0, 0.0)
     time = np.arange(float(len(flown)))
     return LogComparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
 

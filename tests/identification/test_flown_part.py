@@ -86,6 +86,13 @@ def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
     assert flown_part(record_of(height)).lift_off == 149
 
 
+def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
+    """The rotors idle for a second, in which the estimate of the height rises by 2 cm; it stays there until 2 s."""
+    drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
+    found = flown_part(record_of(HEIGHT + drifted))
+    assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)
+
+
 @pytest.fixture(scope="module")
 def take_off(diagrams):
     """Return a scenario, and the log of a take-off by setpoints after one second on the ground."""
@@ -128,6 +135,29 @@ def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
     # If the prediction did not start at the vehicle's position, the error along z would be 2 cm.
     np.testing.assert_allclose(rmse[2], found.flown_figures.rmse[2], rtol=0.4)
     np.testing.assert_allclose(found.predicted[0][-100:], found.flown[-100:], atol=5e-3)
+
+
+@pytest.mark.slow
+def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_logged(diagrams):
+    """A reference that is held for 0.2 s would seem to be up to 20 cm away from a vehicle that is on it."""
+    scenario = load_scenario(diagrams / "figure_eight.yaml")
+    flight = simulate(scenario, compiled=True)
+    state, reference = flight.record("measurement"), flight.record("reference")
+    record = FlightRecord(
+        "log",
+        flight.time,
+        position=np.column_stack([state.x, state.y, state.z]),
+        reference_position=np.column_stack([reference.x, reference.y, reference.z]),
+    )
+    rows = np.searchsorted(record.time, 0.2 * np.floor(record.time / 0.2 + 1e-9) - 1e-9)
+    slow = replace(record, reference_position=record.reference_position[rows], reference_period=0.2)
+    fast, found = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
+    assert len(found.time) > 0.9 * len(fast.time)
+    at = np.searchsorted(fast.time, found.time)
+    np.testing.assert_allclose(found.flown, fast.flown[at], atol=4e-3)
+    np.testing.assert_allclose(
+        found.predicted_figures().rmse[0, -1], fast.predicted_figures().rmse[0, -1], rtol=0.1, atol=1e-3
+    )
 
 
 def test_a_landing_does_not_count(take_off):

@@ -7,7 +7,9 @@ import pytest
 
 from drake_quad import InputError
 from drake_quad.identification.flown_again import reference
+from drake_quad.identification.flown_again.flown_part import flown_part
 from drake_quad.identification.flown_again.reference import logged_reference
+from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
@@ -169,7 +171,7 @@ def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
 
 def test_a_jumping_reference_with_a_logged_velocity_is_refused_with_the_time():
     record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
-    place = r"off by \d\d\.\d mm at 2\.\d+ s; possible causes are a jump"
+    place = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
     with pytest.raises(InputError, match=place):
         logged_reference(record, rest=1.0)
 
@@ -326,3 +328,116 @@ def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch
         logged_reference(FlightRecord("a", time, reference_position=position, reference_velocity=velocity), rest=rest)
         assert asked == [at_rest]
         asked.clear()
+
+
+def slowly_logged(record, period, *, offset=0.0):
+    """Return the record with a reference that is logged with a period (s), and held until its next sample."""
+    number = np.maximum(np.floor((record.time - offset) / period + 1e-9), 0.0)
+    rows = np.searchsorted(record.time, offset + period * number - 1e-9)
+    speed = record.reference_velocity
+    return replace(
+        record,
+        reference_period=period,
+        reference_position=record.reference_position[rows],
+        reference_velocity=None if speed is None else speed[rows],
+    )
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("period", [0.1, 0.2])
+def test_a_reference_that_is_logged_slowly_is_found_again_without_a_delay(period, velocity):
+    """The reference rests for a second before it moves."""
+    path = minimum_snap(POINTS, np.array([0.0, 2.0, 4.0, 6.0]))
+    record = logged(path, velocity=velocity)
+    rested = replace(
+        record,
+        time=np.append(0.004 * np.arange(250), 1.0 + record.time),
+        reference_position=np.vstack([np.tile(POINTS[0], (250, 1)), record.reference_position]),
+        reference_velocity=np.vstack([np.zeros((250, 3)), record.reference_velocity]) if velocity else None,
+    )
+    found = logged_reference(slowly_logged(rested, period, offset=0.04), rest=1.0)
+    assert found.deviation < 2e-3
+    assert (found.start, found.end) == (1.0, pytest.approx(rested.time[-1], abs=period))
+    time = np.linspace(1.0, 1.0 + record.time[-1] - 0.3, 300)
+    error = evaluate(route_path(found.route), time + 1.0) - evaluate(path, time - 1.0)
+    # A path through the middle of each hold would be late by half a period, which is 4 to 9 cm at 0.9 m/s.
+    assert np.abs(error).max() < 5e-3
+
+
+def test_velocities_that_contradict_the_positions_are_not_used_and_the_text_says_so():
+    """PX4 logs velocities that are not the derivatives of its positions while the vehicle lags behind."""
+    record = logged(PATH)
+    lagging = replace(record, reference_velocity=record.reference_velocity + np.array([0.0, 0.0, 0.3]))
+    for each in (lagging, slowly_logged(lagging, 0.1)):
+        found = logged_reference(each, rest=1.0)
+        assert found.velocity_deviation == pytest.approx(0.3, abs=0.05)
+        assert "not used, since they differ from the derivatives of the logged positions by up to 0.3" in str(found)
+        assert distance(found, PATH, 1.0) < 5e-3
+    assert logged_reference(record, rest=1.0).velocity_deviation is None
+
+
+def test_each_of_several_equal_samples_of_a_slow_reference_counts():
+    """The reference logs three equal values at rest, and then moves."""
+    time = 0.02 * np.arange(50)
+    place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
+    record = FlightRecord(
+        "a", time, reference_position=np.column_stack([place, place, place]), reference_period=0.2 * 1.02
+    )
+    kept = reference._as_logged(record)
+    np.testing.assert_allclose(kept.time, [0.0, 0.2, 0.4, 0.6, 0.8], atol=1e-9)
+    np.testing.assert_array_equal(kept.reference_position[:, 0], [1.0, 1.0, 1.0, 2.0, 3.0])
+    fast = replace(record, reference_period=0.05)
+    assert reference._as_logged(fast) is fast
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_slow_reference_that_jumps_is_not_a_smooth_path(velocity):
+    """A path through two samples 0.1 s apart would follow a jump of 1 m at 500 m/s²."""
+    record = logged(PATH, velocity=velocity)
+    position = record.reference_position.copy()
+    position[600:] += [1.0, 0.0, 0.0]
+    jumping = slowly_logged(replace(record, reference_position=position), 0.1)
+    if velocity:
+        with pytest.raises(InputError, match="a possible cause is a jump of the reference"):
+            logged_reference(jumping, rest=1.0)
+    else:
+        assert logged_reference(jumping, rest=1.0).jump == pytest.approx(2.4, abs=0.11)
+
+
+def test_a_smooth_reference_begins_at_the_lift_off():
+    """On the ground, the reference of PX4 is that of a vehicle that sinks; it jumps to the vehicle at the take-off."""
+    record = logged(PATH)
+    record = replace(record, position=record.reference_position)
+    place, speed = record.reference_position.copy(), record.reference_velocity.copy()
+    place[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
+    found = logged_reference(
+        replace(record, reference_position=place, reference_velocity=speed), rest=2.0, lift_off=300
+    )
+    assert found.start == pytest.approx(2.0 - record.time[300])
+    assert found.end == pytest.approx(record.time[-1])
+    time = np.linspace(record.time[310], record.time[-1] - 0.1, 200)
+    np.testing.assert_allclose(evaluate(route_path(found.route), time + found.start), evaluate(PATH, time), atol=1e-3)
+
+
+@pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
+def test_a_step_at_the_take_off_makes_setpoints_of_a_reference_that_is_smooth_after_it(away, kind):
+    """With a smooth path from the reference at lift-off, the vehicle would not have to climb to its reference."""
+    flown = logged(PATH, velocity=False).reference_position
+    place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
+    standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))
+    record = FlightRecord("a", 0.004 * np.arange(len(place)), position=standing, reference_position=place)
+    assert logged_reference(record, rest=1.0, lift_off=150).route.kind == kind
+
+
+def test_the_reference_of_a_shipped_ulog_is_a_path_with_small_accelerations(root):
+    """PX4 logs set-points at 5 Hz; they climb at 1 m/s, and descend at 0.7 m/s until the landing."""
+    record = read_log(root / "tests/data/px4/sample_px4_events.ulg.xz")
+    assert record.reference_period == pytest.approx(0.2, rel=0.05)
+    part = flown_part(record)
+    found = logged_reference(record.part(slice(part.end)), rest=8.0, lift_off=part.lift_off)
+    path = route_path(found.route)
+    time = np.linspace(8.0, path.times[-1], 500)
+    assert np.abs(evaluate(path, time, 2)).max() < 4.0
+    assert 0.8 < evaluate(path, time, 1)[2].max() < 1.1
+    descending = (time > path.times[-1] - 1.5) & (time < path.times[-1] - 0.2)
+    np.testing.assert_allclose(evaluate(path, time[descending], 1)[2], -0.7, atol=0.02)

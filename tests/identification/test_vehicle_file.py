@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
-from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.identification.results.vehicle_file import believed_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
@@ -510,3 +511,41 @@ def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, 
     comment = vehicle_file._comment(estimates, "linear_drag", number)
     remark = "; the estimate is outside the range of the scenario language, so the limit of the range is written"
     assert comment.endswith(remark) == said
+
+
+@pytest.mark.parametrize(
+    "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
+)
+def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_path, unknown):
+    """A curve is written as a whole, since its coefficients are correlated, unless none of them is identified."""
+    sheet = load_undesigned(base)
+    found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
+    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
+    estimates = replace(estimates_of(found | curve), not_identified=dict.fromkeys(unknown, "it hardly moves"))
+    believed = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
+    for index in range(2):
+        name = f"inertia[{index}]"
+        expected = sheet.nominal.inertia[index] if name in unknown else found[name][0]
+        assert believed.inertia[index] == pytest.approx(expected)
+    assert believed.inertia[2] == sheet.nominal.inertia[2]
+    expected = sheet.nominal.rotor_inertia if "rotor_inertia" in unknown else 2e-8
+    assert believed.rotor_inertia == pytest.approx(expected)
+    assert believed.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+
+
+def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(base, tmp_path):
+    """Neither the curve of the data sheet nor the limits of the rotors change."""
+    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
+    estimates = replace(estimates_of(curve), not_identified=dict.fromkeys(curve, "it hardly moves"))
+    found, plain = (
+        load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=nominal))
+        for nominal in (True, False)
+    )
+    assert found == plain
+
+
+def test_the_believed_estimates_of_a_vehicle_are_listed(vehicle, believed):
+    """Only these estimates have a place in `nominal`."""
+    names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
+    assert sorted(believed_estimates(believed)) == sorted(names)
+    assert believed_estimates(vehicle) == []

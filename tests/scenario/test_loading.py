@@ -571,6 +571,11 @@ def test_wrong_routes_are_explained(write, route, message):
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
         ("a: {route: {kind: hover}}", "control is missing; only `drake-quad plan` needs no control"),
+        (
+            "a: {extends: vehicles/crazyflie}",
+            "has neither a route nor a control, so it describes only a vehicle; `drake-quad design`",
+        ),
+        ("a: {vehicle: {mass: -1}}", "has neither a route nor a control"),
         ("[" * 10_000, "is nested too deeply: a scenario may have at most 40 levels"),
     ],
 )

@@ -12,7 +12,7 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.identification.flown_again.flown_part import flown_part
-from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
+from drake_quad.identification.flown_again.reference import LoggedReference, is_slow, logged_reference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
@@ -156,16 +156,18 @@ def compare_with_log(
         raise InputError("vehicle.time_step is 0; a comparison with a log needs a time step above 0")
     flight_part = flown_part(record)
     record = record.part(slice(flight_part.end))
-    logged_error = record.of("reference_position") - record.of("position")
     reference = logged_reference(record, rest=rest, lift_off=flight_part.lift_off)
     first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
-    is_compared = record.time >= max(first_time, -reference.start)
+    is_compared = (record.time >= max(first_time, -reference.start)) & (record.time <= reference.end)
     if is_compared.sum() < 2:
         raise InputError(f"the log {shown(record.name)} has fewer than two samples to compare from {first_time:g} s on")
     routed_scenario = on_route(scenario, reference)
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
     target = evaluate(plan.flown_path, times).T
+    # Between the samples of a slowly logged reference, only the path gives the position of the reference.
+    logged_target = target if is_slow(record) else record.of("reference_position")[is_compared]
+    logged_error = logged_target - record.of("position")[is_compared]
     predicted = _positions(routed_scenario, plan, times, samples, progress)
     return LogComparison(
         record,
@@ -174,7 +176,7 @@ def compare_with_log(
         plan,
         record.time[is_compared],
         target,
-        logged_error[is_compared],
+        logged_error,
         target - predicted,
     )
 

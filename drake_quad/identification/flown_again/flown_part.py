@@ -39,6 +39,9 @@ def flown_part(record: FlightRecord) -> FlownPart:
     reference are more than 0.25 m above the ground. If the rotors idle at neither end, or if no command is logged, the
     whole log counts as free flight.
 
+    An estimated height can drift on the ground. The lift-off is therefore found relative to the height at which the
+    rotors last idle.
+
     Args:
         record: record with position and reference position.
 
@@ -63,5 +66,6 @@ def flown_part(record: FlightRecord) -> FlownPart:
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
-    on_ground = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
+    last_idle = int(np.flatnonzero(idle[:first])[-1])
+    on_ground = np.flatnonzero(height[:first] < height[last_idle] + _LIFT_OFF_HEIGHT)
     return FlownPart(first, end if idle[-1] else count, int(on_ground[-1]))

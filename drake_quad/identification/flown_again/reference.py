@@ -1,6 +1,7 @@
 """Conversion of a logged reference to a route: a smooth path through its samples, or held setpoints."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +17,20 @@ from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 _KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
-# References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest.
+# References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest, unless it is
+# logged more slowly than it is sent.
 _MAX_REPETITION_TIME = 0.05  # s
+# Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path follows any
+# jump, and 5 g is beyond the position references of multicopters.
+_MAX_ACCELERATION = 5.0 * 9.81
 # Weight of the snap relative to the position. The snap determines the path if there are no samples, for example in a
 # gap.
 _SNAP_WEIGHT = 1e-9
 # Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
+# Largest distance between reference and vehicle at the lift-off, m, for a route that begins on the reference. If the
+# distance is larger, the reference has jumped to the height of the flight.
+_MAX_LIFT_OFF_DISTANCE = 0.25
 _REST_WEIGHT = 1e3  # weight of the derivatives at the first knot, if the path starts at rest
 _LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
@@ -33,13 +41,18 @@ class LoggedReference(NamedTuple):
     Attributes:
         route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
         start: time of the first sample of the log on the route, s; negative if the route begins later in the log.
+        end: time in the log up to which the reference is known, s.
         deviation: largest distance of the route from the logged position, m.
+        velocity_deviation: largest difference of the velocity of a smooth path from the logged one, m/s; None if the
+            path is fitted to the logged velocities, or none are logged.
         jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
 
     route: TrajectoryRoute | SetpointsRoute
     start: float
+    end: float
     deviation: float
+    velocity_deviation: float | None = None
     jump: float | None = None
 
     def __str__(self) -> str:
@@ -47,7 +60,13 @@ class LoggedReference(NamedTuple):
             number = len(self.route.setpoints)
             return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
         pieces = len(self.route.knots or ()) - 1
-        return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the logged positions"
+        text = f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the logged positions"
+        if self.velocity_deviation is None:
+            return text
+        return (
+            f"{text}; the logged velocities are not used, since they differ from the derivatives of the logged"
+            f" positions by up to {self.velocity_deviation:.2g} m/s"
+        )
 
 
 def logged_reference(
@@ -56,17 +75,23 @@ def logged_reference(
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
-    as far apart as the tolerance allows. If the reference is logged faster than it is sent, values are repeated; each
-    value is then used once, at the middle of its samples. Yaw is the logged yaw of the reference, or the median yaw of
-    the vehicle if no reference yaw is logged.
+    as far apart as the tolerance allows. If no such path is within the tolerance, the velocities are not used: PX4, for
+    example, logs velocities that are not the derivatives of its positions while the vehicle lags behind. Yaw is the
+    logged yaw of the reference, or the median yaw of the vehicle if no reference yaw is logged.
+
+    If the reference is logged faster than it is sent, values are repeated; each value is then used once, at the middle
+    of its samples. If the reference is logged more slowly than at 20 Hz, each logged value is used once, at the time at
+    which it was logged. The velocities are then not used, since a path through so few samples would oscillate to follow
+    velocities that contradict the positions.
 
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
-    the route accelerates to the first velocity.
+    the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
+    log in this sense, since the simulation has no ground on which a vehicle could stand.
 
-    If no smooth path is within the tolerance, for example because the reference jumps, and no velocity of the reference
-    is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
-    vehicle takes off in the log, the setpoints begin at the lift-off, with the vehicle at rest at that point, since the
-    simulation has no ground on which a vehicle could stand.
+    The route consists of the logged setpoints if no velocity of the reference is logged, and no smooth path is within
+    the tolerance, for example because the reference jumps, or the reference is more than 0.25 m away from the vehicle
+    at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in the log,
+    the route then begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -78,27 +103,17 @@ def logged_reference(
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
             if the reference jumps and its velocity is logged.
     """
-    logged = [record.of("reference_position")]
-    if record.reference_velocity is not None:
-        logged.append(record.reference_velocity)
-    # If a gap follows the first samples, only equal values show that the reference is at rest.
-    at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
-    time, position, *derivatives = _without_repetitions(record.time, logged)
-    samples, end = [position, *derivatives], float(record.time[-1])
-    for spacing in _KNOT_SPACINGS:
-        path = _fitted_path(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
-        distance = np.linalg.norm(evaluate(path, time).T - position, axis=1)
-        if distance.max() <= tolerance:
-            break
-    else:
+    if record.reference_velocity is None and lift_off is not None and _is_far(record, lift_off):
+        return _setpoint_reference(record, rest, lift_off)
+    begin = 0.0 if lift_off is None else float(record.time[lift_off])
+    flight = record.part(slice(lift_off, None))
+    flight = _as_logged(replace(flight, time=flight.time - begin))
+    try:
+        path, deviation, velocity_deviation = _smooth_path(flight, tolerance, begin)
+    except InputError:
         if record.reference_velocity is None:
             return _setpoint_reference(record, rest, lift_off)
-        worst = int(np.argmax(distance))
-        raise InputError(
-            f"no smooth path fits the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm: the"
-            f" best fit is off by {1e3 * distance[worst]:.1f} mm at {time[worst]:.3f} s; possible causes are a jump of"
-            f" the reference, logging at less than {1.0 / _MAX_REPETITION_TIME:.0f} Hz, or a vehicle on the ground"
-        )
+        raise
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
@@ -107,8 +122,101 @@ def logged_reference(
             f"the reference of the log {shown(record.name)} already moves at its first sample; rest must be"
             " larger than 0"
         )
-    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(record, rest))
-    return LoggedReference(route, rest, float(distance.max()))
+    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flight, rest))
+    return LoggedReference(route, rest - begin, begin + float(flight.time[-1]), deviation, velocity_deviation)
+
+
+def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[PolynomialPath, float, float | None]:
+    """Return the path through a reference, with `deviation` and `velocity_deviation` of `LoggedReference`.
+
+    Args:
+        record: record whose time begins at 0.
+        tolerance: largest distance from the logged position, m.
+        begin: time in the log at which the record begins, s.
+
+    Raises:
+        InputError: if no path is within the tolerance, or if the path through the samples of a slowly logged reference
+            has too large accelerations.
+    """
+    logged = [record.of("reference_position")]
+    if record.reference_velocity is not None:
+        logged.append(record.reference_velocity)
+    # If a gap follows the first samples, only equal values show that the reference is at rest.
+    at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
+    time, *samples = _without_repetitions(record.time, logged)
+    end, slow = float(record.time[-1]), is_slow(record)
+    for fitted in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
+        path, distance = _closest_path(time, fitted, end=end, tolerance=tolerance, at_rest=at_rest)
+        if distance.max() <= tolerance:
+            break
+    else:
+        worst = int(np.argmax(distance))
+        raise InputError(
+            f"no smooth path fits the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm: the"
+            f" best fit is off by {1e3 * distance[worst]:.1f} mm at {begin + time[worst]:.3f} s; a possible cause is a"
+            " jump of the reference"
+        )
+    max_acceleration = _max_acceleration(path)
+    if slow and max_acceleration > _MAX_ACCELERATION:
+        raise InputError(
+            f"the reference of the log {shown(record.name)} cannot be flown: between samples that are"
+            f" {record.reference_period:.2g} s apart, it accelerates with {max_acceleration:.0f} m/s²; a possible cause"
+            " is a jump of the reference"
+        )
+    if len(fitted) == len(samples):
+        return path, float(distance.max()), None
+    difference = np.linalg.norm(evaluate(path, time, 1).T - samples[1], axis=1)
+    return path, float(distance.max()), float(difference.max())
+
+
+def _is_far(record: FlightRecord, lift_off: int) -> bool:
+    """Return whether the reference is far away from the vehicle at the lift-off."""
+    distance = record.of("reference_position")[lift_off] - record.of("position")[lift_off]
+    return bool(np.linalg.norm(distance) > _MAX_LIFT_OFF_DISTANCE)
+
+
+def _closest_path(
+    time: np.ndarray, samples: list[np.ndarray], *, end: float, tolerance: float, at_rest: bool
+) -> tuple[PolynomialPath, np.ndarray]:
+    """Return the path with the largest knot spacing within the tolerance, and its distances (n,) to the positions.
+
+    If no path is within the tolerance, the path with the smallest spacing is returned.
+    """
+    for spacing in _KNOT_SPACINGS:
+        path = _fitted_path(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
+        distance = np.linalg.norm(evaluate(path, time).T - samples[0], axis=1)
+        if distance.max() <= tolerance:
+            break
+    return path, distance
+
+
+def _max_acceleration(path: PolynomialPath) -> float:
+    times = np.linspace(path.times[0], path.times[-1], 8 * len(path.times))
+    return float(np.linalg.norm(evaluate(path, times, 2), axis=0).max())
+
+
+def is_slow(record: FlightRecord) -> bool:
+    """Return whether the reference is logged more slowly than a controller receives it."""
+    return record.reference_period > _MAX_REPETITION_TIME
+
+
+def _as_logged(record: FlightRecord) -> FlightRecord:
+    """Return a record with the samples at which a slow reference was logged; other records are returned unchanged.
+
+    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. If it is
+    held for several periods, equal values were logged.
+    """
+    if not is_slow(record):
+        return record
+    signals = [record.of("reference_position"), record.reference_velocity]
+    values = np.hstack([signal for signal in signals if signal is not None])
+    first = np.flatnonzero(np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1)))
+    ends = np.append(record.time[first[1:]], record.time[-1] + record.period)
+    run = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(record.time))))
+    begin, duration = record.time[first], ends - record.time[first]
+    periods = np.maximum(np.rint(duration / record.reference_period), 1.0)
+    number = np.floor((record.time - begin[run]) / duration[run] * periods[run] + 1e-6)
+    return record.part(np.append(True, (np.diff(run) > 0) | (np.diff(number) > 0.0)))
 
 
 def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
@@ -129,7 +237,8 @@ def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None)
     rows[0, 0] = 0.0
     last_hold = max(_LIFT_OFF_STEP, float(record.time[-1]) + start - rows[-1, 0])
     route = SetpointsRoute(kind="setpoints", setpoints=tuple(map(tuple, rows.tolist())), last_hold=last_hold)
-    return LoggedReference(route, start, 0.0, float(record.time[int(np.argmax(steps)) + 1]))
+    jump = float(record.time[int(np.argmax(steps)) + 1])
+    return LoggedReference(route, start, float(record.time[-1]), 0.0, jump=jump)
 
 
 def _median_yaw(record: FlightRecord) -> float:

@@ -165,9 +165,11 @@ def record_of(
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))
         notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, as the name of the log implies")
+    slow = (each for each in used if each.signal == "reference_position" and each.clock is not clock)
     return FlightRecord(
         name=name,
         time=time - time[0],
+        reference_period=next((float(np.median(np.diff(each.time))) for each in slow), 0.0),
         vehicle=mapping.vehicle,
         **signals,
         remarks=(

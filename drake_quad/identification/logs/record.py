@@ -44,6 +44,8 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) logged force other than thrust and weight, in W, N.
         battery_voltage: (n,) voltage of the battery, V.
+        reference_period: period with which reference_position was logged, s; 0 if it is that of the record. Its values
+            are held between these samples.
         vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
         remarks: remarks on gaps, jumps of the clock, conversions, and samples that were left out.
     """
@@ -71,6 +73,7 @@ class FlightRecord:
     wind: Annotated[Column | None, Quantity("m/s", "W")] = None
     residual_force: Annotated[Column | None, Quantity("N", "W")] = None
     battery_voltage: Annotated[Column | None, Quantity("V"), 1] = None
+    reference_period: float = 0.0
     vehicle: str | None = None
     remarks: tuple[str, ...] = ()
 

@@ -35,10 +35,11 @@ from drake_quad.identification.results.estimates import (
     split_name,
 )
 from drake_quad.scenario.correlation import correlated_normals
+from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
@@ -82,7 +83,8 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
-        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe.
+        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe. Values
+            of parameters that the logs do not identify stay as in `base` there.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
@@ -113,6 +115,17 @@ def write_vehicle(
             raise InputError(f"the vehicle cannot be written: {reason}") from None
 
     return write_atomically(path, write)
+
+
+def believed_estimates(scenario: Scenario) -> list[str]:
+    """Return the names of the parameters whose estimates are also in `nominal`, as `write_vehicle` can write them."""
+    found = []
+    for path, drawn in distributions_in(scenario).items():
+        part, _, name = path.partition(".")
+        is_believed = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
+        if is_believed and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
+            found.append(name)
+    return found
 
 
 def _relative(base: str | Path, folder: Path) -> str:
@@ -150,15 +163,18 @@ def _fields(
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
-        if nominal and path in Nominal.model_fields:
-            # The value in `nominal` of an item that is not estimated is unchanged.
+        if nominal and path in Nominal.model_fields and any(each in estimates.identified for each in entries):
+            # The value in `nominal` of an item that is not identified is unchanged.
             believed: Any = getattr(base.nominal, path)
             names = [f"{path}[{index}]" for index in range(declaration_at(path).items)]
-            items = [_Entry(_mean_of(written.get(parameter, believed[i]))) for i, parameter in enumerate(names)]
+            known = {parameter: written[parameter] for parameter in names if parameter in estimates.identified}
+            items = [_Entry(_mean_of(known.get(parameter, believed[i]))) for i, parameter in enumerate(names)]
             tree["nominal"][path] = _as_rigid_body(path, items) if items else _Entry(_mean_of(written[path]))
     for assignment in given:
         _add_override(tree, assignment)
-    _complete_motors(tree, base, nominal, voltage)
+    # A thrust curve is written as a whole, since its coefficients are correlated.
+    curve_known = any(split_name(parameter)[0] == "motors.curve" for parameter in estimates.identified)
+    _complete_motors(tree, base, nominal and curve_known, voltage)
     _complete_response(tree, base)
     _switch_off_duplicates(tree["vehicle"])
     return {field: value for field, value in tree.items() if value}

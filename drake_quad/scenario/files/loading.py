@@ -321,6 +321,12 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     """Return an error message about the first of several problems, with the number of further problems."""
     problem = problems[0]
     context = problem.get("ctx", {})
+    missing = {_document_path(each, data) for each in problems if each["type"] in _MISSING_TYPES}
+    if missing >= {("route",), ("control",)}:
+        return (
+            f"{tree.mark}: has neither a route nor a control, so it describes only a vehicle; `drake-quad design`"
+            " designs gains for it and writes a scenario that flies, or write a scenario with both that extends it"
+        )
     path = _document_path(problem, data)
     path = (*path, *context.get("path", ()))
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
