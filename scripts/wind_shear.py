@@ -1,4 +1,4 @@
-"""Add a wind to the scenario language: it grows with height by the power law of the boundary layer over land.
+"""Add a wind to the scenario language: its speed grows with height by the power law of the boundary layer over land.
 
 The option `--import scripts/wind_shear.py` registers it for a command.
 """

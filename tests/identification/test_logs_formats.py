@@ -307,7 +307,7 @@ def test_a_folder_with_several_files_of_a_bag_or_without_any_is_refused(tmp_path
     (tmp_path / "metadata.yaml").touch()
     for i in range(count):
         (tmp_path / f"bag_{i}.mcap").touch()
-    with pytest.raises(InputError, match=f"is a ROS 2 bag of {count} files; give the path of the one to read"):
+    with pytest.raises(InputError, match=f"is a ROS 2 bag of {count} files; give the path of the file to read"):
         read_log(tmp_path)
 
 

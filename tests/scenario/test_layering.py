@@ -316,7 +316,7 @@ def test_a_layout_with_distances_replaces_the_arm_length_below(load):
 )
 def test_every_part_of_the_airframe_that_differs_strongly_is_reported(change, words):
     (remark,) = flight_remarks(load_scenario("figure_eight", change))
-    assert f"compute: {words}" in remark
+    assert f"use: {words}" in remark
 
 
 def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
@@ -327,11 +327,11 @@ def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
     drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
     assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
     (remark,) = flight_remarks(load_scenario("figure_eight", {**drawn, "vehicle.centre_of_mass": [-0.02, 0.0]}))
-    assert "compute: centre_of_mass.0 -0.02 m (nominal 0);" in remark
+    assert "use: centre_of_mass.0 -0.02 m (nominal 0);" in remark
     uncertain = {"vehicle.arm_length": {"uniform": {"min": 0.3, "max": 0.4}}}
     assert flight_remarks(load_scenario("figure_eight", uncertain)) == ()
     (remark,) = flight_remarks(load_scenario("figure_eight", {**uncertain, "vehicle.layout": {"kind": "x"}}))
-    assert "compute: rotor 1 at (0.247, -0.247) m (nominal (0.17, 0) m);" in remark
+    assert "use: rotor 1 at (0.247, -0.247) m (nominal (0.17, 0) m);" in remark
 
 
 @pytest.mark.parametrize(
@@ -349,7 +349,7 @@ def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(firs
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
     assert bool(remarks) == is_reported
-    assert not is_reported or "compute: rotor 1 at" in remarks[0]
+    assert not is_reported or "use: rotor 1 at" in remarks[0]
 
 
 def test_a_random_centre_of_mass_is_reported_if_its_offset_is_large_compared_with_its_spread():
@@ -373,7 +373,7 @@ def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
 def test_the_rotors_of_a_larger_vehicle_are_not_reported_besides_its_arm_length():
     """Positions of rotors are compared relative to the arm length, for which there is a separate remark."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
-    assert "compute: arm length 0.25 m (nominal 0.17);" in remark
+    assert "use: arm length 0.25 m (nominal 0.17);" in remark
 
 
 def test_controllers_that_fly_under_unequal_conditions_are_reported():

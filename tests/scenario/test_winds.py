@@ -140,7 +140,7 @@ def test_a_user_s_wind_is_part_of_the_language(shear_wind):
 def test_wind_that_depends_on_time_is_removed_in_hover(shear_wind, monkeypatch):
     monkeypatch.setattr(shear_wind, "depends_on_time", True)
     assert in_hover(hover()).laboratory.wind == ()
-    with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear; .*steady wind and turbulence"):
+    with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear, .*steady wind and turbulence"):
         believed_tracking_error(hover())
 
 

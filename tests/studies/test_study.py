@@ -126,4 +126,4 @@ def test_a_study_has_the_remarks_on_its_scenario():
     scenario = load_scenario("hover", {"vehicle.mass": {"uniform": {"min": 1.0, "max": 1.2}}})
     study = Study(scenario, 1.0, np.arange(2), {}, metrics_of([math.inf, 0.5]))
     (remark,) = study.remarks
-    assert "compute: mass 1.1 kg (nominal 0.68)" in remark
+    assert "use: mass 1.1 kg (nominal 0.68)" in remark
