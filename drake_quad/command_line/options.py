@@ -208,6 +208,8 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
     """
+    if spec.endswith(".py"):
+        raise InputError(f"--controller {spec}: give the class of the controller as well, as in {spec}:CLASS")
     file, _, name = spec.rpartition(":")
     if not file.endswith(".py"):
         return NamedController(Path(name).stem, layers=(spec,))

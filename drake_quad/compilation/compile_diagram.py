@@ -46,7 +46,8 @@ def compile_diagram(
     """
     if INTERPRETED:
         raise InputError(
-            "DRAKE_QUAD_INTERPRETED is set, so formulas are not compiled; unset it, or simulate the uncompiled diagram"
+            "DRAKE_QUAD_INTERPRETED is set, so formulas are not compiled; unset it, or simulate the uncompiled"
+            " diagram (`compiled=False`, or --wired in a command)"
         )
     program = Program(diagram)
     for path, system in program.uncompiled.items():

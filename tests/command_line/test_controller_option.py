@@ -96,6 +96,7 @@ def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
     ("spec", "words"),
     [
         ("{mine}:Other", "has no class Other"),
+        ("{mine}", "give the class of the controller as well"),
         ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
         ("absent.py:Mine", "absent.py: is not an existing Python file"),
     ],
