@@ -28,8 +28,24 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
-# These files start first, because they have long tests or tests that wait for other processes.
-_LONG_FILES = ("test_cluster", "test_wheel", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
+# Files that take longest, which start first, so that no process is left with a long file at the end.
+_LONG_FILES = (
+    "test_docs",
+    "test_identified_vehicles",
+    "test_commands",
+    "test_cluster",
+    "test_scripts",
+    "test_around_obstacles",
+    "test_logs_consistency",
+    "test_monte_carlo",
+    "test_flight_oracle",
+    "test_prediction",
+    "test_vector_env",
+    "test_compare_with_log",
+    "test_position_law",
+    "test_rooms",
+    "test_wheel",
+)
 
 
 @pytest.hookimpl(optionalhook=True)  # xdist is optional
@@ -42,7 +58,8 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_modifyitems(items) -> None:
-    items.sort(key=lambda item: item.path.stem not in _LONG_FILES)
+    order = {name: i for i, name in enumerate(_LONG_FILES)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
 
 def pytest_configure() -> None:
