@@ -146,14 +146,16 @@ def describes_vehicle(tree: Tree) -> bool:
 def check_description(tree: Tree) -> None:
     """Raise InputError if a scenario without `extends` describes a vehicle incompletely.
 
-    The defaults of missing fields belong to the paper's vehicle, which has a mass of 0.68 kg.
+    The defaults of missing fields belong to the paper's vehicle, which has a mass of 0.68 kg. A scenario with a few
+    fields of `nominal` changes that vehicle; one with a mass and an inertia, or with most fields, describes another.
     """
     nominal = tree.value.get("nominal")
-    if nominal is None or not isinstance(nominal.value, dict) or not {"mass", "inertia"} <= nominal.value.keys():
+    if nominal is None or not isinstance(nominal.value, dict):
         return
-    if missing := _missing(nominal):
+    missing, given = _missing(nominal), nominal.value.keys() & {*_AIRFRAME_FIELDS, *_ROTOR_POSITION_FIELDS}
+    if missing and ({"mass", "inertia"} <= given or len(given) > len(missing)):
         raise InputError(
-            f"{nominal.mark}: nominal has a mass and an inertia, but not {listed(missing)}; add these fields, since"
+            f"{nominal.mark}: nominal describes a vehicle, but without {listed(missing)}; add these fields, since"
             " their defaults belong to the paper's vehicle"
         )
 
