@@ -12,6 +12,7 @@ from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
 from drake_quad.files import output_folder, write_atomically, write_text
+from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in
@@ -25,7 +26,8 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
             its default parameters.
 
     Raises:
-        InputError: if the file cannot be read, or the scenario cannot use the controller.
+        InputError: if the file cannot be read, the scenario cannot use the controller, or its rotors cannot fly the
+            route.
     """
     name, overrides = arguments.firmware, all_overrides_of(arguments)
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
@@ -37,6 +39,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
         write_layer(layer, parameters, path, arguments.command)
         designed = load_undesigned(arguments.scenario, overrides, layers=[path])
         text = path.read_text(encoding="utf-8")
+    plan_route(designed)  # raises an error if the rotors cannot carry the vehicle along its route
     path = write_text(folder / "controller.yaml", text)
     scenario_file = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(designed, target))
     if parameters.missing:

@@ -262,6 +262,14 @@ def test_the_command_writes_the_layer_and_the_scenario(tmp_path, run):
 
 
 @pytest.mark.slow
+def test_a_vehicle_that_its_rotors_cannot_carry_is_refused(tmp_path, run):
+    call = ["design", "vehicles/racer", "--firmware", "px4", "--output", tmp_path / "out"]
+    refused = run(*call, "--set", "nominal.mass=75", "--set", "vehicle.mass=75")
+    assert (refused.returncode, [*(tmp_path / "out").glob("*")]) == (2, [])
+    assert "the rotors cannot fly this route" in refused.stderr
+
+
+@pytest.mark.slow
 def test_an_invalid_controller_is_not_written(tmp_path, run):
     (tmp_path / "mine.params").write_text("1 1 MPC_XY_VEL_P_ACC 1.5 9\n1 1 MC_YAW_WEIGHT 1.5 9\n")
     refused = run("design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", tmp_path / "out")
