@@ -10,7 +10,14 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
+from drake_quad.command_line.options import (
+    add_controller,
+    add_stability_limits,
+    check_ranges,
+    folder_of,
+    parser,
+    scenario_of,
+)
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_atomically
@@ -27,20 +34,7 @@ def options() -> argparse.ArgumentParser:
     result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
     add_controller(result)
     default = LqgLimits()
-    result.add_argument(
-        "--sensitivity",
-        type=float,
-        default=default.sensitivity,
-        metavar="PEAK",
-        help="largest peak sensitivity max |S| (default: %(default)s)",
-    )
-    result.add_argument(
-        "--delay-margin",
-        type=float,
-        default=default.delay,
-        metavar="SECONDS",
-        help="smallest delay margin, s (default: %(default)s)",
-    )
+    add_stability_limits(result, default.sensitivity, default.delay)
     result.add_argument(
         "--snap",
         type=float,

@@ -124,6 +124,30 @@ def folder_of(arguments: argparse.Namespace, name: str) -> Path:
     return folder
 
 
+def add_stability_limits(options: argparse.ArgumentParser, sensitivity: float, delay_margin: float) -> None:
+    """Add the options for the stability limits of a designed loop, with their default values.
+
+    Args:
+        options: parser of the command.
+        sensitivity: largest peak sensitivity.
+        delay_margin: smallest delay margin, s.
+    """
+    options.add_argument(
+        "--sensitivity",
+        type=float,
+        default=sensitivity,
+        metavar="PEAK",
+        help="largest peak sensitivity max |S| (default: %(default)s)",
+    )
+    options.add_argument(
+        "--delay-margin",
+        type=float,
+        default=delay_margin,
+        metavar="SECONDS",
+        help="smallest delay margin, s (default: %(default)s)",
+    )
+
+
 def add_vector(options: argparse.ArgumentParser) -> None:
     """Add the option that writes figures in a vector format for print."""
     options.add_argument("--vector", choices=get_args(Vector), help="also write each figure in this vector format")

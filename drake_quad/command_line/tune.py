@@ -7,7 +7,14 @@ gains of x and y.
 import argparse
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
+from drake_quad.command_line.options import (
+    add_controller,
+    add_stability_limits,
+    check_ranges,
+    folder_of,
+    parser,
+    scenario_of,
+)
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_atomically
@@ -44,20 +51,7 @@ def options() -> argparse.ArgumentParser:
         " k_p and k_d of x and y; default range: within a factor of 4 of the current value)",
     )
     limit, budget = LoopLimit(), Budget()
-    result.add_argument(
-        "--sensitivity",
-        type=float,
-        default=limit.sensitivity,
-        metavar="PEAK",
-        help="largest peak sensitivity max |S| (default: %(default)s)",
-    )
-    result.add_argument(
-        "--delay-margin",
-        type=float,
-        default=limit.delay,
-        metavar="SECONDS",
-        help="smallest delay margin, s (default: %(default)s)",
-    )
+    add_stability_limits(result, limit.sensitivity, limit.delay)
     result.add_argument(
         "--samples", type=int, default=budget.samples, help="number of training samples (default: %(default)s)"
     )
