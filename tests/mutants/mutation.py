@@ -60,7 +60,7 @@ _OPPOSITES = {
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
 _BOUNDARIES = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-_COUNTERPARTS = {
+COUNTERPARTS = {
     name: other
     for pair in ("sin cos", "minimum maximum", "min max", "argmin argmax", "any all", "floor ceil", "zeros ones")
     for name, other in (pair.split(), pair.split()[::-1])
@@ -240,8 +240,8 @@ def _changes_of_call(
     name = _name(node)
     if name in _STYLING:
         return
-    if name in _COUNTERPARTS:
-        other = _COUNTERPARTS[name]
+    if name in COUNTERPARTS:
+        other = COUNTERPARTS[name]
         new = ast.Name(other) if isinstance(function, ast.Name) else ast.Attribute(function.value, other)
         yield "function", ast.Call(new, arguments, keywords)
     if name in _CLAMPS and len(arguments) > 1:

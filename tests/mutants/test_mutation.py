@@ -1,9 +1,12 @@
 """Tests of the changes that mutants make."""
 
 import ast
+import re
+from pathlib import Path
 
 import pytest
-from mutation import mutants_of
+from mutation import COUNTERPARTS, mutants_of
+from ruamel.yaml import YAML
 
 
 def changes(line, before=""):
@@ -102,3 +105,17 @@ def test_a_mutant_changes_one_line_and_is_valid_python():
         changed = [line for line, old in zip(mutant.applied(text).splitlines(), text.splitlines()) if line != old]
         assert [" ".join(line.split()) for line in changed] == [mutant.after]
         assert mutant.line in mutant.lines
+
+
+def test_listed_mutants_are_changes_of_lines_that_exist(root):
+    listed = YAML(typ="safe").load(Path(__file__).with_name("survivors.yaml"))
+    texts = {file: (root / file).read_text() for file in {entry["file"] for entry in listed}}
+    lines = {file: " ".join(text.split()) for file, text in texts.items()}
+    words = {file: {*re.findall(r"\w+", text)} for file, text in texts.items()}
+    new_words = {"pass", "not", "True", "False", *COUNTERPARTS}
+    for entry in listed:
+        file, before = entry["file"], entry["before"]
+        assert before in lines[file], f"{file}: {before}"
+        for after in entry["after"]:
+            unknown = {*re.findall(r"\b[A-Za-z_]\w*", after)} - words[file] - new_words
+            assert not unknown, f"{file}: {after}: {unknown}"
