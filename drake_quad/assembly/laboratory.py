@@ -99,6 +99,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
         limits=record_like(CrashLimits, scenario.crash, tilt=math.inf if tilt is None else tilt),
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
         window=Window(window_start(scenario, plan), window_end(scenario, plan)),
+        metrics=scenario.metrics_type,
     )
 
 

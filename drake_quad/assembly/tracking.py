@@ -6,6 +6,7 @@ reference ──▶ control ──▶ laboratory
 └──▶ monitor, recorder ◀── (all of them)
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -16,9 +17,10 @@ from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, l
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, listed
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.wiring import subsystem
+from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
 from drake_quad.randomness.noise import EXPORTED_PREFIX, Exported, NoiseSource, Samples
@@ -33,6 +35,8 @@ _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
 )
+# Signals that a controller may send over the command link; it sends one of them.
+_COMMANDS = ("wrench", "attitude_target")
 
 
 def build_fleet_diagram(
@@ -103,12 +107,6 @@ def build_fleet_diagram(
     else:
         connect(control, command, laboratory)
     connect(monitor, "crashed", laboratory)
-    connect(reference, "reference", monitor)
-    for signal in ("acceleration_command", command):
-        connect(control, signal, monitor)
-    for signal in ("state", "shortfall"):
-        connect(laboratory, signal, monitor)
-
     if open_action:
         builder.ExportInput(control.GetInputPort("action"), "action")
     for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
@@ -117,6 +115,7 @@ def build_fleet_diagram(
 
     parts = (reference, ["reference"]), (control, _CONTROL_SIGNALS), (laboratory, measured), (monitor, ["crashed"])
     signals = {name: part.GetOutputPort(name) for part, names in parts for name in names if part.HasOutputPort(name)}
+    _connect_monitor(builder, monitor, signals, scenario)
     for name, port in signals.items():
         builder.ExportOutput(port, name)
     if record:
@@ -128,6 +127,27 @@ def build_fleet_diagram(
     diagram = builder.Build()
     diagram.set_name(scenario.name)
     return diagram
+
+
+def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str, Any], scenario: Scenario) -> None:
+    """Connect the flight monitor to the signals of the diagram, given their output ports by name.
+
+    Raises:
+        InputError: if an additional metric needs a signal that the diagram lacks.
+    """
+    definitions = definitions_of(scenario.metrics_type)
+    read = {signal for metric in definitions.values() for signal in metric.accumulator.signals}
+    for port in (monitor.get_input_port(i) for i in range(monitor.num_input_ports())):
+        name = port.get_name()
+        if name in signals and (name in read or name not in _COMMANDS or name == scenario.laboratory.autopilot.command):
+            builder.Connect(signals[name], port)
+    for name in scenario.metrics.additional:
+        for signal in definitions[name].accumulator.signals:
+            if signal not in signals:
+                raise InputError(
+                    f"metrics.additional.{name} needs the signal {signal}, but the signals of {scenario.name} are"
+                    f" {listed([*signals])}"
+                )
 
 
 def reset_fleet(

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -133,11 +134,15 @@ def mean_and_deviation(values: np.ndarray) -> str:
 
 def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:
     """Write a CSV file with a row for each flight, and return its path."""
-    rows = [
-        (laboratory, name, sample, *values)
+    flown = [
+        (laboratory, name, metrics)
         for laboratory, metrics_by_controller in flights.items()
         for name, metrics in metrics_by_controller.items()
-        for sample, values in enumerate(np.transpose(metrics))
     ]
-    header = ("scenario", "controller", "sample", *Metrics._fields)
+    names = dict.fromkeys(name for *_, metrics in flown for name in metrics._fields)
+    rows: list[tuple[Any, ...]] = []
+    for laboratory, name, metrics in flown:
+        columns = [getattr(metrics, each, [""] * len(metrics.rmse)) for each in names]
+        rows += [(laboratory, name, sample, *values) for sample, values in enumerate(zip(*columns, strict=True))]
+    header = ("scenario", "controller", "sample", *names)
     return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)

@@ -27,7 +27,6 @@ from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import METRICS
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import draw_sample
 
@@ -142,7 +141,7 @@ def show_replay(meshcat: Meshcat, name: str, flight: Flight) -> None:
 def summary(flight: Flight) -> list[tuple[str, str, str]]:
     """Return a row of name, value and unit for each metric. A dash replaces a value that is not finite."""
     rows = [("flight time", flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}", "s")]
-    for name, metric in METRICS.items():
+    for name, metric in flight.metrics.definitions.items():
         if metric.display is not None:
             value = getattr(flight.metrics, name) / metric.display.size
             text = f"{value:.{metric.display.digits}f}" if math.isfinite(value) else "–"

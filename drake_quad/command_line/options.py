@@ -10,7 +10,9 @@ from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.errors import listed
 from drake_quad.extras import import_extra
+from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
@@ -167,6 +169,13 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
         value = getattr(arguments, option.replace("-", "_"))
         if value is not None and not minimum <= value <= maximum:
             raise InputError(f"--{option} is {value:g}, but must be between {minimum:g} and {maximum:g}")
+
+
+def check_metric(scenario: Scenario, name: str, allowed: Sequence[str] | None = None) -> None:
+    """Raise InputError if a name from `--metric` is not the name of an allowed metric; by default all are allowed."""
+    names = [*definitions_of(scenario.metrics_type)] if allowed is None else [*allowed]
+    if name not in names:
+        raise InputError(f"--metric {name}: is not a metric of {scenario.name}; choose one of {listed(names)}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_controller, add_vector, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, add_vector, check_metric, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.design.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
+from drake_quad.design.sensitivity import Sensitivities, differentiable_metrics, flight_sensitivities
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import leaves
@@ -77,7 +77,7 @@ def options() -> argparse.ArgumentParser:
         help="field of the scenario; can be given several times (default: uncertain parameters and gains)",
     )
     result.add_argument(
-        "--metric", choices=DIFFERENTIABLE, default="rmse", help="metric to print and plot (default: %(default)s)"
+        "--metric", metavar="NAME", default="rmse", help="metric to print and plot (default: %(default)s)"
     )
     add_controller(result)
     add_vector(result)
@@ -87,6 +87,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     scenario = scenario_of(arguments)
+    check_metric(scenario, arguments.metric, differentiable_metrics(scenario))
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, scenario.name))
     fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))

@@ -15,6 +15,7 @@ from drake_quad.command_line.options import (
     add_vector,
     add_wired,
     check_extra,
+    check_metric,
     controlled_scenarios,
     folder_of,
     parser,
@@ -22,7 +23,6 @@ from drake_quad.command_line.options import (
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import listed
-from drake_quad.laboratory.metrics import METRICS
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_pool
@@ -64,9 +64,9 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument(
         "--metric",
-        choices=[*METRICS],
+        metavar="NAME",
         default="rmse",
-        help="metric to plot and compare (default: %(default)s)",
+        help="metric to plot and compare, see the page on metrics (default: %(default)s)",
     )
     result.add_argument(
         "--over",
@@ -134,6 +134,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
             remark(f"{name} has no distribution, so its samples differ only by wind and noise, if there are any")
             break
     for name, scenario in scenarios.items():
+        check_metric(scenario, arguments.metric)
         random_fields = [*distributions_in(scenario)]
         if arguments.over is not None and arguments.over not in random_fields:
             names = listed(random_fields) or "none"

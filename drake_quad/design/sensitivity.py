@@ -19,7 +19,7 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.fleet_simulation import fly, read_metrics
 from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import subsystem
-from drake_quad.laboratory.metrics import METRICS
+from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.linear.context_vector import ContextVector, leaf_paths
 from drake_quad.linear.sampled_system import to_autodiff
 from drake_quad.planning.duration import flight_duration
@@ -29,8 +29,6 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# These metrics depend smoothly on a flight, as long as the vehicle does not crash.
-DIFFERENTIABLE = tuple(name for name, metric in METRICS.items() if metric.differentiable)
 # Metrics are magnitudes. Values below this, in SI units, are rounding errors.
 _MIN_METRIC = 1e-12
 # Fields that determine by a comparison when an event happens; the metrics have no derivative with respect to them.
@@ -61,6 +59,11 @@ class Sensitivities:
     metrics: Mapping[str, float]
     crash_time: float
     gradients: Mapping[str, np.ndarray]
+
+
+def differentiable_metrics(scenario: Scenario) -> list[str]:
+    """Return the names of the metrics that depend smoothly on a flight, as long as the vehicle does not crash."""
+    return [name for name, metric in definitions_of(scenario.metrics_type).items() if metric.differentiable]
 
 
 def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: int | None = None) -> Sensitivities:
@@ -97,7 +100,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     with np.errstate(all="ignore"):
         fly(simulator, flight_duration(scenario, plan), jumps=jump_times(Batch.draw(scenario, [0])))
         metrics = read_metrics(converted, context)
-    values_by_name = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
+    values_by_name = {name: getattr(metrics, name)[0] for name in differentiable_metrics(scenario)}
     (crash,) = metrics.crash_time
     crash_time = crash.value()
     if np.isnan(values_by_name["rmse"].value()):

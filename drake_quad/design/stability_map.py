@@ -200,4 +200,4 @@ def simulated_map(
     }
     batch = Batch(scenario, (sample,) * len(pairs[0]), varying)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
-    return Metrics(*(values.reshape(len(first), len(second)) for values in metrics))
+    return metrics.with_values(values.reshape(len(first), len(second)) for values in metrics)

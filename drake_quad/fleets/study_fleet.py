@@ -87,7 +87,7 @@ class StudyFleet:
             raise ValueError(f"a fleet of {self.num_vehicles} vehicles cannot fly {len(batch)} samples at once")
         self._simulation.reset(batch.padded(self.num_vehicles))
         self._simulation.fly(self.duration if duration is None else duration, progress=progress)
-        return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))
+        return self._simulation.metrics().take(slice(len(batch)))
 
     def touched(self) -> np.ndarray:
         """Return the (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 without a collision."""

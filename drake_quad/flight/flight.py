@@ -213,15 +213,15 @@ def read_flight(path: Path | str) -> Flight:
         raise InputError(
             f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal with one row per tick"
         )
-    metrics = _read_metrics(folder / METRICS)
+    metrics = _read_metrics(folder / METRICS, scenario.metrics_type)
     return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
 
 
-def _read_metrics(path: Path) -> Metrics:
+def _read_metrics(path: Path, kind: type[Metrics]) -> Metrics:
     table = read_table(path)
-    if [*table] != [*Metrics._fields] or any(values.shape != (1,) for values in table.values()):
+    if [*table] != [*kind._fields] or any(values.shape != (1,) for values in table.values()):
         raise InputError(f"{path} is not the table of a flight's metrics")
-    metrics = Metrics(*(float(values[0]) for values in table.values()))
+    metrics = kind(*(float(values[0]) for values in table.values()))
     return metrics if math.isfinite(metrics.crash_time) else metrics._replace(crash_time=math.inf)
 
 

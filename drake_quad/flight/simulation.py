@@ -12,7 +12,6 @@ from drake_quad.fleets.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.cause import not_a_number
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import Metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -163,7 +162,7 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSys
     rows = {name: values.reshape(len(time), -1, len(batch)) for name, values in signals.items()}
     flights = []
     for i in range(len(batch)):
-        metrics_of_vehicle = Metrics(*(float(value[i]) for value in metrics))
+        metrics_of_vehicle = metrics.with_values(float(value[i]) for value in metrics)
         ticks = time <= metrics_of_vehicle.crash_time
         up_to_crash = {name: values[ticks, :, i] for name, values in rows.items()}
         cause = not_a_number(time[ticks], up_to_crash, own.given) if metrics_of_vehicle.crashed else None

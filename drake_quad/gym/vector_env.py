@@ -347,7 +347,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
-        metrics: Metrics = summarized(sums, crash_time, self._tick)
+        metrics: Metrics = summarized(sums, crash_time, self._tick, self.scenario.metrics_type)
         obstacle = self._fleet.next_state("touched").number.astype(int)
         flight: dict[str, Any] = {}
         undefined = () if self._commands_acceleration else ("effort", "variation")

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import SUMS_OF_PORTS, Metrics, Sums, TickValues, add_tick, summarized
+from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, accumulators_of, add_tick, summarized
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -131,6 +131,10 @@ def monitor_step(
     limits: CrashLimits,
     surroundings: Surroundings,
     window: Window,
+    period: float,
+    accumulators: tuple[Accumulator, ...],
+    names: tuple[str, ...],
+    *others: Any,
 ) -> MonitorState:
     """Return the state of the monitor of a vehicle after one more tick.
 
@@ -149,6 +153,10 @@ def monitor_step(
         limits: limits beyond which a vehicle counts as crashed.
         surroundings: solids that the vehicle must not touch.
         window: metric window.
+        period: duration of a tick, s.
+        accumulators: accumulators of the metrics.
+        names: names of further signals that the accumulators read.
+        others: these signals.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total: Row = 0.0
@@ -165,10 +173,11 @@ def monitor_step(
         & (touch.number == 0.0)
         & (before.crash_time == math.inf)
     )
-    complete = True
-    for part in shortfall:
-        complete = complete & (part == 0.0)
-    after = add_tick(sums, TickValues(error, command, where(complete, 0.0, 1.0)))
+    values = {"state": state, "reference": reference, "acceleration_command": command, "shortfall": shortfall}
+    sent = {"wrench": wrench, "attitude_target": target}
+    after = add_tick(
+        sums, accumulators, {**values, **sent, **dict(zip(names, others, strict=True)), "time": time, "period": period}
+    )
     counts = (time >= window.start) & (time <= window.end)
     return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
@@ -225,11 +234,6 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
     return least, number
 
 
-def _nan_like(value: Any) -> Any:
-    """Return NaN if the argument is a single sum, or a record of NaN if it is a record of sums."""
-    return type(value)(*[np.nan] * len(value)) if hasattr(value, "_fields") else np.nan
-
-
 @fleet_system(float, AutoDiffXd)
 class FlightMonitor(FleetSystem):
     """Flight monitor, which detects crashes and accumulates the sums from which the metrics are computed.
@@ -254,9 +258,10 @@ class FlightMonitor(FleetSystem):
     is then 1 instead of 0, and `crash_time` is the time of the tick instead of infinity. The tick of a crash does not
     count for the metrics.
 
-    The control effort is computed from `acceleration_command`, and the saturation from `shortfall`. An input that is
-    not connected counts as zero. Either `wrench` or `attitude_target` is connected: the command that is sent over the
-    link.
+    The control effort is computed from `acceleration_command`, and the saturation from `shortfall`. If one of these
+    inputs is not connected, it counts as zero, and the metrics that depend on it are NaN. Either `wrench` or
+    `attitude_target` is connected: the command that is sent over the link. Additional metrics may need further signals,
+    for which the monitor then has input ports.
 
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
@@ -266,6 +271,7 @@ class FlightMonitor(FleetSystem):
         limits: limits beyond which a vehicle counts as crashed.
         surroundings: solids that a vehicle must not touch.
         window: metric window.
+        metrics: class of the metrics, from `drake_quad.laboratory.metrics.metrics_type`.
     """
 
     def declare(
@@ -275,19 +281,25 @@ class FlightMonitor(FleetSystem):
         limits: CrashLimits = CrashLimits(),
         surroundings: Surroundings = Surroundings(),
         window: Window = Window(),
+        metrics: type[Metrics] = Metrics,
     ) -> None:
         """Declare ports and states."""
-        self._period = period
+        self._period, self._metrics = period, metrics
+        accumulators = accumulators_of(metrics)
         state, reference = self.input("state"), self.input("reference")
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench"), self.input("attitude_target")
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
+        read = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
+        others = {name: self.input(name) for name in read if not self.HasInputPort(name)}
         crashed = self.state("crashed", lambda _: Crashed(0.0))
-        crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
-        touched = self.state("touched", lambda _: CollidedSolid())
-        other_states = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
-        arguments = state, reference, command, *sent, shortfall, *other_states, TIME, limits, surroundings, window
-        self.update(period, monitor_step, *arguments, writes=[crashed, *other_states])
+        crash_time = self.state("crash_time", lambda _: CrashTime(math.inf))
+        touched, free = self.state("touched", lambda _: CollidedSolid()), self.state("free", lambda _: FreeBall())
+        sums = self.state("sums", lambda _: Sums.before(accumulators))
+        states = crash_time, touched, free, sums
+        settings = limits, surroundings, window, period, accumulators, tuple(others)
+        arguments = state, reference, command, *sent, shortfall, *states, TIME, *settings, *others.values()
+        self.update(period, monitor_step, *arguments, writes=[crashed, *states])
         self.state_output(crashed)
         self.state_output(crash_time)
 
@@ -296,11 +308,12 @@ class FlightMonitor(FleetSystem):
 
         A metric is NaN if it is computed from an input port that is not connected.
         """
-        sums = self._arrays(context, "sums")
-        for port, names in SUMS_OF_PORTS.items():
-            if not self.GetInputPort(port).HasValue(context):
-                sums = sums._replace(**{name: _nan_like(getattr(sums, name)) for name in names})
-        return summarized(sums, self._arrays(context, "crash_time").crash_time, self._period)
+        sums, crash_time = self._arrays(context, "sums"), self._arrays(context, "crash_time").crash_time
+
+        def is_connected(signal: str) -> bool:
+            return bool(self.GetInputPort(signal).HasValue(context))
+
+        return summarized(sums, crash_time, self._period, self._metrics, is_connected)
 
     def touched(self, context: Context) -> np.ndarray:
         """Return the (N,) number of the solid that each vehicle crashed into, from 1 on; 0 if it touched none."""

@@ -10,76 +10,91 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     saturation share       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
 The sums include the ticks in the metric window of the scenario, up to a crash.
+
+A metric has two parts: an `Accumulator`, whose formula adds a tick to a record of sums, and a function that computes
+the metric from the final sums. Metrics that are computed from the same sums share an accumulator.
 """
 
+import functools
+import inspect
 import math
-from collections.abc import Callable
+from collections import namedtuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from drake_quad.framework.elementary import maximum, minimum
+from drake_quad.framework.elementary import maximum, minimum, where
 from drake_quad.geometry.per_axis import PerAxis
-from drake_quad.signals import Acceleration, PositionError, Quantity, Row
+from drake_quad.signals import Acceleration, Quantity, Reference, Row, State, Wrench
+
+TIME_ARGUMENTS = ("ticks", "time", "period")
+"""Arguments of an accumulator that are not signals: number of earlier ticks, time (s), and duration of a tick (s)."""
 
 
-class TickValues(NamedTuple):
-    """Values of one tick from which metrics are computed.
+class Accumulator(NamedTuple):
+    """Sums over the ticks of a flight.
 
     Attributes:
-        error: position of the reference minus true position.
-        command: commanded acceleration.
-        saturated: 1 if the rotors cannot produce the commanded wrench, else 0.
+        initial: record of the sums before the first tick.
+        add: formula that returns the sums after a further tick. Its first argument is the record of the sums. The other
+            arguments have the names of signals, or the names in `TIME_ARGUMENTS`.
+        arguments: names of these other arguments.
+        constants: keyword arguments of the formula, as pairs of name and value.
     """
 
-    error: PositionError
-    command: Acceleration
-    saturated: Row
+    initial: Any
+    add: Callable[..., Any]
+    arguments: tuple[str, ...]
+    constants: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals that the formula reads."""
+        return tuple(name for name in self.arguments if name not in TIME_ARGUMENTS)
 
 
-_ZEROS = PerAxis(0.0, 0.0, 0.0)
+def argument_names(formula: Callable[..., Any]) -> tuple[str, ...]:
+    """Return the names of the arguments of a formula without its keyword-only arguments."""
+    parameters = inspect.signature(formula).parameters.values()
+    return tuple(parameter.name for parameter in parameters if parameter.kind != parameter.KEYWORD_ONLY)
+
+
+def _accumulator(initial: Any, add: Callable[..., Any]) -> Accumulator:
+    return Accumulator(initial, add, argument_names(add)[1:])
 
 
 class Sums(NamedTuple):
-    """Sums over the ticks of a flight, initially zero.
+    """Sums over the ticks of a flight.
 
     Attributes:
-        ticks: number n of ticks.
-        peak: max |e|², m².
-        saturated: number of ticks at which the rotors cannot produce the wrench.
-        error: Σ e², m².
-        effort: Σ u², m²/s⁴.
-        variation: Σ |Δu|, m/s².
-        last: u of the previous tick, m/s².
+        ticks: number of ticks.
+        records: record of the sums of each accumulator.
     """
 
-    ticks: Row = 0.0
-    peak: Row = 0.0
-    saturated: Row = 0.0
-    error: PerAxis = _ZEROS
-    effort: PerAxis = _ZEROS
-    variation: PerAxis = _ZEROS
-    last: PerAxis = _ZEROS
+    ticks: Row
+    records: tuple[Any, ...]
+
+    @classmethod
+    def before(cls, accumulators: Sequence[Accumulator]) -> "Sums":
+        """Return the sums before the first tick."""
+        return cls(0.0, tuple([accumulator.initial for accumulator in accumulators]))
 
 
-SUMS_OF_PORTS = {"acceleration_command": ("effort", "variation"), "shortfall": ("saturated",)}
-"""Sums that are unknown if an optional input port of the flight monitor is not connected."""
+def add_tick(sums: Sums, accumulators: Sequence[Accumulator], values: Mapping[str, Any]) -> Sums:
+    """Return the sums after one more tick.
 
-
-def add_tick(sums: Sums, tick: TickValues) -> Sums:
-    """Return the sums after one more tick."""
-    e_x, e_y, e_z = (e * e for e in tick.error)
-    started = minimum(sums.ticks, 1.0)
-    changes = [started * abs(command - last) for command, last in zip(tick.command, sums.last, strict=True)]
-    return Sums(
-        ticks=sums.ticks + 1.0,
-        peak=maximum(sums.peak, e_x + e_y + e_z),
-        saturated=sums.saturated + tick.saturated,
-        error=PerAxis(sums.error.x + e_x, sums.error.y + e_y, sums.error.z + e_z),
-        effort=PerAxis._make(total + u * u for total, u in zip(sums.effort, tick.command, strict=True)),
-        variation=PerAxis._make(total + change for total, change in zip(sums.variation, changes, strict=True)),
-        last=PerAxis(*tick.command),
-    )
+    Args:
+        sums: sums before the tick.
+        accumulators: accumulators of the records in the sums.
+        values: records of the signals, time and period, by name.
+    """
+    known = {**values, "ticks": sums.ticks}
+    records = [
+        accumulator.add(record, *[known[name] for name in accumulator.arguments], **dict(accumulator.constants))
+        for accumulator, record in zip(accumulators, sums.records, strict=True)
+    ]
+    return Sums(sums.ticks + 1.0, tuple(records))
 
 
 class Display(NamedTuple):
@@ -102,45 +117,139 @@ class Metric(NamedTuple):
     Attributes:
         unit: unit; "1" for a fraction between 0 and 1.
         label: label in tables and plots.
-        value: function that returns the (N,) metric, given the (N,) sums, in which a zero number of ticks is replaced
-            with NaN, and the duration of a tick, s.
+        accumulator: sums from which the metric is computed.
+        value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
+            ticks, which is NaN instead of 0, and the duration of a tick, s.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
+        signed: True if the metric can be negative.
+        larger_is_better: True if a larger metric is better. A crash counts as worse than any value.
     """
 
     unit: str
     label: str
-    value: Callable[[Sums, float], Any]
+    accumulator: Accumulator
+    value: Callable[[Any, Any, float], Any]
     display: Display | None = None
     differentiable: bool = True
+    signed: bool = False
+    larger_is_better: bool = False
+
+    @property
+    def value_of_crash(self) -> float:
+        """Value that a crash counts as in quantiles and comparisons: infinitely bad."""
+        return -math.inf if self.larger_is_better else math.inf
+
+
+_ZEROS = PerAxis(0.0, 0.0, 0.0)
+
+
+class ErrorSums(NamedTuple):
+    """Largest and summed squares of the position error.
+
+    Attributes:
+        peak: max |e|², m².
+        squares: Σ e², m².
+    """
+
+    peak: Row = 0.0
+    squares: PerAxis = _ZEROS
+
+
+def add_error(sums: ErrorSums, state: State, reference: Reference) -> ErrorSums:
+    """Add the position error of a tick."""
+    e_x, e_y, e_z = reference.x - state.x, reference.y - state.y, reference.z - state.z
+    x, y, z = e_x * e_x, e_y * e_y, e_z * e_z
+    squares = sums.squares
+    return ErrorSums(maximum(sums.peak, x + y + z), PerAxis(squares.x + x, squares.y + y, squares.z + z))
+
+
+class CommandSums(NamedTuple):
+    """Sums of the commanded acceleration.
+
+    Attributes:
+        effort: Σ u², m²/s⁴.
+        variation: Σ |Δu|, m/s².
+        last: u of the previous tick, m/s².
+    """
+
+    effort: PerAxis = _ZEROS
+    variation: PerAxis = _ZEROS
+    last: PerAxis = _ZEROS
+
+
+def add_command(sums: CommandSums, acceleration_command: Acceleration, ticks: Row) -> CommandSums:
+    """Add the command of a tick. The first tick has no change."""
+    started = minimum(ticks, 1.0)
+    changes = [started * abs(u - last) for u, last in zip(acceleration_command, sums.last, strict=True)]
+    return CommandSums(
+        PerAxis._make(total + u * u for total, u in zip(sums.effort, acceleration_command, strict=True)),
+        PerAxis._make(total + change for total, change in zip(sums.variation, changes, strict=True)),
+        PerAxis(*acceleration_command),
+    )
+
+
+class SaturationSums(NamedTuple):
+    """Number of ticks at which the rotors cannot produce the wrench."""
+
+    saturated: Row = 0.0
+
+
+def add_shortfall(sums: SaturationSums, shortfall: Wrench) -> SaturationSums:
+    """Add a tick with the part of the wrench that the rotors cannot produce."""
+    complete = True
+    for part in shortfall:
+        complete = complete & (part == 0.0)
+    return SaturationSums(sums.saturated + where(complete, 0.0, 1.0))
+
+
+_ERROR = _accumulator(ErrorSums(), add_error)
+_COMMAND = _accumulator(CommandSums(), add_command)
+_SHORTFALL = _accumulator(SaturationSums(), add_shortfall)
+CENTIMETRES = Display("cm", 0.01, 2)
+"""Format of metrics in m."""
 
 
 def _rms(axis: str) -> Metric:
     """Return the definition of the RMSE on an axis."""
-    return Metric("m", f"RMSE on {axis.upper()}", lambda s, _: np.sqrt(getattr(s.error, axis) / s.ticks), _CENTIMETRES)
+
+    def value(sums: ErrorSums, ticks: Any, _: float) -> Any:
+        return np.sqrt(getattr(sums.squares, axis) / ticks)
+
+    return Metric("m", f"RMSE on {axis.upper()}", _ERROR, value, CENTIMETRES)
 
 
 def _effort(axis: str) -> Metric:
     """Return the definition of the control effort on an axis."""
-    label = f"control effort on {axis.upper()}"
-    return Metric("m²/s⁴", label, lambda s, _: getattr(s.effort, axis) / s.ticks, Display("m²/s⁴", 1.0, 4))
+
+    def value(sums: CommandSums, ticks: Any, _: float) -> Any:
+        return getattr(sums.effort, axis) / ticks
+
+    return Metric("m²/s⁴", f"control effort on {axis.upper()}", _COMMAND, value, Display("m²/s⁴", 1.0, 4))
 
 
 def _variation(axis: str) -> Metric:
     """Return the definition of the total variation of the command on an axis."""
 
-    def value(sums: Sums, period: float) -> Any:
-        return getattr(sums.variation, axis) / (np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period)
+    def value(sums: CommandSums, ticks: Any, period: float) -> Any:
+        return getattr(sums.variation, axis) / (np.where(ticks > 1.0, ticks - 1.0, np.nan) * period)
 
-    return Metric("m/s³", f"total variation of the command on {axis.upper()}", value)
+    return Metric("m/s³", f"total variation of the command on {axis.upper()}", _COMMAND, value)
 
 
-_CENTIMETRES = Display("cm", 0.01, 2)  # format of metrics in m
+def _total_rms(sums: ErrorSums, ticks: Any, _: float) -> Any:
+    return np.sqrt((sums.squares.x + sums.squares.y + sums.squares.z) / ticks)
+
+
+def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
+    return np.sqrt(sums.peak * np.where(ticks > 0.0, 1.0, np.nan))
+
 
 _SATURATION = Metric(
     "1",
     "share of ticks with saturated rotors",
-    lambda s, _: s.saturated / s.ticks,
+    _SHORTFALL,
+    lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),
     differentiable=False,
 )
@@ -150,7 +259,8 @@ class Metrics(NamedTuple):
     """Metrics of a flight, or (N,) arrays of them for a fleet.
 
     The definition of each metric is in its annotation. A metric is NaN if no tick is in the metric window, or if the
-    input from which it is computed is not connected.
+    input from which it is computed is not connected. The metrics of a scenario with additional metrics are an instance
+    of a class with further fields, see `metrics_type`.
 
     Attributes:
         rmse: root mean square of the Euclidean position error.
@@ -168,17 +278,11 @@ class Metrics(NamedTuple):
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
-    rmse: Annotated[
-        Any,
-        Metric("m", "RMSE", lambda s, _: np.sqrt((s.error.x + s.error.y + s.error.z) / s.ticks), _CENTIMETRES),
-    ]
+    rmse: Annotated[Any, Metric("m", "RMSE", _ERROR, _total_rms, CENTIMETRES)]
     rmse_x: Annotated[Any, _rms("x")]
     rmse_y: Annotated[Any, _rms("y")]
     rmse_z: Annotated[Any, _rms("z")]
-    peak_error: Annotated[
-        Any,
-        Metric("m", "peak error", lambda s, _: np.sqrt(s.peak * np.where(s.ticks > 0.0, 1.0, np.nan)), _CENTIMETRES),
-    ]
+    peak_error: Annotated[Any, Metric("m", "peak error", _ERROR, _peak, CENTIMETRES)]
     effort_x: Annotated[Any, _effort("x")]
     effort_y: Annotated[Any, _effort("y")]
     effort_z: Annotated[Any, _effort("z")]
@@ -193,27 +297,73 @@ class Metrics(NamedTuple):
         """True if the vehicle crashed."""
         return self.crash_time < math.inf
 
+    @property
+    def definitions(self) -> "Mapping[str, Metric]":
+        """Definition of each metric by name, without the crash time."""
+        return definitions_of(type(self))
+
     def take(self, indices: Any) -> "Metrics":
         """Return the metrics of some vehicles, given their indices or a mask."""
-        return Metrics._make(values[indices] for values in self)
+        return self.with_values(values[indices] for values in self)
+
+    def with_values(self, values: Iterable[Any]) -> "Metrics":
+        """Return metrics of the same class, given their values in the order of the fields."""
+        return type(self)(*values)
 
 
 _HINTS = get_type_hints(Metrics, include_extras=True)
 _DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
-"""Definition of each metric, without the crash time."""
-UNITS = {name: definition.unit for name, definition in _DEFINITIONS.items()}
-"""Unit of each metric and of the crash time."""
+"""Definition of each metric that every flight has, without the crash time."""
 
 
-def summarized(sums: Sums, crash_time: np.ndarray, period: float) -> Metrics:
+@functools.cache
+def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metrics]:
+    """Return the class of the metrics of a scenario: `Metrics`, with a field for each additional metric.
+
+    Args:
+        additional: names and definitions of the additional metrics.
+    """
+    if not additional:
+        return Metrics
+    fields = namedtuple("Metrics", [*METRICS, *dict(additional), "crash_time"])  # type: ignore[misc]
+    members = {name: vars(Metrics)[name] for name in ("crashed", "definitions", "take", "with_values", "__doc__")}
+    return type("Metrics", (fields,), {**members, "_additional": dict(additional), "__slots__": ()})
+
+
+def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
+    """Return the definition of each metric of a class from `metrics_type`, by name, without the crash time."""
+    return {**METRICS, **getattr(kind, "_additional", {})}
+
+
+def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
+    """Return the different accumulators of the metrics of a class from `metrics_type`."""
+    return tuple(dict.fromkeys(metric.accumulator for metric in definitions_of(kind).values()))
+
+
+def unit_of(kind: type[Metrics], name: str) -> str:
+    """Return the unit of a metric or of the crash time."""
+    return "s" if name == "crash_time" else definitions_of(kind)[name].unit
+
+
+def summarized(
+    sums: Sums, crash_time: np.ndarray, period: float, kind: type[Metrics] = Metrics, connected: Any = None
+) -> Metrics:
     """Return the metrics of each vehicle.
 
     Args:
-        sums: sums over the ticks of each vehicle, (N,) arrays.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
         crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
+        kind: class of the metrics, from `metrics_type`.
+        connected: function that returns whether a signal, given its name, is known; by default all signals are. A
+            metric is NaN if a signal on which it depends is not.
     """
     ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
-    counted = sums._replace(ticks=ticks)
-    return Metrics(**{name: metric.value(counted, period) for name, metric in METRICS.items()}, crash_time=crash_time)
+    records = dict(zip(accumulators_of(kind), sums.records, strict=True))
+    values = {}
+    for name, metric in definitions_of(kind).items():
+        value = metric.value(records[metric.accumulator], ticks, period)
+        known = connected is None or all(map(connected, metric.accumulator.signals))
+        values[name] = value if known else np.full_like(value, np.nan)
+    return kind(**values, crash_time=crash_time)

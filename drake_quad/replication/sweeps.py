@@ -117,7 +117,7 @@ def fly_settings(
     """Fly the same samples with each setting in one fleet, and return metrics of shape (settings, samples)."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
-    return Metrics(*np.reshape(metrics, (-1, num_rows(settings), len(samples))))
+    return metrics.with_values(np.reshape(metrics, (-1, num_rows(settings), len(samples))))
 
 
 def fly_legs(

@@ -18,6 +18,8 @@ from pydantic import (
 )
 
 from drake_quad.errors import InputError
+from drake_quad.laboratory.metrics import METRICS as EVERY_METRIC
+from drake_quad.laboratory.metrics import Metrics, metrics_type
 from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, AnyAutopilot
@@ -31,6 +33,7 @@ from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
+from drake_quad.scenario.metrics.metric import METRICS, AnyMetric
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.paths import distributions_in, joined, keys_of
@@ -261,8 +264,13 @@ class Laboratory(Model):
         }
 
 
+# Pattern of the name of an additional metric, and names of the other columns of studies.
+_METRIC_NAME = r"^[a-z][a-z0-9_]{0,59}$"
+_TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
+
+
 class MetricWindow(Model):
-    """Part of a flight over which the metrics are computed."""
+    """Metrics of a flight: the part of the flight over which they are computed, and additional metrics."""
 
     start: PlainMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
@@ -273,6 +281,32 @@ class MetricWindow(Model):
     end: PlainMoment | None = Field(
         default=None, description="end of the window (s); the end of the flight if not given"
     )
+
+    additional: dict[Annotated[str, Field(pattern=_METRIC_NAME)], AnyMetric] = Field(
+        default={},
+        description="further metrics by name; the name is the kind of the metric if the metric does not state its kind",
+    )
+
+    _serialized = omits_defaults("additional")
+
+    @field_validator("additional", mode="before")
+    @classmethod
+    def _with_kinds(cls, additional: Any) -> Any:
+        """Return the additional metrics with the kind of each metric."""
+        if not isinstance(additional, dict):
+            return additional
+        return {
+            name: {"kind": name, **(settings or {})} if settings is None or isinstance(settings, dict) else settings
+            for name, settings in additional.items()
+        }
+
+    @field_validator("additional")
+    @classmethod
+    def _with_new_names(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
+        for name in additional:
+            if name in _TAKEN_METRIC_NAMES:
+                raise refused("must have another name, since every study has a column of this name", path=(name,))
+        return additional
 
     @model_validator(mode="after")
     def _begins_once_and_ends_later(self) -> "MetricWindow":
@@ -375,6 +409,12 @@ class Scenario(Mission):
         return whole_vehicle
 
     @property
+    def metrics_type(self) -> type[Metrics]:
+        """Class of the metrics of a flight, with a field for each additional metric."""
+        definitions = {name: each.definition(name, self) for name, each in self.metrics.additional.items()}
+        return metrics_type(tuple(definitions.items()))
+
+    @property
     def cascade(self) -> CascadeControl:
         """The control of a scenario whose control is a cascade.
 
@@ -441,12 +481,24 @@ class Scenario(Mission):
         return self
 
 
-UNIONS = WINDS, SENSORS, AUTOPILOTS, CONTROLS, POSITION_CONTROLLERS, ATTITUDE_CONTROLLERS, ACTIONS, ROUTES, LAYOUTS
+UNIONS = (
+    WINDS,
+    SENSORS,
+    AUTOPILOTS,
+    CONTROLS,
+    POSITION_CONTROLLERS,
+    ATTITUDE_CONTROLLERS,
+    ACTIONS,
+    ROUTES,
+    LAYOUTS,
+    METRICS,
+)
 """Unions to which members can be added."""
 REGISTRIES = *UNIONS, EFFECTS
 """Unions and open fields to which members can be added."""
 WINDS.rebuild(Laboratory)
 SENSORS.rebuild(Laboratory)
+METRICS.rebuild(MetricWindow)
 AUTOPILOTS.rebuild(Laboratory)
 LAYOUTS.rebuild(Nominal, Vehicle)
 for union in (LAYOUTS, ROUTES, WINDS):

@@ -48,4 +48,4 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
     # The simulation ends between the last tick, whose updates would otherwise remain pending, and the next event.
     final_time = flight_duration(scenario, plan) + 0.25 * min(scenario.periods.values())
     MonteCarloSimulation(make_simulator, output, final_time, num_samples, RandomGenerator(seed))
-    return Metrics(*(np.concatenate(values) for values in zip(*flights, strict=True)))
+    return flights[0].with_values(np.concatenate(values) for values in zip(*flights, strict=True))

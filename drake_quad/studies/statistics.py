@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, listed
-from drake_quad.laboratory.metrics import UNITS, Metrics
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
@@ -41,17 +41,18 @@ _MAX_BINS = 20
 def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is computed by `share_mean_interval` for a fraction, and is the nonnegative part of Student's t
-    interval otherwise.
+    The interval is computed by `share_mean_interval` for a fraction. Otherwise it is Student's t interval, or its
+    nonnegative part if the metric cannot be negative.
 
     Args:
         metrics: (n,) metrics of the samples.
-        name: name of a metric that is never negative.
+        name: name of the metric.
     """
-    values = values_without_crashes(metrics, name)
-    if UNITS[name] == "1":
+    values, definition = values_without_crashes(metrics, name), metrics.definitions[name]
+    if definition.unit == "1":
         return share_mean_interval(values)
-    return without_negative_part(mean_interval(values))
+    mean = mean_interval(values)
+    return mean if definition.signed else without_negative_part(mean)
 
 
 def crash_probability(metrics: Metrics) -> Interval:
@@ -67,8 +68,8 @@ def values_without_crashes(metrics: Metrics, name: str) -> np.ndarray:
 
 
 def values_with_crashes(metrics: Metrics, name: str) -> np.ndarray:
-    """Return the values (n,) of a metric for all samples, where a crash counts as infinite."""
-    return np.where(metrics.crashed, math.inf, getattr(metrics, name))
+    """Return the values (n,) of a metric for all samples, where a crash counts as infinitely bad."""
+    return np.where(metrics.crashed, metrics.definitions[name].value_of_crash, getattr(metrics, name))
 
 
 class Influence(NamedTuple):
@@ -199,8 +200,9 @@ class Comparison(NamedTuple):
     Attributes:
         num_pairs: number of pairs.
         difference: mean of the metric minus the mean of the baseline, in the unit of the metric.
-        ratio: mean of the metric divided by the mean of the baseline, see `ratio_of_means`.
-        better: fraction of the pairs in which the metric is smaller than for the baseline.
+        ratio: mean of the metric divided by the mean of the baseline, see `ratio_of_means`; NaN for a metric that can
+            be negative.
+        better: fraction of the pairs in which the metric is better than for the baseline.
         crashed: number of samples on which only this controller crashed.
         baseline_crashed: number of samples on which only the baseline crashed.
         crash_significance: p-value of McNemar's exact test of equal crash probabilities.
@@ -216,13 +218,14 @@ class Comparison(NamedTuple):
 
 
 def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparison:
-    """Compare two controllers by a metric for which smaller values are better.
+    """Compare two controllers by a metric.
 
     Args:
         metrics: (n,) metrics of one controller.
         baseline: (n,) metrics of the baseline on the same samples.
         name: name of the compared metric.
     """
+    definition = metrics.definitions[name]
     value, reference = getattr(metrics, name), getattr(baseline, name)
     valid = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))
     value, reference = value[valid], reference[valid]
@@ -230,11 +233,13 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
         int(np.sum(crashed & ~other))
         for crashed, other in ((metrics.crashed, baseline.crashed), (baseline.crashed, metrics.crashed))
     )
+    better = value > reference if definition.larger_is_better else value < reference
+    unknown = Interval(math.nan, math.nan, math.nan)
     return Comparison(
         len(value),
         mean_interval(value - reference),
-        ratio_of_means(value, reference),
-        share_interval(int(np.sum(value < reference)), len(value)),
+        unknown if definition.signed else ratio_of_means(value, reference),
+        share_interval(int(np.sum(better)), len(value)),
         only,
         baseline_only,
         two_sided_sign_test(only, only + baseline_only),

@@ -15,7 +15,7 @@ from drake_quad.errors import InputError, listed
 from drake_quad.extras import import_extra
 from drake_quad.files import read_table, write_atomically
 from drake_quad.flight.remarks import flight_remarks
-from drake_quad.laboratory.metrics import UNITS, Metrics
+from drake_quad.laboratory.metrics import Metrics, definitions_of, unit_of
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.description import description_at, unit_at
 from drake_quad.scenario.files.loading import load_scenario
@@ -90,7 +90,7 @@ class Study:
             duration,
             columns["sample"].astype(int),
             {path: columns[path] for path in distributions_in(scenario)},
-            Metrics(*(columns[name] for name in Metrics._fields)),
+            scenario.metrics_type(*(columns[name] for name in scenario.metrics_type._fields)),
             dict(failures),
             flown_time,
             tuple(invalid_lines),
@@ -178,7 +178,7 @@ class Study:
 
 def columns_of(scenario: Scenario) -> list[str]:
     """Return the columns of a study's rows: the sample, drawn fields, metrics and, if there are any, the obstacle."""
-    measured = [name for name in Metrics._fields if name != "crash_time"]
+    measured = [*definitions_of(scenario.metrics_type)]
     obstacle = [_OBSTACLE_COLUMN] if _obstacles(scenario) else []
     return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *obstacle]
 
@@ -406,13 +406,15 @@ def column_meaning(scenario: Scenario, column: str) -> str:
     }
     if column in meanings:
         return meanings[column]
-    return f"metric ({UNITS[column]})" if column in UNITS else description_at(scenario, column)
+    if column in scenario.metrics_type._fields:
+        return f"metric ({unit_of(scenario.metrics_type, column)})"
+    return description_at(scenario, column)
 
 
 def column_unit(scenario: Scenario, column: str) -> str:
     """Return the unit of a column of a study's results; "" if the column has none."""
+    if column in ("sample", "crashed", _OBSTACLE_COLUMN):
+        return ""
     return (
-        UNITS.get(column, "")
-        if column in ("sample", "crashed", _OBSTACLE_COLUMN, *UNITS)
-        else unit_at(scenario, column)
+        unit_of(scenario.metrics_type, column) if column in scenario.metrics_type._fields else unit_at(scenario, column)
     )

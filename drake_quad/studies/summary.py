@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.statistics.estimates import quantile_interval, share_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import (
@@ -63,13 +62,13 @@ def metric_table(study: Study) -> Summary:
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
     infinity_text = "crash" if crashed else "∞"
     rows: list[tuple[str, ...]] = []
-    for metric, definition in METRICS.items():
+    for metric, definition in metrics.definitions.items():
         if definition.display is None:
             continue
         size = definition.display.size
         values, all_values = values_without_crashes(metrics, metric), values_with_crashes(metrics, metric)
         spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-        quantiles = (_quantile(all_values, share) for share in _QUANTILES)
+        quantiles = (_quantile(all_values, share, definition.signed) for share in _QUANTILES)
         rows.append(
             (
                 definition.label,
@@ -83,10 +82,10 @@ def metric_table(study: Study) -> Summary:
     return Summary(("", "mean", "std. dev.", *names, ""), rows, _remarks(crashed, count))
 
 
-def _quantile(values: np.ndarray, probability: float) -> Interval:
-    """Return a quantile of a nonnegative metric; if it is finite, its interval has no negative part."""
+def _quantile(values: np.ndarray, probability: float, signed: bool) -> Interval:
+    """Return a quantile of a metric; if it is finite and not signed, its interval has no negative part."""
     quantile = quantile_interval(values, probability)
-    return without_negative_part(quantile) if math.isfinite(quantile.value) else quantile
+    return quantile if signed or not math.isfinite(quantile.value) else without_negative_part(quantile)
 
 
 def _remarks(crashed: int, count: int) -> list[str]:
@@ -109,8 +108,8 @@ def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
         metric: name of a metric for which smaller values are better.
     """
     (_, baseline), *others = studies.items()
-    display = METRICS[metric].display
-    unit, size = (UNITS[metric], 1.0) if display is None else display[:2]
+    definition = baseline.metrics.definitions[metric]
+    unit, size = (definition.unit, 1.0) if definition.display is None else definition.display[:2]
     rows: list[tuple[str, ...]] = []
     for name, study in others:
         comparison = compare_studies(study, baseline, metric)
@@ -130,7 +129,7 @@ def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
     remark = ["differences and ratios are taken over the pairs: samples on which neither controller crashed"]
     headings = (
         "",
-        f"difference of {METRICS[metric].label} ({unit})",
+        f"difference of {definition.label} ({unit})",
         "ratio of the means",
         "better in (% of pairs)",
         "pairs",

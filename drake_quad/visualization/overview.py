@@ -73,6 +73,6 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
             error_bars = np.abs([low - value, high - value])
             axes[panel].errorbar(value, range(len(study_by_name)), xerr=error_bars, fmt="o", color=color, capsize=3.0)
             name_rows(axes[panel], list(study_by_name))
-        label_metric(axes["mean"].xaxis, name, "mean ")
-        label_metric(axes["crashes"].xaxis, "crashed")
+        label_metric(axes["mean"].xaxis, study_by_name.values(), name, "mean ")
+        label_metric(axes["crashes"].xaxis, study_by_name.values(), "crashed")
         return figure, axes

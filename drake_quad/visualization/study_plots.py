@@ -1,6 +1,6 @@
 """Plots of Monte Carlo studies: distributions, convergence, and influences of random parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import cycle
 
 import numpy as np
@@ -12,7 +12,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from matplotlib.transforms import ScaledTranslation
 
 from drake_quad.errors import InputError
-from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
@@ -37,11 +36,12 @@ _POINT_OFFSET = 3.0
 _LOG_AXIS_RATIO = 10.0
 
 
-def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
+def label_metric(axis: Axis, studies: Iterable[Study], name: str, prefix: str = "") -> None:
     """Label an axis with a metric, and show the tick values in the unit that tables use.
 
     Args:
         axis: axis on which the metric is drawn in the unit of `Metrics`.
+        studies: drawn studies, which all have the metric.
         name: name of the metric, or "crashed" for the fraction of crashes.
         prefix: words before the name of the metric.
     """
@@ -49,12 +49,12 @@ def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
         axis.set_label_text("crashed samples")
         _in_percent(axis)
         return
-    unit, size = UNITS[name], 1.0
-    display = METRICS[name].display
-    if display is not None:
-        unit, size = display.unit, display.size
+    definition = next(iter(studies)).metrics.definitions[name]
+    unit, size = definition.unit, 1.0
+    if definition.display is not None:
+        unit, size, _ = definition.display
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
-    axis.set_label_text(f"{prefix}{METRICS[name].label} ({unit})")
+    axis.set_label_text(f"{prefix}{definition.label} ({unit})")
 
 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
@@ -106,7 +106,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
     medians = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
     if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
-    label_metric(axes.xaxis, name)
+    label_metric(axes.xaxis, studies.values(), name)
     _in_percent(axes.yaxis)
     axes.set_title(f"{_num_samples_text(studies)}; bands: 95 % confidence", loc="left")
     axes.legend(loc="lower right")
@@ -136,9 +136,9 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
         left.set_title("mean over the flights without a crash", loc="left")
-        label_metric(left.yaxis, name)
+        label_metric(left.yaxis, studies.values(), name)
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")
-        label_metric(right.yaxis, "crashed" if crashes else name)
+        label_metric(right.yaxis, studies.values(), "crashed" if crashes else name)
         for axes in (left, right):
             # Matplotlib cannot scale an empty axis logarithmically.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
@@ -183,7 +183,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
         labels = [_field_label(study, influence.path) for influence in ranking[:_MAX_FIELDS]]
         name_rows(axes, labels)
         axes.set_axisbelow(True)
-        label_metric(axes.xaxis, name)
+        label_metric(axes.xaxis, [study], name)
         axes.axvline(mean, color="0.3", linewidth=1.0)
         bars = [Patch(color=color) for color in (SKY, ORANGE)]
         axes.legend(

@@ -1,0 +1,5 @@
+"""Additional metrics of the scenario language, with one module each."""
+
+from drake_quad.scenario.unions import import_members
+
+import_members(__name__, __path__)
