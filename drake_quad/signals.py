@@ -101,6 +101,13 @@ class Charge(NamedTuple):
     drawn: Annotated[Row, Quantity("A h")]
 
 
+class BatteryLoad(NamedTuple):
+    """Voltage at the terminals of the battery, and its current."""
+
+    voltage: Annotated[Row, Quantity("V")]
+    current: Annotated[Row, Quantity("A")]
+
+
 class Swing(NamedTuple):
     """Angles and angular rates of the cable of a slung load, rotated by pitch about Y, then by roll about X."""
 
@@ -295,6 +302,7 @@ SIGNALS |= {
     "rotor_speed_command": RotorSpeed,
     "throttle_command": Throttle,
     "charge": Charge,
+    "battery": BatteryLoad,
     "swing": Swing,
     "wrench": Wrench,
     "shortfall": Wrench,

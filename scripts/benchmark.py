@@ -27,7 +27,6 @@ from drake_quad.command_line.options import bare_parser
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
-from drake_quad.planning.space import space_of
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
@@ -377,7 +376,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
 def through_forest(timing: Timing) -> Callable[[], object]:
     """Return a function that plans a route through the forest, including the regions and passages of free space."""
     forest = load_scenario("forest")
-    space = space_of(forest)
+    space = forest.room()
     assert isinstance(forest.route, WaypointRoute)
     assert space is not None
     assert space.bounds is not None

@@ -6,7 +6,6 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
 from drake_quad.planning.believed import nominal_parameters
-from drake_quad.planning.space import space_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
@@ -24,7 +23,7 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
         frame=laboratory.motion_capture.period,
         loses_frames=can_differ_from_zero(laboratory.motion_capture.dropout_rate),
         autopilot=laboratory.autopilot,
-        space=space_of(scenario),
+        space=scenario.room(),
     )
 
 

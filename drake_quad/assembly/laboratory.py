@@ -13,7 +13,6 @@ from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Sur
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import window_end, window_start
-from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -91,7 +90,7 @@ def wind_period(scenario: Scenario) -> float:
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
     """Build the flight monitor, which detects crashes and computes the metrics, for flights of a plan in a scenario."""
-    space, tilt = space_of(scenario), scenario.crash.tilt
+    space, tilt = scenario.room(), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     return FlightMonitor(
         num_vehicles=num_vehicles,

@@ -15,7 +15,6 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.route import plan_in
-from drake_quad.planning.space import space_of
 from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -131,7 +130,7 @@ def build_laboratory_diagram(
     - `wind` (3 rows): velocity of the air at the vehicle in the world frame, in m/s.
 
     A slung load adds the output `swing` (4 rows: roll and pitch in rad, their rates in rad/s), a battery `charge` (1
-    row, in A h), and an autopilot `wrench`.
+    row, in A h) and `battery` (2 rows, in V and A), and an autopilot `wrench`.
 
     Args:
         scenario: scenario without distributions.
@@ -195,7 +194,7 @@ def planning_space(mission: Mission) -> Space | None:
         InputError: if the prediction is not possible, see `believed_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking:
-        return space_of(mission)
+        return mission.room()
     if not isinstance(mission, Scenario):
         raise InputError(
             "space.tracking multiplies a predicted tracking error; the prediction requires a scenario with laboratory"
@@ -205,4 +204,4 @@ def planning_space(mission: Mission) -> Space | None:
         predicted = believed_tracking_error(mission)
     except InputError as error:
         raise InputError(f"space.tracking: {error}") from error
-    return space_of(mission, tracking_error=predicted.rms.value)
+    return mission.room(tracking_error=predicted.rms.value)

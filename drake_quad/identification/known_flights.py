@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.laboratory import vehicle_parameters
 from drake_quad.errors import InputError
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
@@ -31,8 +30,7 @@ from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
-from drake_quad.signals import AttitudeTarget, Charge, RotorSpeed
-from drake_quad.vehicle.battery import rotor_power, terminals
+from drake_quad.signals import AttitudeTarget
 
 # Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). The phases (rad) of the sines increase by
 # incommensurable steps from one waypoint to the next, so that no waypoint is visited twice.
@@ -184,11 +182,8 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
         values["motor_command"] = signals["throttle_command"]
     else:
         values["rotor_speed_command"] = signals["rotor_speed_command"]
-    if "charge" in signals:
-        vehicle: Any = flight.scenario.vehicle
-        power = rotor_power(RotorSpeed(*signals["rotor_speed"].T), vehicle_parameters(vehicle))
-        charge = Charge(*signals["charge"].T)
-        values["battery_voltage"] = terminals(charge, power, vehicle.effect_numbers().battery).voltage
+    if "battery" in signals:
+        values["battery_voltage"] = signals["battery"][:, 0]
     step = slice(None, None, samples_per_row)
     return FlightRecord("flight", flight.time[step], **{name: rows[step] for name, rows in values.items()})
 

@@ -54,8 +54,8 @@ def build_laboratory(
     The command link transmits the wrench to the allocation on board, which commands the rotor speeds. The vehicle flies
     in the wind, and motion capture measures the state of the vehicle. For motors that are commanded by throttles, the
     output `throttle_command` replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds
-    `charge`. With an autopilot, the link transmits an attitude target instead of the wrench, and the wrench that the
-    autopilot commands becomes an output. Each sensor adds an output port with the name of the sensor.
+    `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench, and the
+    wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the sensor.
 
     .. pydrake_system::
 
@@ -74,7 +74,7 @@ def build_laboratory(
     Args:
         vehicle: system with the input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, and
             optionally `attitude_target`. Its output ports are `state`, `rotor_speed`, and optionally `acceleration`,
-            `swing` and `charge`.
+            `swing`, `charge` and `battery`.
         allocation: system from `wrench` to a packed output of the command of the vehicle (rotor speeds or throttles)
             and `shortfall`.
         motion_capture: system from `state` to `measurement`.
@@ -128,7 +128,7 @@ def build_laboratory(
     builder.ExportOutput(state, "state")
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
     builder.ExportOutput(allocated[command_name], command_name)
-    for name in ("swing", "charge"):
+    for name in ("swing", "charge", "battery"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)
     builder.ExportOutput(allocated["shortfall"], "shortfall")

@@ -6,7 +6,6 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.planning.feasibility import check_obstacles, check_rotors
-from drake_quad.planning.space import space_of
 from drake_quad.reference.plan import PATH_ORDERS, Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate
 from drake_quad.reference.rest import moves_at_end
@@ -68,7 +67,7 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
             _check_room(evaluate(plan.flown_path, times), scenario)
             if scenario.space is not None:
                 braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
-                check_obstacles(braking, space_of(scenario))
+                check_obstacles(braking, scenario.room())
     except InputError as error:
         raise InputError(
             f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"

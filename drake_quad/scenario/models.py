@@ -59,6 +59,7 @@ from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSetting
 from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.signals import numbered
+from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.effects import Effects, ReactionTorque
@@ -342,6 +343,18 @@ class Mission(Model):
     space: SpaceSettings | None = Field(default=None, description="obstacles; none if not given")
 
     _serialized = omits_defaults("space")
+
+    def room(self, *, tracking_error: float = 0.0) -> Space | None:
+        """Return the obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
+
+        Args:
+            tracking_error: predicted RMS position error, m, which only affects the clearance of a plan.
+        """
+        if self.space is None:
+            return None
+        # The centre of mass of the nominal vehicle is at the origin of the layout of its rotors.
+        farthest = max(math.sqrt(r.x**2 + r.y**2 + r.z**2) for r in rotors_of(self.nominal))
+        return self.space.room(farthest, tracking_error)
 
     def __repr__(self) -> str:
         """Return a short summary, such as the kinds of route, control and wind."""

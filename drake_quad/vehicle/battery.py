@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 
 from drake_quad.framework.elementary import maximum, sqrt
 from drake_quad.geometry.axes import TINY
-from drake_quad.signals import Charge, Number, Quantity, RotorSpeed, Row
+from drake_quad.signals import BatteryLoad, Charge, Number, Quantity, RotorSpeed, Row
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _SECONDS_PER_HOUR = 3600.0
@@ -42,21 +42,14 @@ FULL = Charge(0.0)
 """Charge that has been drawn from a full battery: none."""
 
 
-class Terminals(NamedTuple):
-    """Voltage (V) and current (A) at the terminals of a battery."""
-
-    voltage: Row
-    current: Row
-
-
-def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
+def battery_load(charge: Charge, power: Row, battery: Battery) -> BatteryLoad:
     """Return the voltage and the current of a battery that supplies the mechanical power (W) of the rotors."""
     drawn = charge.drawn / battery.capacity
     at_rest = maximum(battery.voltage + (battery.empty_voltage - battery.voltage) * drawn, 0.0)
     electrical = power / battery.efficiency
     root = sqrt(maximum(at_rest * at_rest - 4.0 * battery.resistance * electrical, TINY))
     voltage = 0.5 * (at_rest + root)
-    return Terminals(voltage, electrical / voltage)
+    return BatteryLoad(voltage, electrical / voltage)
 
 
 def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
@@ -65,6 +58,11 @@ def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
         rotor.drag_factor * (abs(w) * w * w) for rotor, w in zip(parameters.rotors, speed, strict=True)
     )
     return p_1 + p_2 + p_3 + p_4
+
+
+def load_of_rotors(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> BatteryLoad:
+    """Return the voltage and the current of a battery that supplies rotors at given speeds."""
+    return battery_load(charge, rotor_power(speed, parameters), battery)
 
 
 def charge_rate(current: Row) -> Charge:

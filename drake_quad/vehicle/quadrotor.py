@@ -5,9 +5,9 @@ from typing import Literal, NamedTuple
 from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.signals import Angle, PositionW, State, Wind
+from drake_quad.signals import Angle, BatteryLoad, Charge, PositionW, RotorSpeed, State, Wind
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
-from drake_quad.vehicle.battery import FULL
+from drake_quad.vehicle.battery import FULL, load_of_rotors
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
@@ -59,6 +59,20 @@ def hover(parameters: QuadrotorParameters, place: Place, effects: Effects = NO_E
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
 
+def load_of_vehicle(
+    charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, effects: Effects
+) -> BatteryLoad:
+    """Return the load of the battery of a vehicle."""
+    assert effects.battery is not None
+    return load_of_rotors(charge, speed, parameters, effects.battery)
+
+
+def load_of_state(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
+    """Return the load of the battery of a vehicle with a continuous state."""
+    assert state.charge is not None
+    return load_of_vehicle(state.charge, state.rotors, parameters, effects)
+
+
 # Field of `VehicleState` for each output port.
 _FIELD_OF_OUTPUT = {"state": "body", "rotor_speed": "rotors", "swing": "swing", "charge": "charge"}
 
@@ -79,6 +93,7 @@ class Quadrotor(FleetSystem):
         - rotor_speed
         - swing
         - charge
+        - battery
         - acceleration
 
     The system implements eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors'
@@ -108,7 +123,8 @@ class Quadrotor(FleetSystem):
     the end of a step uses the inputs that were held over the step.
 
     Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
-    `swing`, and a `battery` adds `charge`. With a `thrust_curve` the commands are throttles, and the input
+    `swing`, and a `battery` adds the state and output `charge`
+    and the output `battery`. With a `thrust_curve` the commands are throttles, and the input
     `throttle_command` replaces `rotor_speed_command`.
 
     The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
@@ -169,6 +185,8 @@ class Quadrotor(FleetSystem):
             for group in self.states.values():
                 self.state_output(group)
             self.output("acceleration", stepping_acceleration, *groups, *arguments, motion)
+            if charge is not None:
+                self.output("battery", load_of_vehicle, charge, rotors, parameters, effect_numbers)
         else:
             state = self.continuous_state(start)
             self.derivative(quadrotor_slope, state, *arguments, motion)
@@ -176,6 +194,8 @@ class Quadrotor(FleetSystem):
                 if value is not None:
                     self.output(name, getattr, state, part)
             self.output("acceleration", acceleration_at, state, *arguments, motion)
+            if "battery" in effects:
+                self.output("battery", load_of_state, state, parameters, effect_numbers)
 
     def set_hover(self, context: Context, place: Place) -> None:
         """Set the state of a context to hover at a position and yaw, for the parameters of the context."""

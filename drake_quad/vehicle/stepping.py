@@ -26,7 +26,7 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
-from drake_quad.vehicle.battery import Battery, charge_rate, rotor_power, terminals
+from drake_quad.vehicle.battery import Battery, battery_load, charge_rate, load_of_rotors, rotor_power
 from drake_quad.vehicle.dynamics import Motion, target_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
@@ -108,7 +108,7 @@ def rotor_target(
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     if effects.battery is not None and state.charge is not None:
         power = rotor_power(state.rotors, parameters)
-        share = terminals(state.charge, power, effects.battery).voltage / effects.battery.voltage
+        share = battery_load(state.charge, power, effects.battery).voltage / effects.battery.voltage
         factors = SpeedFactors._make(factor * share for factor in factors)
     if effects.thrust_curve is not None:
         command = rotor_speeds_of_throttles(Throttle(*command), effects.thrust_curve, parameters)
@@ -179,7 +179,7 @@ def step_of_flight(
 
 def _discharge_rate(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
     """Return the rate at which rotors draw charge."""
-    return charge_rate(terminals(charge, rotor_power(speed, parameters), battery).current)
+    return charge_rate(load_of_rotors(charge, speed, parameters, battery).current)
 
 
 def quadrotor_slope(

@@ -11,7 +11,6 @@ from matplotlib.ticker import MaxNLocator
 
 from drake_quad.files import output_folder
 from drake_quad.flight.flight import Flight
-from drake_quad.planning.space import space_of
 from drake_quad.signals import Attitude
 from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.learning_plots import (
@@ -59,7 +58,7 @@ def plot_path(flight: Flight) -> Figure:
         space.yaxis.labelpad = 12.0
         points = np.hstack([flown, reference])
         points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that has diverged is not finite
-        room = space_of(flight.scenario)
+        room = flight.scenario.room()
         if room is not None and room.obstacles:
             points = np.hstack([points, draw_solids(space, room).T])
         low, high = points.min(axis=1), points.max(axis=1)
@@ -83,7 +82,7 @@ def plot_path(flight: Flight) -> Figure:
 def draw_from_above(axes: Axes, flight: Flight) -> None:
     """Draw the flown path and the reference in the X-Y plane, with the numbers of the route's legs."""
     state, reference = flight.record("state"), flight.record("reference")
-    room = space_of(flight.scenario)
+    room = flight.scenario.room()
     if room is not None:
         draw_obstacles(axes, room, 0, 1)
     axes.plot(state.x, state.y, color=BLUE, label="flown")

@@ -7,7 +7,6 @@ from drake_quad import load_scenario
 from drake_quad.errors import InputError
 from drake_quad.flight.hover_error import believed_tracking_error
 from drake_quad.flight.mission import plan_route, planned
-from drake_quad.planning.space import space_of
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
@@ -38,7 +37,7 @@ def room(tmp_path_factory):
 
 def smallest_clearance(scenario, plan):
     """Return the smallest distance of the centre of mass to an obstacle at dense samples of a plan, m."""
-    space = space_of(scenario)
+    space = scenario.room()
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
@@ -53,7 +52,7 @@ TIMINGS = {
 def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_and_acceleration(room, timing):
     scenario = room(timing)
     plan, problem, waypoints, _ = planned(scenario)
-    assert space_of(scenario).clearance == pytest.approx(0.27)
+    assert scenario.room().clearance == pytest.approx(0.27)
     assert smallest_clearance(scenario, plan) >= 0.27
     passed_waypoints = plan.waypoints[waypoints]
     np.testing.assert_allclose(passed_waypoints, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
@@ -156,7 +155,7 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     plan_with_margin, plan_without_margin = (
         plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0)
     )
-    approach = nearest_approach(plan_without_margin.path, space_of(room("space.margin=0")))
+    approach = nearest_approach(plan_without_margin.path, room("space.margin=0").room())
     assert plan_without_margin.duration < plan_with_margin.duration
     assert approach.distance >= 0.17
 
@@ -168,7 +167,7 @@ def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
     predicted_error = believed_tracking_error(room(wind, *dragged)).rms.value
     # The fraction affects the plan, but not the detection of collisions.
-    assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
+    assert room("space.tracking=0.5").room().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01
     distances = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad.signals import Charge, RotorSpeed, Throttle, Wrench
 from drake_quad.vehicle.allocation import RotorModel, allocate
-from drake_quad.vehicle.battery import Battery, rotor_power, terminals
+from drake_quad.vehicle.battery import Battery, battery_load, rotor_power
 from drake_quad.vehicle.dynamics import rotor_action
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import (
@@ -178,7 +178,7 @@ BATTERY = Battery(voltage=12.6, empty_voltage=10.2, capacity=0.05, resistance=0.
 def test_the_voltage_under_load_satisfies_the_circuit_equations():
     """The closed form agrees with a numerical solution of Kirchhoff's voltage law and the power balance."""
     for drawn, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
-        voltage, current = terminals(Charge(drawn), power, BATTERY)
+        voltage, current = battery_load(Charge(drawn), power, BATTERY)
         open_circuit_voltage = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
 
         def circuit(unknown, open_circuit_voltage=open_circuit_voltage, power=power):
@@ -188,13 +188,13 @@ def test_the_voltage_under_load_satisfies_the_circuit_equations():
         np.testing.assert_allclose(
             [voltage, current], scipy.optimize.fsolve(circuit, [12.0, 5.0]), rtol=1e-9, atol=1e-9
         )
-    assert terminals(Charge(0.0), 0.0, BATTERY).voltage == 12.6
+    assert battery_load(Charge(0.0), 0.0, BATTERY).voltage == 12.6
 
 
 def test_an_overloaded_battery_delivers_its_maximum_power():
-    voltage, _ = terminals(Charge(0.0), 1e5, BATTERY)
+    voltage, _ = battery_load(Charge(0.0), 1e5, BATTERY)
     assert voltage == pytest.approx(6.3)
-    assert terminals(Charge(100.0), 10.0, BATTERY).voltage == pytest.approx(0.0, abs=1e-90)
+    assert battery_load(Charge(100.0), 10.0, BATTERY).voltage == pytest.approx(0.0, abs=1e-90)
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])

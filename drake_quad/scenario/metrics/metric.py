@@ -68,7 +68,7 @@ class MetricSettings(Model):
     initial: ClassVar[Any]
     add: ClassVar[Callable[..., Any]]
     arguments: ClassVar[tuple[str, ...]]
-    value: ClassVar[Callable[[Any, Any, float], Any]]
+    value: ClassVar[Callable[..., Any]]
 
     def constants(self, scenario: Any) -> dict[str, Any]:
         """Return the keyword arguments of the formula, given the scenario; by default the settings of the metric."""

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from drake_quad.planning.space import space_of
 from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.models import Scenario
@@ -95,7 +94,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
-    space = space_of(scenario)
+    space = scenario.room()
     names = {}
     for obstacle in () if space is None else space.obstacles:
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
