@@ -141,12 +141,12 @@ def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str
         name = port.get_name()
         if name in signals and (name in read or name not in _COMMANDS or name == scenario.laboratory.autopilot.command):
             builder.Connect(signals[name], port)
-    for name in scenario.metrics.additional:
+    additional = {name: f"metrics.additional.{name}" for name in scenario.metrics.additional}
+    for name, path in {**additional, **{name: f"requirements.{name}" for name in scenario.requirements}}.items():
         for signal in definitions[name].accumulator.signals:
             if signal not in signals:
                 raise InputError(
-                    f"metrics.additional.{name} needs the signal {signal}, but the signals of {scenario.name} are"
-                    f" {listed([*signals])}"
+                    f"{path} needs the signal {signal}, but the signals of {scenario.name} are {listed([*signals])}"
                 )
 
 

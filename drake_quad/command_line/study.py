@@ -30,7 +30,14 @@ from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import most_influential_path, values_without_crashes, worst
 from drake_quad.studies.study import PARQUET_FILE, Study
-from drake_quad.studies.summary import Summary, comparison_table, crash_text, metric_table, obstacle_table
+from drake_quad.studies.summary import (
+    Summary,
+    comparison_table,
+    crash_text,
+    metric_table,
+    obstacle_table,
+    requirement_table,
+)
 from drake_quad.studies.worker_pool import WorkerPool
 from drake_quad.visualization.style import save_figures
 
@@ -197,6 +204,8 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
         f" {method}; {crash_text(study)}"
     )
     print_summary(metric_table(study))
+    if study.scenario.requirements:
+        print_summary(requirement_table(study))
     if (touches := obstacle_table(study)).rows:
         print_summary(touches)
     if pairs := correlated_pairs(distributions_in(study.scenario)):

@@ -173,18 +173,17 @@ def monitor_step(
         & (touch.number == 0.0)
         & (before.crash_time == math.inf)
     )
-    values = {"state": state, "reference": reference, "acceleration_command": command, "shortfall": shortfall}
-    sent = {"wrench": wrench, "attitude_target": target}
-    after = add_tick(
-        sums, accumulators, {**values, **sent, **dict(zip(names, others, strict=True)), "time": time, "period": period}
-    )
+    signals: dict[str, Any] = {"state": state, "reference": reference, "acceleration_command": command}
+    signals |= {"shortfall": shortfall, "wrench": wrench, "attitude_target": target}
+    signals |= dict(zip(names, others, strict=True))
     counts = (time >= window.start) & (time <= window.end)
+    values = {**signals, "time": time, "period": period}
     return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
         CollidedSolid(where(touch.number > 0.0, touch.number, touched.number)),
         free,
-        where(flying & counts, after, sums),
+        add_tick(sums, accumulators, values, flying, counts),
     )
 
 

@@ -41,12 +41,14 @@ class Accumulator(NamedTuple):
             arguments have the names of signals, or the names in `TIME_ARGUMENTS`.
         arguments: names of these other arguments.
         constants: keyword arguments of the formula, as pairs of name and value.
+        whole_flight: True to add all ticks, False to add the ticks in the metric window.
     """
 
     initial: Any
     add: Callable[..., Any]
     arguments: tuple[str, ...]
-    constants: tuple[tuple[str, float], ...] = ()
+    constants: tuple[tuple[str, Any], ...] = ()
+    whole_flight: bool = False
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -81,20 +83,25 @@ class Sums(NamedTuple):
         return cls(0.0, tuple([accumulator.initial for accumulator in accumulators]))
 
 
-def add_tick(sums: Sums, accumulators: Sequence[Accumulator], values: Mapping[str, Any]) -> Sums:
+def add_tick(
+    sums: Sums, accumulators: Sequence[Accumulator], values: Mapping[str, Any], flies: bool, counts: bool
+) -> Sums:
     """Return the sums after one more tick.
 
     Args:
         sums: sums before the tick.
         accumulators: accumulators of the records in the sums.
         values: records of the signals, time and period, by name.
+        flies: True if the vehicle has not crashed.
+        counts: True if the tick is in the metric window.
     """
-    known = {**values, "ticks": sums.ticks}
-    records = [
-        accumulator.add(record, *[known[name] for name in accumulator.arguments], **dict(accumulator.constants))
-        for accumulator, record in zip(accumulators, sums.records, strict=True)
-    ]
-    return Sums(sums.ticks + 1.0, tuple(records))
+    known, counts = {**values, "ticks": sums.ticks}, flies & counts
+    records = []
+    for accumulator, record in zip(accumulators, sums.records, strict=True):
+        arguments = [known[name] for name in accumulator.arguments]
+        after = accumulator.add(record, *arguments, **dict(accumulator.constants))
+        records.append(where(flies if accumulator.whole_flight else counts, after, record))
+    return Sums(where(counts, sums.ticks + 1.0, sums.ticks), tuple(records))
 
 
 class Display(NamedTuple):

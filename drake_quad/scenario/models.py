@@ -54,6 +54,7 @@ from drake_quad.scenario.quantities import (
     extremes,
     field_of,
 )
+from drake_quad.scenario.requirements import Requirement
 from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSettings
 from drake_quad.scenario.space import SpaceSettings
@@ -380,6 +381,9 @@ class Scenario(Mission):
         default=None, description="duration of the flight (s); the duration of the route if not given"
     )
     metrics: MetricWindow = MetricWindow()
+    requirements: dict[Annotated[str, Field(pattern=_METRIC_NAME)], Requirement] = Field(
+        default={}, description="requirements on a flight by name; their robustness is a metric"
+    )
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of all random numbers")
     sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(
@@ -425,7 +429,8 @@ class Scenario(Mission):
     def metrics_type(self) -> type[Metrics]:
         """Class of the metrics of a flight, with a field for each additional metric."""
         definitions = {name: each.definition(name, self) for name, each in self.metrics.additional.items()}
-        return metrics_type(tuple(definitions.items()))
+        robustness = {name: each.definition(name) for name, each in self.requirements.items()}
+        return metrics_type((*definitions.items(), *robustness.items()))
 
     @property
     def cascade(self) -> CascadeControl:
@@ -454,6 +459,18 @@ class Scenario(Mission):
         for i, sensor in enumerate(self.laboratory.sensors):
             periods[("laboratory", "sensors", i, "period")] = sensor.period
         return {path: period for path, period in periods.items() if period > 0.0}
+
+    _serialized = omits_defaults("space", "requirements")
+
+    @field_validator("requirements")
+    @classmethod
+    def _with_new_names(cls, given: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
+        metrics = info.data.get("metrics")
+        taken = (*_TAKEN_METRIC_NAMES, *(() if metrics is None else metrics.additional))
+        for name in given:
+            if name in taken:
+                raise refused("must have another name, since a metric has this name", path=(name,))
+        return given
 
     @model_validator(mode="after")
     def _control_and_autopilot_fit(self) -> "Scenario":

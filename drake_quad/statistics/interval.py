@@ -58,7 +58,7 @@ class Interval(NamedTuple):
         unit: str = "",
         size: float = 1.0,
         signed: bool = False,
-        infinite: str = "∞",
+        infinite: str | None = None,
         levels: Sequence[float] = (0.0,),
     ) -> str:
         """Return the estimate and its interval as text, as in `0.123 m [0.120, 0.126]`.
@@ -71,7 +71,7 @@ class Interval(NamedTuple):
             unit: unit that follows the estimate.
             size: value of the unit in SI units, such as 0.01 for cm.
             signed: True to print a plus sign before positive numbers.
-            infinite: text for an infinite number.
+            infinite: text for an infinite number of either sign; ∞ and -∞ if not given.
             levels: numbers, such as zero, to which an end must not be rounded unless it is equal to them.
         """
         if math.isnan(self.value):
@@ -146,7 +146,7 @@ def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, 
 
 
 def _rounded_texts(
-    interval: Interval, decimals: int, exponent: int, *, signed: bool = False, infinite: str = "∞"
+    interval: Interval, decimals: int, exponent: int, *, signed: bool = False, infinite: str | None = None
 ) -> tuple[str, str, str]:
     """Return the rounded estimate, lower end and upper end as text."""
     value, *ends = interval
@@ -162,13 +162,13 @@ def _rounded_texts(
 
 
 def _rounded_text(
-    number: float, decimals: int, exponent: int, rounding: str, *, signed: bool = False, infinite: str = "∞"
+    number: float, decimals: int, exponent: int, rounding: str, *, signed: bool = False, infinite: str | None = None
 ) -> str:
     """Return a number as text, rounded to a number of decimals."""
     if math.isnan(number):
         return "–"
     if math.isinf(number):
-        return infinite if number > 0.0 else "-∞"
+        return infinite or ("∞" if number > 0.0 else "-∞")
     if number == 0.0:
         return "0"
     exact = Decimal(f"{number:.{_EXACT_DIGITS - 1}e}").scaleb(-exponent)

@@ -60,6 +60,21 @@ def crash_probability(metrics: Metrics) -> Interval:
     return share_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
 
 
+def requirement_probability(metrics: Metrics, name: str) -> Interval:
+    """Return the probability that a requirement is satisfied, with its exact interval.
+
+    A requirement is satisfied if its robustness is at least 0. A flight that crashes satisfies no requirement. Flights
+    without a tick in the time window of the requirement are left out.
+
+    Args:
+        metrics: (n,) metrics of the samples.
+        name: name of the requirement.
+    """
+    robustness = values_with_crashes(metrics, name)
+    known = robustness[~np.isnan(robustness)]
+    return share_interval(int(np.sum(known >= 0.0)), len(known))
+
+
 def values_without_crashes(metrics: Metrics, name: str) -> np.ndarray:
     """Return the values of a metric that are not NaN, for the flights without a crash."""
     values = getattr(metrics, name)[~metrics.crashed]

@@ -12,6 +12,7 @@ from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
     metric_mean,
+    requirement_probability,
     values_with_crashes,
     values_without_crashes,
 )
@@ -60,10 +61,10 @@ def metric_table(study: Study) -> Summary:
     """
     metrics = study.metrics
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
-    infinity_text = "crash" if crashed else "∞"
+    infinity_text = "crash" if crashed else None
     rows: list[tuple[str, ...]] = []
     for metric, definition in metrics.definitions.items():
-        if definition.display is None:
+        if definition.display is None or metric in study.scenario.requirements:
             continue
         size = definition.display.size
         values, all_values = values_without_crashes(metrics, metric), values_with_crashes(metrics, metric)
@@ -80,6 +81,19 @@ def metric_table(study: Study) -> Summary:
         )
     names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)
     return Summary(("", "mean", "std. dev.", *names, ""), rows, _remarks(crashed, count))
+
+
+def requirement_table(study: Study) -> Summary:
+    """Return the probability that each requirement is satisfied, and quantiles of its robustness."""
+    metrics, rows = study.metrics, []
+    infinity_text = "crash" if metrics.crashed.any() else None
+    for name in study.scenario.requirements:
+        display = metrics.definitions[name].display
+        assert display is not None
+        quantiles = (_quantile(values_with_crashes(metrics, name), share, True) for share in _QUANTILES[:2])
+        texts = [quantile.text(size=display.size, infinite=infinity_text) for quantile in quantiles]
+        rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
+    return Summary(("requirement", "satisfied", "5 % quantile of the margin", "median", ""), rows, [])
 
 
 def _quantile(values: np.ndarray, probability: float, signed: bool) -> Interval:

@@ -12,6 +12,9 @@ compiled with the rest of the diagram, and computes the metric for all vehicles 
 settings of the metric in a scenario. They must be annotated with a type of `drake_quad.scenario.quantities`, and have a
 default.
 
+The rules also are kinds of metrics, for scalar signals (`drake_quad.laboratory.derived_signals`), as in
+`{kind: max, of: state.z}`.
+
 A metric that needs other sums than those of the rules in `REDUCTIONS` is given by the record of its sums before the
 first tick, the formula that adds a tick, and the function that computes the metric from the final sums:
 
@@ -28,14 +31,15 @@ first tick, the formula that adds a tick, and the function that computes the met
 
 import inspect
 import math
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
 from pydantic import create_model
 
 from drake_quad.errors import listed
-from drake_quad.framework.elementary import maximum, minimum, where
+from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.laboratory.metrics import CENTIMETRES, Accumulator, Display, Metric, argument_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.unions import OpenUnion
@@ -45,50 +49,13 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class MetricSettings(Model):
-    """Additional metric.
-
-    Attributes:
-        unit: unit of the metric, "1" for a fraction between 0 and 1.
-        label: label in tables and plots; by default the name of the metric in the scenario.
-        display: format in tables.
-        differentiable: True if the metric is a differentiable function of the trajectory.
-        larger_is_better: True if a larger metric is better.
-        initial: record of the sums before the first tick.
-        add: formula that adds a tick to the sums.
-        arguments: names of the other arguments of this formula, see `drake_quad.laboratory.metrics.Accumulator`.
-        value: function that computes the metric from the sums, see `drake_quad.laboratory.metrics.Metric`.
-    """
+    """Additional metric."""
 
     kind: str
-    unit: ClassVar[str]
-    label: ClassVar[str]
-    display: ClassVar[Display]
-    differentiable: ClassVar[bool]
-    larger_is_better: ClassVar[bool]
-    initial: ClassVar[Any]
-    add: ClassVar[Callable[..., Any]]
-    arguments: ClassVar[tuple[str, ...]]
-    value: ClassVar[Callable[..., Any]]
 
-    def constants(self, scenario: Any) -> dict[str, Any]:
-        """Return the keyword arguments of the formula, given the scenario; by default the settings of the metric."""
-        return {field: getattr(self, field) for field in type(self).model_fields if field != "kind"}
-
+    @abstractmethod
     def definition(self, name: str, scenario: Any) -> Metric:
         """Return the definition of the metric, given its name in a scenario."""
-        constants = tuple(self.constants(scenario).items())
-        accumulator = Accumulator(self.initial, type(self).add, self.arguments, constants)
-        label = self.label or name.replace("_", " ")
-        return Metric(
-            self.unit,
-            label,
-            accumulator,
-            type(self).value,
-            self.display,
-            self.differentiable,
-            signed=True,
-            larger_is_better=self.larger_is_better,
-        )
 
 
 METRICS = OpenUnion(MetricSettings)
@@ -98,13 +65,13 @@ AnyMetric = Annotated[MetricSettings, METRICS]
 
 
 class ValueSums(NamedTuple):
-    """Value that a rule has computed so far from the values of a metric at the ticks."""
+    """Result of a rule that combines the values at the ticks."""
 
     value: Row
 
 
 class Reduction(NamedTuple):
-    """Rule that combines the values of a metric at the ticks of a flight.
+    """Rule that combines the values at the ticks of a flight.
 
     Attributes:
         initial: result before the first tick.
@@ -134,17 +101,100 @@ REDUCTIONS = {
     "min": Reduction(math.inf, lambda result, value, _: minimum(result, value), _if_any, differentiable=False),
     "last": Reduction(0.0, lambda _, value, __: value + 0.0, _if_any),
     "integral": Reduction(0.0, lambda result, value, period: result + value * period, _if_any),
-    "share": Reduction(
-        0.0,
-        lambda result, value, _: result + where(value, 1.0, 0.0),  # type: ignore[arg-type]
-        lambda result, ticks: result / ticks,
-        differentiable=False,
-    ),
 }
-"""Rules that combine values over time. `share` is the fraction of the ticks at which a condition holds."""
+"""Rules that combine the values at the ticks of a flight."""
 
+
+def add_reduced(
+    sums: ValueSums,
+    period: float,
+    *signals: Any,
+    formula: Callable[..., Row],
+    rule: str,
+    settings: tuple[Any, ...],
+) -> ValueSums:
+    """Return the result of a rule after a tick.
+
+    Args:
+        sums: result before the tick.
+        period: duration of a tick, s.
+        signals: signals at the tick.
+        formula: formula that computes a value from the signals.
+        rule: name of the rule in `REDUCTIONS`.
+        settings: keyword arguments of the formula, as pairs of name and value.
+    """
+    return ValueSums(REDUCTIONS[rule].add(sums.value, formula(*signals, **dict(settings)), period))
+
+
+def _value_of(rule: str) -> Callable[[ValueSums, Any, float], Any]:
+    """Return the function that computes a metric from the result of a rule."""
+    return lambda sums, ticks, _: REDUCTIONS[rule].value(sums.value, ticks)
+
+
+_VALUES = {rule: _value_of(rule) for rule in REDUCTIONS}
 # Formats of metrics in tables, by unit.
 _DISPLAYS = {"m": CENTIMETRES, "1": Display("%", 0.01, 1), "rad": Display("°", math.radians(1.0), 1)}
+
+
+class Appearance(NamedTuple):
+    """Properties of a metric that do not affect its value.
+
+    Attributes:
+        unit: unit of the metric; "1" for a fraction between 0 and 1.
+        label: label in tables and plots; by default the name of the metric in the scenario.
+        display: format in tables; by default in cm, degrees or per cent for a length, an angle or a fraction, else with
+            three digits.
+        larger_is_better: True if a larger metric is better.
+    """
+
+    unit: str
+    label: str = ""
+    display: Display | None = None
+    larger_is_better: bool = False
+
+    def metric(
+        self,
+        name: str,
+        accumulator: Accumulator,
+        value: Callable[[Any, Any, float], Any],
+        *,
+        differentiable: bool = False,
+    ) -> Metric:
+        """Return the definition of the metric with a name in the scenario."""
+        return Metric(
+            self.unit,
+            self.label or name.replace("_", " "),
+            accumulator,
+            value,
+            self.display or _DISPLAYS.get(self.unit, Display(self.unit, 1.0, 3)),
+            differentiable=differentiable,
+            signed=True,
+            larger_is_better=self.larger_is_better,
+        )
+
+
+def reduced_metric(
+    name: str,
+    rule: str,
+    formula: Callable[..., Row],
+    arguments: tuple[str, ...],
+    appearance: Appearance,
+    settings: tuple[tuple[str, Any], ...] = (),
+) -> Metric:
+    """Return a metric that combines the values of a formula at the ticks.
+
+    Args:
+        name: name of the metric in the scenario.
+        rule: name of the rule in `REDUCTIONS`.
+        formula: formula that computes the value at a tick.
+        arguments: names of the arguments of the formula.
+        appearance: unit and label of the metric.
+        settings: keyword arguments of the formula, as pairs of name and value.
+    """
+    constants = ("formula", formula), ("rule", rule), ("settings", settings)
+    reduction = REDUCTIONS[rule]
+    accumulator = Accumulator(ValueSums(reduction.initial), add_reduced, ("period", *arguments), constants)
+    return appearance.metric(name, accumulator, _VALUES[rule], differentiable=reduction.differentiable)
 
 
 def metric(
@@ -167,9 +217,8 @@ def metric(
         value: function that computes the metric from the final sums, the number of ticks, which is NaN instead of 0,
             and the duration of a tick, s; only with `initial`.
         label: label in tables and plots; by default the name of the metric in the scenario.
+        display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
-        display: format in tables; by default in cm, degrees or per cent for a length, an angle or a fraction, else with
-            three digits.
 
     Raises:
         TypeError: if neither a rule nor sums are given, or an argument of the function cannot be used.
@@ -178,55 +227,37 @@ def metric(
         raise TypeError("a metric needs either over_time, or initial and value")
     if over_time is not None and over_time not in REDUCTIONS:
         raise TypeError(f"over_time is {over_time!r}, but must be one of {listed([*REDUCTIONS])}")
-    chosen_display = display or _DISPLAYS.get(unit, Display(unit, 1.0, 3))
+    appearance = Appearance(unit, label, display, larger_is_better)
 
     def register(function: _Function) -> _Function:
-        members: dict[str, Any] = {"unit": unit, "label": label, "display": chosen_display}
-        members["larger_is_better"] = larger_is_better
-        if over_time is None:
-            arguments = argument_names(function)[1:]
-            members |= {
-                "initial": initial,
-                "add": staticmethod(function),
-                "value": staticmethod(cast(Callable[..., Any], value)),
-            }
-            members |= {"arguments": arguments, "differentiable": False}
-        else:
-            members |= _reduced(function, REDUCTIONS[over_time])
+        names = argument_names(function)
+
+        def definition(self: MetricSettings, name: str, _scenario: Any) -> Metric:
+            settings = tuple((field, getattr(self, field)) for field in type(self).model_fields if field != "kind")
+            if over_time is not None:
+                return reduced_metric(name, over_time, function, names, appearance, settings)
+            accumulator = Accumulator(initial, function, names[1:], settings)
+            return appearance.metric(name, accumulator, cast(Callable[..., Any], value))
+
         model = create_model(
             "".join(map(str.capitalize, function.__name__.split("_"))),
-            __base__=MetricSettings,
+            __base__=_base_with(definition),
             __module__=function.__module__,
             __doc__=inspect.getdoc(function),
             kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
             **_settings_of(function),
         )
-        for name, member in members.items():
-            setattr(model, name, member)
         # Pickle finds the class as an attribute of the function.
         model.__qualname__ = f"{function.__qualname__}.settings"
-        function.settings = METRICS.member(model)  # type: ignore[attr-defined]
+        function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
         return function
 
     return register
 
 
-def _reduced(function: Callable[..., Any], rule: Reduction) -> dict[str, Any]:
-    """Return the members of the class of a metric whose values are combined by a rule."""
-
-    def add(sums: ValueSums, period: float, *signals: Any, **settings: Any) -> ValueSums:
-        return ValueSums(rule.add(sums.value, function(*signals, **settings), period))
-
-    def value(sums: ValueSums, ticks: Any, _: float) -> Any:
-        return rule.value(sums.value, ticks)
-
-    return {
-        "initial": ValueSums(rule.initial),
-        "add": staticmethod(add),
-        "arguments": ("period", *argument_names(function)),
-        "value": staticmethod(value),
-        "differentiable": rule.differentiable,
-    }
+def _base_with(definition: Callable[..., Metric]) -> type[MetricSettings]:
+    """Return a class of metrics with the given method `definition`."""
+    return type("FormulaMetric", (MetricSettings,), {"definition": definition, "__module__": __name__})
 
 
 def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:

@@ -1,20 +1,22 @@
 """Smallest distance from the obstacles."""
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import minimum
 from drake_quad.laboratory.flight_monitor import Surroundings, nearest_solid
-from drake_quad.laboratory.metrics import CENTIMETRES, Display
-from drake_quad.scenario.metrics.metric import METRICS, MetricSettings, ValueSums
+from drake_quad.laboratory.metrics import Accumulator, Metric
+from drake_quad.scenario.metrics.metric import METRICS, Appearance, MetricSettings, ValueSums
 from drake_quad.signals import State
+
+_APPEARANCE = Appearance("m", "smallest distance from the obstacles", larger_is_better=True)
 
 
 def add_distance(sums: ValueSums, state: State, *, surroundings: Surroundings) -> ValueSums:
-    """Return the smallest distance so far after a further tick."""
+    """Return the smallest distance of the vehicle from the obstacles after a further tick."""
     distance, _ = nearest_solid(state.x, state.y, state.z, surroundings.solids)
     return ValueSums(minimum(sums.value, distance - surroundings.radius))
 
@@ -29,23 +31,16 @@ class ObstacleDistance(MetricSettings):
     """Smallest distance between the vehicle and the obstacles of the scenario."""
 
     kind: Literal["obstacle_distance"]
-    unit: ClassVar[str] = "m"
-    label: ClassVar[str] = "smallest distance from the obstacles"
-    display: ClassVar[Display] = CENTIMETRES
-    differentiable: ClassVar[bool] = False
-    larger_is_better: ClassVar[bool] = True
-    initial: ClassVar[Any] = ValueSums(math.inf)
-    add: ClassVar = staticmethod(add_distance)
-    arguments: ClassVar[tuple[str, ...]] = ("state",)
-    value: ClassVar = staticmethod(_value)
 
-    def constants(self, scenario: Any) -> dict[str, Any]:
-        """Return the solids and the radius of the vehicle.
+    def definition(self, name: str, scenario: Any) -> Metric:
+        """Return the definition of the metric, given its name in a scenario.
 
         Raises:
             InputError: if the scenario has no obstacles.
         """
         space = scenario.room()
         if space is None or not space.obstacles:
-            raise InputError(f"the metric obstacle_distance needs obstacles, but {scenario.name} has no `space`")
-        return {"surroundings": Surroundings(tuple(each.shape for each in space.obstacles), space.radius)}
+            raise InputError(f"metrics.additional.{name} needs obstacles, but {scenario.name} has none in `space`")
+        surroundings = Surroundings(tuple(each.shape for each in space.obstacles), space.radius)
+        accumulator = Accumulator(ValueSums(math.inf), add_distance, ("state",), (("surroundings", surroundings),))
+        return _APPEARANCE.metric(name, accumulator, _value)

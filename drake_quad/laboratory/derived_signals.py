@@ -1,0 +1,132 @@
+"""Scalar signals that are computed from the signals of a diagram at one tick.
+
+A scalar signal is a row of a signal, such as `state.z`, or a derived signal, which is a registered formula:
+
+    @derived_signal("m/s")
+    def speed(state):
+        '''Speed of the vehicle over the ground.'''
+        return sqrt(state.v_x * state.v_x + state.v_y * state.v_y + state.v_z * state.v_z)
+
+Metrics and requirements of a scenario refer to scalar signals by name.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+from drake_quad.errors import InputError, listed, shown
+from drake_quad.framework.elementary import arctan2, cos, maximum, sqrt, wrap_angle
+from drake_quad.laboratory.metrics import argument_names
+from drake_quad.signals import SIGNALS, Reference, Row, State, Wind, field_quantities
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class RowOf(NamedTuple):
+    """Formula that returns a row of a record, given the name of the row."""
+
+    name: str
+
+    def __call__(self, record: Any) -> Row:
+        """Return the row."""
+        row: Row = getattr(record, self.name)
+        return row
+
+
+class ScalarSignal(NamedTuple):
+    """Scalar signal.
+
+    Attributes:
+        name: name of the signal, such as `tilt` or `state.z`.
+        unit: unit.
+        formula: formula that computes the signal.
+        arguments: names of the signals that the formula takes, or of `time` and `period`.
+    """
+
+    name: str
+    unit: str
+    formula: Callable[..., Row]
+    arguments: tuple[str, ...]
+
+
+DERIVED_SIGNALS: dict[str, ScalarSignal] = {}
+"""Derived signals by name."""
+
+
+def derived_signal(unit: str) -> Callable[[_Function], _Function]:
+    """Return a decorator that registers a formula as a derived signal, under the name of the function.
+
+    The arguments of the formula are signals by the names of their ports, `time` (s) or `period` (s).
+
+    Args:
+        unit: unit of the derived signal.
+    """
+
+    def register(function: _Function) -> _Function:
+        name = function.__name__
+        known = DERIVED_SIGNALS.get(name)
+        if name in SIGNALS or (known is not None and known.formula.__module__ != function.__module__):
+            raise ValueError(f"the name {name} is taken by another signal")
+        DERIVED_SIGNALS[name] = ScalarSignal(name, unit, function, argument_names(function))
+        return function
+
+    return register
+
+
+def scalar_signal(name: str) -> ScalarSignal:
+    """Return the scalar signal with a name: a derived signal, or a row such as `state.z`.
+
+    Raises:
+        InputError: if there is no such signal.
+    """
+    if name in DERIVED_SIGNALS:
+        return DERIVED_SIGNALS[name]
+    signal, _, row = name.partition(".")
+    if signal in SIGNALS:
+        rows = field_quantities(SIGNALS[signal]) if hasattr(SIGNALS[signal], "_fields") else {}
+        if row in rows:
+            return ScalarSignal(name, rows[row].unit, cast(Callable[..., Row], RowOf(row)), (signal,))
+        rows_text = listed([f"{signal}.{each}" for each in rows]) if rows else "none that have names"
+        raise InputError(f"{shown(name)} is not a row of the signal {signal}; its rows are {rows_text}")
+    raise InputError(
+        f"{shown(name)} is neither a row of a signal, such as state.z, nor a derived signal; derived signals are"
+        f" {listed([*DERIVED_SIGNALS])}"
+    )
+
+
+@derived_signal("m")
+def position_error(state: State, reference: Reference) -> Row:
+    """Distance of the vehicle from the reference."""
+    x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
+    return sqrt(x * x + y * y + z * z)
+
+
+@derived_signal("rad")
+def yaw_error(state: State, reference: Reference) -> Row:
+    """Yaw of the reference minus yaw of the vehicle, between -π and π."""
+    return wrap_angle(reference.yaw - state.yaw)
+
+
+@derived_signal("m/s")
+def speed(state: State) -> Row:
+    """Speed of the vehicle over the ground."""
+    return sqrt(state.v_x * state.v_x + state.v_y * state.v_y + state.v_z * state.v_z)
+
+
+@derived_signal("m/s")
+def airspeed(state: State, wind: Wind) -> Row:
+    """Speed of the vehicle relative to the air."""
+    x, y, z = state.v_x - wind.x, state.v_y - wind.y, state.v_z - wind.z
+    return sqrt(x * x + y * y + z * z)
+
+
+@derived_signal("rad/s")
+def body_rate(state: State) -> Row:
+    """Magnitude of the angular velocity of the vehicle."""
+    return sqrt(state.p * state.p + state.q * state.q + state.r * state.r)
+
+
+@derived_signal("rad")
+def tilt(state: State) -> Row:
+    """Angle between the thrust axis and the vertical; π for a vehicle that is upside down."""
+    cosine = cos(state.roll) * cos(state.pitch)
+    return arctan2(sqrt(maximum(1.0 - cosine * cosine, 0.0)), cosine)

@@ -1,0 +1,54 @@
+"""Metrics that combine the values of a scalar signal over time, with a kind for each rule."""
+
+from typing import Any, Literal
+
+from pydantic import Field, create_model, field_validator
+
+from drake_quad.errors import InputError
+from drake_quad.laboratory.derived_signals import scalar_signal
+from drake_quad.laboratory.metrics import Metric
+from drake_quad.scenario.distributions import refused
+from drake_quad.scenario.metrics.metric import METRICS, Appearance, MetricSettings, reduced_metric
+
+# Description of the metric of each rule.
+_DESCRIPTIONS = {
+    "mean": "Mean of a scalar signal.",
+    "rms": "Root mean square of a scalar signal.",
+    "max": "Largest value of a scalar signal.",
+    "min": "Smallest value of a scalar signal.",
+    "last": "Last value of a scalar signal.",
+    "integral": "Integral of a scalar signal over time.",
+}
+
+
+class SignalMetric(MetricSettings):
+    """Values of a scalar signal, combined over time."""
+
+    of: str = Field(description="derived signal, or row of a signal such as `state.z`")
+
+    @field_validator("of")
+    @classmethod
+    def _is_a_scalar_signal(cls, name: str) -> str:
+        try:
+            scalar_signal(name)
+        except InputError as error:
+            raise refused(f"must be a scalar signal: {error}") from None
+        return name
+
+    def definition(self, name: str, scenario: Any) -> Metric:
+        """Return the definition of the metric, given its name in a scenario."""
+        signal = scalar_signal(self.of)
+        unit = f"{signal.unit} s" if self.kind == "integral" else signal.unit
+        return reduced_metric(name, self.kind, signal.formula, signal.arguments, Appearance(unit))
+
+
+for _rule, _description in _DESCRIPTIONS.items():
+    METRICS.member(
+        create_model(
+            f"{_rule.capitalize()}OverTime",
+            __base__=SignalMetric,
+            __module__=__name__,
+            __doc__=_description,
+            kind=(Literal[_rule], ...),  # type: ignore[arg-type]
+        )
+    )
