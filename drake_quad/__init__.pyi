@@ -28,6 +28,7 @@ from .scenario.files.loading import load_mission as load_mission
 from .scenario.files.loading import load_scenario as load_scenario
 from .scenario.files.loading import load_undesigned as load_undesigned
 from .scenario.files.saving import save_scenario as save_scenario
+from .scenario.metrics.metric import flight_metric as flight_metric
 from .scenario.metrics.metric import metric as metric
 from .scenario.models import Scenario as Scenario
 from .statistics.estimates import mean_interval as mean_interval

@@ -136,14 +136,14 @@ def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str
         InputError: if an additional metric needs a signal that the diagram lacks.
     """
     definitions = definitions_of(scenario.metrics_type)
-    read = {signal for metric in definitions.values() for signal in metric.accumulator.signals}
+    read = {signal for metric in definitions.values() for signal in metric.signals}
     for port in (monitor.get_input_port(i) for i in range(monitor.num_input_ports())):
         name = port.get_name()
         if name in signals and (name in read or name not in _COMMANDS or name == scenario.laboratory.autopilot.command):
             builder.Connect(signals[name], port)
     additional = {name: f"metrics.additional.{name}" for name in scenario.metrics.additional}
     for name, path in {**additional, **{name: f"requirements.{name}" for name in scenario.requirements}}.items():
-        for signal in definitions[name].accumulator.signals:
+        for signal in definitions[name].signals:
             if signal not in signals:
                 raise InputError(
                     f"{path} needs the signal {signal}, but the signals of {scenario.name} are {listed([*signals])}"

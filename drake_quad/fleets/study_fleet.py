@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.fleets.fleet_simulation import simulate_fleet
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.metrics import Metrics, recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -26,6 +26,11 @@ class StudyFleet:
         num_vehicles: number N of vehicles.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
+
+    Attributes:
+        plan: plan to fly.
+        duration: duration of a flight, s.
+        simulation: simulation of the fleet, which records signals if a metric of the scenario needs them.
 
     Raises:
         InputError: if the route contains a distribution, the rotors cannot fly it, the vehicle has no time step, or the
@@ -48,10 +53,12 @@ class StudyFleet:
             )
         check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles
-        self._plan = plan
+        self.plan = plan
         self.duration = flight_duration(scenario, plan)
         batch = Batch.draw(scenario, range(num_vehicles))
-        self._simulation = simulate_fleet(batch, self._plan, own=own.build(num_vehicles), compiled=compiled)
+        record = bool(recorded_metrics_of(scenario.metrics_type))
+        systems = own.build(num_vehicles)
+        self.simulation = simulate_fleet(batch, plan, own=systems, record=record, compiled=compiled)
 
     def fly(
         self,
@@ -85,10 +92,10 @@ class StudyFleet:
         """
         if not 0 < len(batch) <= self.num_vehicles:
             raise ValueError(f"a fleet of {self.num_vehicles} vehicles cannot fly {len(batch)} samples at once")
-        self._simulation.reset(batch.padded(self.num_vehicles))
-        self._simulation.fly(self.duration if duration is None else duration, progress=progress)
-        return self._simulation.metrics().take(slice(len(batch)))
+        self.simulation.reset(batch.padded(self.num_vehicles))
+        self.simulation.fly(self.duration if duration is None else duration, progress=progress)
+        return self.simulation.metrics().take(slice(len(batch)))
 
     def touched(self) -> np.ndarray:
         """Return the (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 without a collision."""
-        return self._simulation.touched()
+        return self.simulation.touched()

@@ -1,17 +1,20 @@
 """Simulation of the flights of a scenario with Drake's simulator."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shown
 from drake_quad.fleets.fleet_simulation import FleetSimulation, simulate_fleet
+from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.cause import not_a_number
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
+from drake_quad.laboratory.metrics import Metrics, recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -102,7 +105,7 @@ def simulate(
             f" needs steps shorter than {_MIN_STEP:g} s, for example near the singularity at a pitch of 90 degrees;"
             " set vehicle.time_step to a positive number"
         ) from None
-    return _flights(batch, plan, simulation, own)[0]
+    return flights_of(batch, plan, simulation, own)[0]
 
 
 def simulate_samples(
@@ -145,7 +148,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | N
         compiled = _is_compiled_by_default(batch.scenario)
     simulation = simulate_fleet(batch, plan, record=True, compiled=compiled)
     simulation.fly(flight_duration(batch.scenario, plan))
-    return _flights(batch, plan, simulation)
+    return flights_of(batch, plan, simulation)
 
 
 def _is_compiled_by_default(scenario: Scenario) -> bool:
@@ -153,8 +156,8 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
     return scenario.vehicle.time_step > 0.0
 
 
-def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
-    """Return the flight of each vehicle of a fleet, up to the current time of the simulation."""
+def flights_of(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
+    """Return the flight of each vehicle of a fleet, up to the current time of the simulation, with all its metrics."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
     space = batch.scenario.space
@@ -173,5 +176,29 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSys
         flight = Flight(
             batch.scenario_of(i), plan, time[ticks], recorded, metrics_of_vehicle, simulation.compiled, obstacle, cause
         )
-        flights.append(flight)
+        functions = recorded_metrics_of(type(metrics))
+        values = {name: _checked_metric(name, metric.value(flight)) for name, metric in functions.items()}
+        flights.append(replace(flight, metrics=metrics_of_vehicle._replace(**values)))
     return flights
+
+
+def _checked_metric(name: str, value: Any) -> float:
+    """Return the value of a metric of a recorded flight.
+
+    Raises:
+        InputError: if it is not a number.
+    """
+    if not isinstance(value, int | float | np.number):
+        raise InputError(f"the metric {name} must be a number, but its function returned {shown(value)}")
+    return float(value)
+
+
+def fly_with_metrics(
+    fleet: StudyFleet, batch: Batch, progress: Callable[[float, float], None] | None = None
+) -> Metrics:
+    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, also those of recorded flights."""
+    metrics = fleet.fly_batch(batch, progress=progress)
+    if not recorded_metrics_of(type(metrics)):
+        return metrics
+    flights = flights_of(batch.padded(fleet.num_vehicles), fleet.plan, fleet.simulation)[: len(batch)]
+    return metrics.with_values(np.transpose([flight.metrics for flight in flights]))

@@ -124,9 +124,10 @@ class Metric(NamedTuple):
     Attributes:
         unit: unit; "1" for a fraction between 0 and 1.
         label: label in tables and plots.
-        accumulator: sums from which the metric is computed.
+        accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
         value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
-            ticks, which is NaN instead of 0, and the duration of a tick, s.
+            ticks, which is NaN instead of 0, and the duration of a tick, s. For a metric of a recorded flight, it
+            returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
         signed: True if the metric can be negative.
@@ -135,12 +136,17 @@ class Metric(NamedTuple):
 
     unit: str
     label: str
-    accumulator: Accumulator
-    value: Callable[[Any, Any, float], Any]
+    accumulator: Accumulator | None
+    value: Callable[..., Any]
     display: Display | None = None
     differentiable: bool = True
     signed: bool = False
     larger_is_better: bool = False
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals whose sums determine the metric."""
+        return () if self.accumulator is None else self.accumulator.signals
 
     @property
     def value_of_crash(self) -> float:
@@ -345,7 +351,13 @@ def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
 
 def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
     """Return the different accumulators of the metrics of a class from `metrics_type`."""
-    return tuple(dict.fromkeys(metric.accumulator for metric in definitions_of(kind).values()))
+    accumulators = (metric.accumulator for metric in definitions_of(kind).values())
+    return tuple(dict.fromkeys(each for each in accumulators if each is not None))
+
+
+def recorded_metrics_of(kind: type[Metrics]) -> dict[str, Metric]:
+    """Return the metrics of a class from `metrics_type` that are computed from a recorded flight, by name."""
+    return {name: metric for name, metric in definitions_of(kind).items() if metric.accumulator is None}
 
 
 def unit_of(kind: type[Metrics], name: str) -> str:
@@ -356,7 +368,7 @@ def unit_of(kind: type[Metrics], name: str) -> str:
 def summarized(
     sums: Sums, crash_time: np.ndarray, period: float, kind: type[Metrics] = Metrics, connected: Any = None
 ) -> Metrics:
-    """Return the metrics of each vehicle.
+    """Return the metrics of each vehicle. Metrics of a recorded flight are NaN.
 
     Args:
         sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
@@ -370,7 +382,10 @@ def summarized(
     records = dict(zip(accumulators_of(kind), sums.records, strict=True))
     values = {}
     for name, metric in definitions_of(kind).items():
+        if metric.accumulator is None:
+            values[name] = np.full_like(crash_time, np.nan)
+            continue
         value = metric.value(records[metric.accumulator], ticks, period)
-        known = connected is None or all(map(connected, metric.accumulator.signals))
+        known = connected is None or all(map(connected, metric.signals))
         values[name] = value if known else np.full_like(value, np.nan)
     return kind(**values, crash_time=crash_time)

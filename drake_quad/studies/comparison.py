@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
+from drake_quad.flight.simulation import fly_with_metrics
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
 
@@ -29,4 +31,5 @@ def fly_samples(
     Raises:
         InputError: the route contains a distribution, or the rotors are too weak for it.
     """
-    return StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled).fly(samples, progress=progress)
+    fleet = StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled)
+    return fly_with_metrics(fleet, Batch.draw(scenario, samples), progress)

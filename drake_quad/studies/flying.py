@@ -10,7 +10,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
-from drake_quad.flight.simulation import simulate
+from drake_quad.flight.simulation import fly_with_metrics, simulate
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
@@ -56,7 +56,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
-    metrics = fleet.fly_batch(batch)
+    metrics = fly_with_metrics(fleet, batch)
     return rows_of(batch, metrics, fleet.touched()[: len(batch)])
 
 

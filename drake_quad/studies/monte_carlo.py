@@ -15,6 +15,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning
 from drake_quad.flight.mission import plan_route
+from drake_quad.laboratory.metrics import recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.models import Scenario
@@ -33,6 +34,7 @@ from drake_quad.studies.study_folder import StudyRows, open_study
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
+_RECORDED_BATCH_SIZE = 64  # a few megabytes per vehicle are recorded for half a minute of flight
 _TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 # Tolerance on the difference between a sample that is flown alone and in a batch. A user's system may sum in a
 # different order, and vehicles that nearly crash amplify the rounding errors, so the tolerance is not zero.
@@ -122,7 +124,7 @@ def run_monte_carlo(
                 code_versions(user_systems),
                 scenario,
                 plan,
-                batch_size or _DEFAULT_BATCH_SIZE,
+                batch_size or _default_batch_size(scenario),
                 user_systems,
                 compiled,
             )
@@ -132,7 +134,7 @@ def run_monte_carlo(
             with open_study(
                 folder, scenario, num_samples, duration, user_systems, compiled=compiled, resume=resume
             ) as rows:
-                size = _size_of_batches(len(rows.missing), pool.num_workers, batch_size)
+                size = _size_of_batches(len(rows.missing), pool.num_workers, batch_size, _default_batch_size(scenario))
                 _fly(pool, job._replace(num_vehicles=size), rows, progress)
             if rows.failures and not len(rows):
                 sample, reason = min(rows.failures.items())
@@ -237,9 +239,14 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
             warnings.warn(message, InputWarning, stacklevel=3)
 
 
-def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:
+def _default_batch_size(scenario: Scenario) -> int:
+    """Return the default number of samples in a batch, which is smaller if metrics need recorded signals."""
+    return _RECORDED_BATCH_SIZE if recorded_metrics_of(scenario.metrics_type) else _DEFAULT_BATCH_SIZE
+
+
+def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None, default: int) -> int:
     """Return the number of samples in a batch; by default, all workers receive equally many batches of similar size."""
     if batch_size is None:
-        rounds = math.ceil(num_samples / (num_workers * _DEFAULT_BATCH_SIZE))
+        rounds = math.ceil(num_samples / (num_workers * default))
         batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
     return max(min(batch_size, num_samples), 1)

@@ -155,8 +155,8 @@ class Appearance(NamedTuple):
     def metric(
         self,
         name: str,
-        accumulator: Accumulator,
-        value: Callable[[Any, Any, float], Any],
+        accumulator: Accumulator | None,
+        value: Callable[..., Any],
         *,
         differentiable: bool = False,
     ) -> Metric:
@@ -233,26 +233,78 @@ def metric(
         names = argument_names(function)
 
         def definition(self: MetricSettings, name: str, _scenario: Any) -> Metric:
-            settings = tuple((field, getattr(self, field)) for field in type(self).model_fields if field != "kind")
+            settings = _settings_values(self)
             if over_time is not None:
                 return reduced_metric(name, over_time, function, names, appearance, settings)
             accumulator = Accumulator(initial, function, names[1:], settings)
             return appearance.metric(name, accumulator, cast(Callable[..., Any], value))
 
-        model = create_model(
-            "".join(map(str.capitalize, function.__name__.split("_"))),
-            __base__=_base_with(definition),
-            __module__=function.__module__,
-            __doc__=inspect.getdoc(function),
-            kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
-            **_settings_of(function),
-        )
-        # Pickle finds the class as an attribute of the function.
-        model.__qualname__ = f"{function.__qualname__}.settings"
-        function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
-        return function
+        return _registered(function, definition)
 
     return register
+
+
+def flight_metric(
+    unit: str, *, label: str = "", display: Display | None = None, larger_is_better: bool = False
+) -> Callable[[_Function], _Function]:
+    """Return a decorator that registers a function of a recorded flight as a kind of metric.
+
+    The function receives a `drake_quad.Flight`, and returns a number. Keyword-only arguments are settings, as for
+    `metric`. Signals are then recorded, so a study needs more time and memory than with a formula.
+
+    Args:
+        unit: unit of the metric; "1" for a fraction between 0 and 1.
+        label: label in tables and plots; by default the name of the metric in the scenario.
+        display: format in tables; see `Appearance`.
+        larger_is_better: True if a larger metric is better.
+    """
+    appearance = Appearance(unit, label, display, larger_is_better)
+
+    def register(function: _Function) -> _Function:
+        def definition(self: MetricSettings, name: str, _scenario: Any) -> Metric:
+            value = cast(Callable[..., Any], FlightFunction(function, _settings_values(self)))
+            return appearance.metric(name, None, value)
+
+        return _registered(function, definition)
+
+    return register
+
+
+class FlightFunction(NamedTuple):
+    """Function of a flight with its settings.
+
+    Attributes:
+        function: function of a flight.
+        settings: keyword arguments of the function, as pairs of name and value.
+    """
+
+    function: Callable[..., Any]
+    settings: tuple[tuple[str, Any], ...]
+
+    def __call__(self, flight: Any) -> float:
+        """Return the metric of a flight."""
+        return float(self.function(flight, **dict(self.settings)))
+
+
+def _settings_values(settings: MetricSettings) -> tuple[tuple[str, Any], ...]:
+    """Return the settings of a metric in a scenario, as pairs of name and value."""
+    return tuple((field, getattr(settings, field)) for field in type(settings).model_fields if field != "kind")
+
+
+def _registered(function: _Function, definition: Callable[..., Metric]) -> _Function:
+    """Register a kind of metric with the name of a function, and return the function."""
+    model = create_model(
+        "".join(map(str.capitalize, function.__name__.split("_"))),
+        __base__=_base_with(definition),
+        __module__=function.__module__,
+        __doc__=inspect.getdoc(function),
+        kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
+        **_settings_of(function),
+    )
+    # Pickle finds the class as an attribute of the function.
+    model.__qualname__ = f"{function.__qualname__}.settings"
+    function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
+    return function
 
 
 def _base_with(definition: Callable[..., Metric]) -> type[MetricSettings]:
