@@ -6,7 +6,7 @@ and the largest if one is sufficient. The robustness of a requirement over the t
 
     always φ           min μ(t)
     eventually φ       max μ(t)
-    φ until ψ          max over t of min(μ_ψ(t), min of μ_φ(t') over the times 0 ≤ t' ≤ t)
+    φ until ψ          max over t of min(μ_ψ(t), min of μ_φ(t') over the times 0 ≤ t' < t)
 
 (A. Donzé and O. Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010). A requirement
 is satisfied if its robustness is at least 0. The robustness is the amount by which the signals could change before this
@@ -138,8 +138,8 @@ def add_until(
 ) -> RobustnessSums:
     """Return the robustness of `until` after a tick; the arguments are as in `add_always`."""
     values = dict(zip(names, signals, strict=True))
+    reached = maximum(sums.value, minimum(sums.held, until.margin(values)))
     held = minimum(sums.held, condition.margin(values))
-    reached = maximum(sums.value, minimum(held, until.margin(values)))
     return RobustnessSums(where(_is_within(time, start, end), reached, sums.value), held)
 
 
