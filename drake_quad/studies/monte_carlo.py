@@ -115,7 +115,7 @@ def run_monte_carlo(
     user_systems = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
         check_fleet_fits(min(batch_size or 1, num_samples), "batch")
-        check_importable(user_systems.given)
+        check_importable({**user_systems.given, "a kind that the scenario uses": scenario})
     rows = None
     try:
         with _open_pool(executor, num_workers, time_limit) as pool:

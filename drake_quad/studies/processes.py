@@ -36,8 +36,11 @@ def num_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def check_importable(functions: Mapping[str, Callable[..., Any] | None]) -> None:
-    """Check that worker processes can import the user's functions or classes.
+def check_importable(functions: Mapping[str, Any]) -> None:
+    """Check that worker processes can import the user's functions and classes.
+
+    Args:
+        functions: functions, classes and objects of such classes, by the names of messages.
 
     Raises:
         InputError: a function cannot be pickled, or is defined in an interactive session.

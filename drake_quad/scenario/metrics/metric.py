@@ -281,9 +281,9 @@ class FlightFunction(NamedTuple):
     function: Callable[..., Any]
     settings: tuple[tuple[str, Any], ...]
 
-    def __call__(self, flight: Any) -> float:
-        """Return the metric of a flight."""
-        return float(self.function(flight, **dict(self.settings)))
+    def __call__(self, flight: Any) -> Any:
+        """Return the result of the function."""
+        return self.function(flight, **dict(self.settings))
 
 
 def _settings_values(settings: MetricSettings) -> tuple[tuple[str, Any], ...]:
