@@ -46,8 +46,9 @@ SHORT_OPTIONS = {
 SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
-# If the first line of a YAML block is the name of its file, the blocks of the page run in order and use this file.
-FILE_NAME = r"# \w+\.yaml\n"
+# If the first line of a YAML block is the name of its file, the blocks of the page run in order and use this file, as
+# they use Python blocks that begin with the name of a file.
+FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 
@@ -131,9 +132,13 @@ def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
     """The blocks of the page run in order, and each line of a text block is in the output of the commands before it."""
     printed = ""
     for language, text in re.findall(r"```(\w+)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
-        if language == "yaml":
-            if re.match(FILE_NAME, text):
-                Path(text.split()[1]).write_text(text, encoding="utf-8")
+        if language in ("yaml", "python"):
+            named = re.match(FILE_NAME, text)
+            path = Path(text.split()[1] if named else f"block.{language}")
+            path.write_text(text, encoding="utf-8")
+            if language == "python" and not named:
+                runpy.run_path(str(path), run_name="__main__")
+                assert "nan" not in capsys.readouterr().out
         elif language == "sh":
             for line in text.splitlines():
                 program, *arguments = shlex.split(line)

@@ -93,8 +93,8 @@ class Quadrotor(FleetSystem):
         - rotor_speed
         - swing
         - charge
-        - battery
         - acceleration
+        - battery
 
     The system implements eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors'
     limits are clipped. If `wind` is not connected, the air is still. The state of a vehicle is frozen while `crashed`

@@ -10,6 +10,7 @@ import pytest
 
 from drake_quad import InputError, flight_metric, load_scenario, metric, run_monte_carlo, simulate, simulate_samples
 from drake_quad.laboratory.derived_signals import DERIVED_SIGNALS, derived_signal
+from drake_quad.scenario.metrics.metric import METRICS
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, requirement_probability, values_with_crashes
 from drake_quad.studies.summary import metric_table, requirement_table
@@ -181,7 +182,8 @@ def test_a_metric_that_worker_processes_cannot_import_is_refused():
 
 
 def test_a_registered_metric_can_be_pickled_with_its_scenario():
-    scenario = load_scenario("hover", [additional(tube={"kind": "time_in_tube", "radius": 0.2})])
+    metrics = {"tube": {"kind": "time_in_tube", "radius": 0.2}, "highest": {"kind": "max", "of": "state.z"}}
+    scenario = load_scenario("hover", [additional(**metrics, command_jerk={})])
     copy = pickle.loads(pickle.dumps(scenario))
     assert copy == scenario
     assert copy.metrics_type is scenario.metrics_type
@@ -317,3 +319,12 @@ def test_a_comparison_of_a_metric_that_should_be_large_prefers_the_larger_one():
     assert (comparison.better.value, comparison.num_pairs) == (0.0, 6)
     assert math.isnan(comparison.ratio.value)
     assert compare(metrics, worse, "tube").better.value == 1.0
+
+
+def test_the_page_on_metrics_lists_all_kinds_and_derived_signals(root):
+    page = (root / "docs" / "how_to" / "your_own_metric.md").read_text()
+    for signal in DERIVED_SIGNALS.values():
+        assert f"| `{signal.name}` | {signal.unit} |" in page
+    for name, settings in METRICS.members.items():
+        if name not in REDUCTIONS:
+            assert f"| `{name}` | " in page, settings

@@ -43,9 +43,11 @@ class SignalMetric(MetricSettings):
 
 
 for _rule, _description in _DESCRIPTIONS.items():
-    METRICS.member(
+    _name = f"{_rule.capitalize()}OverTime"
+    # Pickle finds the class by its name in this module.
+    globals()[_name] = METRICS.member(
         create_model(
-            f"{_rule.capitalize()}OverTime",
+            _name,
             __base__=SignalMetric,
             __module__=__name__,
             __doc__=_description,
