@@ -140,9 +140,10 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         raise InputError(
             f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
         )
-    x, y, z = plan.waypoints[0]
-    place = Place(float(x), float(y), float(z), plan.initial_yaw)
-    numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
+    x, y, z = map(float, plan.waypoints[0])
+    start = Place(x, y, z, plan.initial_yaw)
+    place, motion = scenario.initial.place(fleet.initial, start), scenario.initial.motion(fleet.initial)
+    numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
 
 

@@ -1,7 +1,10 @@
 """Conversion of a scenario into a hover flight, with or without noise and losses, for linear analysis and design."""
 
+from typing import Any
+
 from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
+from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import distributions_in, updated
 from drake_quad.scenario.routes.hover import HoverRoute
@@ -49,7 +52,7 @@ def in_hover(scenario: Scenario) -> Scenario:
     route = scenario.route
     if not isinstance(route, HoverRoute) or distributions_in(route):
         route = _HOVER
-    settings = {
+    settings: dict[str, Any] = {
         "route": route,
         "vehicle.battery_sag": 0.0,
         **{f"vehicle.{name}": effect.in_hover() for name, effect in scenario.vehicle.effects().items()},
@@ -61,6 +64,8 @@ def in_hover(scenario: Scenario) -> Scenario:
         "crash.height": -1e6,
         "space": None,
         "metrics": MetricWindow(),
+        "initial": InitialState(),
+        "requirements": {},
     }
     return updated(scenario, settings)
 

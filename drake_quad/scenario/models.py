@@ -31,6 +31,7 @@ from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
 from drake_quad.scenario.metrics.metric import METRICS, AnyMetric
@@ -380,6 +381,7 @@ class Scenario(Mission):
     duration: PlainSpan | None = Field(
         default=None, description="duration of the flight (s); the duration of the route if not given"
     )
+    initial: InitialState = InitialState()
     metrics: MetricWindow = MetricWindow()
     requirements: dict[Annotated[str, Field(pattern=_METRIC_NAME)], Requirement] = Field(
         default={}, description="requirements on a flight by name; their robustness is a metric"
@@ -460,7 +462,7 @@ class Scenario(Mission):
             periods[("laboratory", "sensors", i, "period")] = sensor.period
         return {path: period for path, period in periods.items() if period > 0.0}
 
-    _serialized = omits_defaults("space", "requirements")
+    _serialized = omits_defaults("space", "initial", "requirements")
 
     @field_validator("requirements")
     @classmethod

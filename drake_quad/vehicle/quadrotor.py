@@ -5,7 +5,18 @@ from typing import Literal, NamedTuple
 from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.signals import Angle, BatteryLoad, Charge, PositionW, RotorSpeed, State, Wind
+from drake_quad.signals import (
+    Angle,
+    BatteryLoad,
+    BodyRateB,
+    Charge,
+    Number,
+    PositionW,
+    RotorSpeed,
+    State,
+    VelocityW,
+    Wind,
+)
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
 from drake_quad.vehicle.battery import FULL, load_of_rotors
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
@@ -35,26 +46,56 @@ class Place(NamedTuple):
     yaw: Angle = 0.0
 
 
+class InitialMotion(NamedTuple):
+    """Motion of a vehicle at time 0, and the speeds of its rotors as multiples of their speeds in hover."""
+
+    roll: Angle = 0.0
+    pitch: Angle = 0.0
+    v_x: VelocityW = 0.0
+    v_y: VelocityW = 0.0
+    v_z: VelocityW = 0.0
+    p: BodyRateB = 0.0
+    q: BodyRateB = 0.0
+    r: BodyRateB = 0.0
+    rotor_1: Number = 1.0
+    rotor_2: Number = 1.0
+    rotor_3: Number = 1.0
+    rotor_4: Number = 1.0
+
+
+AT_REST = InitialMotion()
+"""Motion in hover."""
+
+
 class QuadrotorNumbers(NamedTuple):
     """Parameters that can differ between the vehicles of a fleet.
 
     Attributes:
         parameters: parameters of the vehicle.
         faults: faults of the rotors.
-        start: position and yaw at which the vehicle hovers at time 0, with its rotors at hover speed.
+        start: position and yaw at time 0.
         effects: parameters of the effects on the vehicle.
+        motion: motion at time 0; by default, the vehicle hovers.
     """
 
     parameters: QuadrotorParameters = QuadrotorParameters()
     faults: RotorFaults = RotorFaults()
     start: Place = Place()
     effects: Effects = NO_EFFECTS
+    motion: InitialMotion = AT_REST
 
 
-def hover(parameters: QuadrotorParameters, place: Place, effects: Effects = NO_EFFECTS) -> VehicleState:
-    """Return the state of a vehicle that hovers in still air, with a full battery and with a slung load at rest."""
-    body = State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    rotors = hover_rotor_speeds(hover_equivalent(parameters, effects, place.z))
+def initial_state(
+    parameters: QuadrotorParameters, place: Place, effects: Effects = NO_EFFECTS, motion: InitialMotion = AT_REST
+) -> VehicleState:
+    """Return the state of a vehicle at time 0, with a full battery and with a slung load that hangs at rest.
+
+    By default, the vehicle hovers in still air.
+    """
+    roll, pitch, v_x, v_y, v_z, p, q, r, *factors = motion
+    body = State(place.x, place.y, place.z, roll, pitch, place.yaw, v_x, v_y, v_z, p, q, r)
+    speeds = hover_rotor_speeds(hover_equivalent(parameters, effects, place.z))
+    rotors = RotorSpeed._make(speed * factor for speed, factor in zip(speeds, factors, strict=True))
     swing = None if effects.slung_load is None else HANGING
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
@@ -162,7 +203,7 @@ class Quadrotor(FleetSystem):
             return numbers.effects.only(effects)
 
         def start(numbers: QuadrotorNumbers) -> VehicleState:
-            return hover(numbers.parameters, numbers.start, active_effects(numbers))
+            return initial_state(numbers.parameters, numbers.start, active_effects(numbers), numbers.motion)
 
         parameters = self.parameter("parameters", lambda numbers: numbers.parameters)
         faults = self.parameter("faults", lambda numbers: numbers.faults) if faulty else None
@@ -200,7 +241,7 @@ class Quadrotor(FleetSystem):
     def set_hover(self, context: Context, place: Place) -> None:
         """Set the state of a context to hover at a position and yaw, for the parameters of the context."""
         effects = self.get_parameter(context, "effects") if "effects" in self.parameters else NO_EFFECTS
-        state = hover(self.get_parameter(context, "parameters"), place, effects)
+        state = initial_state(self.get_parameter(context, "parameters"), place, effects)
         if self.time_step == 0.0:
             self.set_state(context, "continuous", state)
             return

@@ -35,13 +35,14 @@ from drake_quad.signals import (
     VelocityW,
     Wind,
 )
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motion import RotorState, accelerations, rotor_state, rotor_states_over_step
 from drake_quad.vehicle.motors import rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
+from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, initial_state
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
@@ -279,11 +280,15 @@ def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any
     return acceleration_of(RespondingState(body, rotors), *others)
 
 
-def _hover_state(numbers: RespondingNumbers) -> RespondingState:
-    """Return the state of a vehicle that hovers in still air."""
-    body, rotors, _, _ = hover(numbers.vehicle.parameters, numbers.vehicle.start, numbers.vehicle.effects)
-    x, y, z, roll, pitch, yaw, v_x, v_y, v_z, _, _, _ = body
-    return RespondingState(RespondingBody(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, 0.0, 0.0, 0.0), rotors)
+def _initial_state(numbers: RespondingNumbers) -> RespondingState:
+    """Return the state of a vehicle at time 0."""
+    vehicle = numbers.vehicle
+    body, rotors, _, _ = initial_state(vehicle.parameters, vehicle.start, vehicle.effects, vehicle.motion)
+    x, y, z, roll, pitch, yaw, v_x, v_y, v_z, p, q, r = body
+    roll_rate, pitch_rate, yaw_rate = RIGID_KINEMATICS.angle_rates(BodyRates(p, q, r), Attitude(roll, pitch, yaw))
+    return RespondingState(
+        RespondingBody(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, roll_rate, pitch_rate, yaw_rate), rotors
+    )
 
 
 def _state_output(state: RespondingState, body_rates: BodyRatesOf) -> State:
@@ -355,8 +360,8 @@ class RespondingQuadrotor(FleetSystem):
         constants = parameters, response, faults, effect_numbers, TIME if faulty else 0.0
         body_rates = _BODY_RATES[kinematics]
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: _hover_state(numbers).body)
-            rotors = self.state("rotor_speed", lambda numbers: _hover_state(numbers).rotors)
+            body = self.state("state", lambda numbers: _initial_state(numbers).body)
+            rotors = self.state("rotor_speed", lambda numbers: _initial_state(numbers).rotors)
             arguments = body, rotors, *inputs, *constants, time_step, kinematics
             self.update(
                 time_step, responding_step, *arguments, writes=[body, rotors], unrestricted=True, at_start=False
@@ -365,7 +370,7 @@ class RespondingQuadrotor(FleetSystem):
             self.state_output(rotors)
             self.output("acceleration", stepping_acceleration, body, rotors, *inputs, *constants, kinematics)
         else:
-            state = self.continuous_state(_hover_state)
+            state = self.continuous_state(_initial_state)
             self.derivative(responding_slope, state, *inputs, *constants, kinematics)
             self.output("state", _state_output, state, body_rates)
             self.output("rotor_speed", getattr, state, "rotors")

@@ -1,0 +1,53 @@
+"""Initial state of the vehicle in the scenario language."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from drake_quad.scenario.distributions import Model, NumberOrDistribution
+from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, bounded, radians
+from drake_quad.vehicle.quadrotor import InitialMotion, Place
+
+_Roll = Annotated[NumberOrDistribution, bounded(least=-math.pi, most=math.pi), radians(math.pi)]
+_Pitch = Annotated[NumberOrDistribution, bounded(least=-0.5 * math.pi, most=0.5 * math.pi), radians(0.5 * math.pi)]
+
+
+class InitialState(Model):
+    """State of the vehicle at time 0. By default, the vehicle hovers at the start of the reference."""
+
+    frame: Literal["reference", "world"] = Field(
+        default="reference",
+        description="`reference` adds position and yaw to those of the reference at time 0; `world` replaces them",
+    )
+    position: Position = Field(default=(0.0, 0.0, 0.0), description="position along X, Y and Z of W (m)")
+    velocity: Position = Field(default=(0.0, 0.0, 0.0), description="velocity along X, Y and Z of W (m/s)")
+    attitude: Annotated[tuple[_Roll, _Pitch, Direction], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="roll, pitch and yaw (rad); a vehicle with a roll of π is upside down",
+    )
+    body_rates: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0), description="angular velocity about the axes x, y and z of B (rad/s)"
+    )
+    rotor_speeds: Annotated[tuple[NonNegative, NonNegative, NonNegative, NonNegative], Field(strict=False)] = Field(
+        default=(1.0, 1.0, 1.0, 1.0), description="speed of each rotor, as a multiple (1) of its speed in hover"
+    )
+
+    def place(self, fleet: Any, start: Place) -> Place:
+        """Return the position and yaw of the vehicles of a fleet.
+
+        Args:
+            fleet: initial state of a `Batch.fleet_scenario`.
+            start: position and yaw of the reference at time 0.
+        """
+        x, y, z = fleet.position
+        place = Place(x, y, z, fleet.attitude[2])
+        if self.frame == "world":
+            return place
+        return Place._make(offset + value for offset, value in zip(place, start, strict=True))
+
+    @staticmethod
+    def motion(fleet: Any) -> InitialMotion:
+        """Return tilt, velocity, body rates and rotor speeds of the vehicles of a fleet."""
+        roll, pitch, _ = fleet.attitude
+        return InitialMotion(roll, pitch, *fleet.velocity, *fleet.body_rates, *fleet.rotor_speeds)
