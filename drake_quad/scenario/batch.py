@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.randomness.streams import Seeds
-from drake_quad.scenario.correlation import drawn_values
+from drake_quad.scenario.correlation import MIN_PROBABILITY, drawn_values, shared_names, shared_stream, values_at
 from drake_quad.scenario.inertia import rigid_draws
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, joined, replaced, steps_of
@@ -63,6 +63,21 @@ class Batch:
         varying = _with_rigid_bodies(scenario, {path: drawn[_stream_name(path)] for path in distributions})
         return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own_seeds)
 
+    @classmethod
+    def at_points(cls, scenario: Scenario, points: np.ndarray, samples: Sequence[int]) -> "Batch":
+        """Return the batch whose fields have the values at given points of the unit cube.
+
+        Args:
+            scenario: scenario, which may contain distributions.
+            points: (N, d) numbers between 0 and 1, one column for each of the `coordinates` of the scenario. A field
+                without shared variables has the quantile of its distribution at this probability.
+            samples: (N,) indices of the samples whose wind and noise are used.
+        """
+        inside = np.clip(points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
+        columns = dict(zip(coordinates(scenario), inside.T, strict=True))
+        values = values_at(distributions_in(scenario), columns.__getitem__)
+        return cls(scenario, tuple(samples), _with_rigid_bodies(scenario, values))
+
     @property
     def seed(self) -> Seeds:
         """Seed of all samples, or (N,) seeds of the samples."""
@@ -104,6 +119,15 @@ class Batch:
         own: Scenario = replaced(self.scenario, number)
         seed = self.scenario.seed if self.seeds is None else self.seeds[vehicle]
         return own.model_copy(update={"seed": seed, "sample": self.samples[vehicle]})
+
+
+def coordinates(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the independent random numbers from which the fields of a sample are drawn.
+
+    They are the paths of the fields with a distribution and, as `shared` followed by the name, the shared variables.
+    """
+    distributions = distributions_in(scenario)
+    return (*distributions, *map(shared_stream, shared_names(distributions.values())))
 
 
 def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:

@@ -11,7 +11,7 @@ Gaussian copula. Its correlation is the sum over all shared variables of the pro
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +21,8 @@ from drake_quad.errors import InputError, shown
 from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
-# Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers.
-_MIN_PROBABILITY = 2.0**-53
+MIN_PROBABILITY = 2.0**-53
+"""Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers."""
 # Smaller correlations count as zero.
 _MIN_CORRELATION = 1e-3
 # Levels of accuracy at which weights of shared variables are written: the smallest weight that is not omitted, and the
@@ -55,19 +55,31 @@ def drawn_values(
     Returns:
         (N,) drawn numbers by the name of the stream.
     """
-    common = {
-        name: _standard_normal(seed, samples, shared_stream(name)) for name in shared_names(distributions.values())
-    }
+    return values_at(distributions, lambda stream: parameter_numbers(seed, samples, stream))
+
+
+def values_at(distributions: Mapping[str, Distribution], uniform: Callable[[str], np.ndarray]) -> dict[str, np.ndarray]:
+    """Return values of distributions, given uniform numbers.
+
+    Args:
+        distributions: distributions by the name of their stream of random numbers.
+        uniform: function that returns the (N,) uniform numbers in (0, 1) of a stream, given its name. The shared
+            variables have streams, too, see `shared_stream`.
+
+    Returns:
+        (N,) values by the name of the stream.
+    """
+    common = {name: scipy.special.ndtri(uniform(shared_stream(name))) for name in shared_names(distributions.values())}
 
     def probability(stream: str, weights: Mapping[str, float]) -> np.ndarray:
         if not weights:
-            return parameter_numbers(seed, samples, stream)
+            return uniform(stream)
         own = math.sqrt(max(0.0, 1.0 - math.fsum(weight * weight for weight in weights.values())))
-        total = own * _standard_normal(seed, samples, stream)
+        total = own * scipy.special.ndtri(uniform(stream))
         for name, weight in weights.items():
             total = total + weight * common[name]
         # Φ of a weighted sum can round to 0 or 1, at which quantiles are infinite.
-        return np.clip(scipy.special.ndtr(total), _MIN_PROBABILITY, 1.0 - _MIN_PROBABILITY)
+        return np.clip(scipy.special.ndtr(total), MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
 
     return {
         stream: np.asarray(each.quantile(probability(stream, each.correlations)))
@@ -78,10 +90,6 @@ def drawn_values(
 def shared_stream(name: str) -> str:
     """Return the name of the stream of a shared variable; it differs from all paths, which contain no spaces."""
     return f"shared {name}"
-
-
-def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.ndarray:
-    return scipy.special.ndtri(parameter_numbers(seed, samples, stream))
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:

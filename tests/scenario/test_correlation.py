@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
-from drake_quad.scenario import correlation
 from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.scenario.correlation import (
     correlated_groups,
@@ -129,7 +128,9 @@ def test_shared_variables_are_distinguished_by_name(study):
 
 def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeypatch):
     """The sum of sixteen variables at their extremes is larger than a single variable can be."""
-    monkeypatch.setattr(correlation, "_standard_normal", lambda seed, samples, stream: np.full(len(samples), 8.0))
+    monkeypatch.setattr(
+        correlation, "parameter_numbers", lambda seed, samples, stream: np.full(len(samples), 1.0 - 2.0**-53)
+    )
     shared = ", ".join(f"x{i}: 0.25" for i in range(16))
     scenario = study(f"vehicle.centre_of_mass=[{normal_text(0.0, 0.001, f'{{{shared}}}')}, 0]")
     (samples,) = Batch.draw(scenario, range(3)).varying.values()

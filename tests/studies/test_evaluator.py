@@ -1,0 +1,97 @@
+"""Tests of the metrics of flights as a function of points of the unit cube."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.scenario.batch import Batch, coordinates
+from drake_quad.scenario.correlation import shared_stream
+from drake_quad.studies.evaluator import Evaluator
+
+CORRELATED = {
+    "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.02, "min": 0.6, "max": 0.8, "shared": {"a": 0.8}}},
+    "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.3}},
+    "vehicle.centre_of_mass.0": {
+        "normal": {"mean": 0.0, "standard_deviation": 0.001, "min": -0.01, "shared": {"a": -0.5}}
+    },
+    "duration": 1.0,
+}
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("laboratory:low_wind", [{key: value} for key, value in CORRELATED.items()])
+
+
+def drawn(scenario, samples):
+    """Return the points whose values are those of samples of the study."""
+    names = [name if name.startswith("shared ") else _stream(name) for name in coordinates(scenario)]
+    return np.column_stack([parameter_numbers(scenario.seed, samples, name) for name in names])
+
+
+def _stream(path):
+    return path.replace(".0", "[0]")
+
+
+def test_coordinates_are_the_drawn_fields_and_the_shared_variables(scenario):
+    fields = "vehicle.mass", "vehicle.centre_of_mass.0", "vehicle.linear_drag"
+    assert {*coordinates(scenario)} == {*fields, shared_stream("a")}
+
+
+def test_points_of_samples_have_the_metrics_of_the_study(scenario):
+    study = run_monte_carlo(scenario, 7, num_workers=1)
+    evaluator = Evaluator(scenario, num_vehicles=4)
+    samples = [6, 0, 3, 2, 5]
+    metrics = evaluator(drawn(scenario, samples), samples)
+    for name, values in metrics._asdict().items():
+        assert np.array_equal(values, getattr(study.metrics, name)[samples], equal_nan=True), name
+    assert evaluator.num_flights == 5
+
+
+def test_a_coordinate_of_normal_space_is_the_normal_quantile(scenario):
+    evaluator = Evaluator(scenario, num_vehicles=2)
+    point = np.array([[0.2, 0.9, 0.5, 0.4]])
+    normal = scipy.special.ndtri(point)
+    assert evaluator.at_normal(normal, 3).rmse == pytest.approx(evaluator(point, 3).rmse, rel=1e-9)
+    alone = simulate(evaluator.scenario_at(point[0], 3))
+    assert alone.metrics.rmse == evaluator(point, [3]).rmse[0]
+
+
+def test_a_shared_variable_moves_all_its_fields(scenario):
+    low, high = (np.full((1, 4), 0.5) for _ in range(2))
+    index = coordinates(scenario).index(shared_stream("a"))
+    low[0, index], high[0, index] = 0.01, 0.99
+    small, large = (Batch.at_points(scenario, point, [0]).varying for point in (low, high))
+    assert small["vehicle.mass"] < 0.7 < large["vehicle.mass"]
+    assert small["vehicle.centre_of_mass.0"] > 0.0 > large["vehicle.centre_of_mass.0"]
+    assert small["vehicle.linear_drag"] == large["vehicle.linear_drag"] == pytest.approx(0.2)
+
+
+def test_the_ends_of_the_cube_are_allowed(scenario):
+    values = Batch.at_points(scenario, np.array([[0.0] * 4, [1.0] * 4]), [0, 0]).varying
+    assert values["vehicle.mass"] == pytest.approx([0.6, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("points", "noise", "message"),
+    [
+        (np.zeros((2, 3)), 0, r"points have the shape \(2, 3\), but must have \(n, 4\)"),
+        (np.zeros(4), 0, r"must have \(n, 4\)"),
+        (np.full((1, 4), 1.1), 0, "points must be between 0 and 1"),
+        (np.full((1, 4), np.nan), 0, "points must be between 0 and 1"),
+        (np.full((2, 4), 0.5), [1], "noise must be a whole number or 2 whole numbers"),
+        (np.full((1, 4), 0.5), 0.5, "noise must be a whole number"),
+        (np.full((1, 4), 0.5), -1, "noise must be at least 0"),
+    ],
+)
+def test_wrong_points_are_refused(scenario, points, noise, message):
+    evaluator = Evaluator(scenario, num_vehicles=1)
+    with pytest.raises(InputError, match=message):
+        evaluator(points, noise)
+
+
+def test_a_scenario_without_distributions_is_refused():
+    with pytest.raises(InputError, match="hover contains no distribution, so there is nothing to vary"):
+        Evaluator(load_scenario("hover"))
