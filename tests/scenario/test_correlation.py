@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.scenario import correlation
 from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.scenario.correlation import (
     correlated_groups,
