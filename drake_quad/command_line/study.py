@@ -29,6 +29,7 @@ from drake_quad.studies.cluster import dask_pool
 from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import most_influential_path, values_without_crashes, worst
+from drake_quad.studies.stopping import StoppingRule
 from drake_quad.studies.study import PARQUET_FILE, Study
 from drake_quad.studies.summary import (
     Summary,
@@ -53,6 +54,14 @@ def options() -> argparse.ArgumentParser:
     result.add_argument("--samples", type=int, default=1000, help="number of samples (default: %(default)s)")
     add_controller(
         result, several="can be given several times; all fly the same samples, and the first is the baseline"
+    )
+    result.add_argument(
+        "--until",
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or 'rmse ± 1 %%' of the mean; can"
+        " be given several times; --samples is then the largest number of samples",
     )
     result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
     result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
@@ -109,6 +118,7 @@ def main(arguments: argparse.Namespace) -> None:
                     batch_size=arguments.batch,
                     executor=crew,
                     compiled=not arguments.wired,
+                    until=arguments.until,
                     progress=progress,
                 )
     seconds = time.perf_counter() - began
@@ -124,6 +134,7 @@ def main(arguments: argparse.Namespace) -> None:
             )
         method = "uncompiled" if arguments.wired else "compiled"
         print_study(name, study, folders[name], method, imports=python_options(arguments, name))
+        print_rules([StoppingRule.parse(text, study.scenario) for text in arguments.until], study)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -221,6 +232,13 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
     options = "".join(f" {option}" for option in imports)
     for sample, outcome in outcomes.items():
         print(f"  {outcome:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{options}")
+
+
+def print_rules(rules: Sequence[StoppingRule], study: Study) -> None:
+    """Print the estimate of each stopping rule, with an interval that is valid although the rule ended the study."""
+    for rule in rules:
+        met = "" if rule.is_met(study.metrics) else "; not precise enough for --until"
+        print(f"{rule.quantity}: {rule.text(study.metrics)}, confidence sequence{met}")
 
 
 def _outcome_of(study: Study, index: int) -> str:

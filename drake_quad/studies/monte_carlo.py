@@ -3,7 +3,7 @@
 import math
 import uuid
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
@@ -28,7 +28,9 @@ from drake_quad.studies.flying import (
     fly_batch,
     fly_trial,
 )
+from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.processes import Workers, check_counts, check_importable, num_cores
+from drake_quad.studies.stopping import StoppingRule, checkpoints
 from drake_quad.studies.study import Study, columns_of
 from drake_quad.studies.study_folder import StudyRows, open_study
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
@@ -61,6 +63,7 @@ def run_monte_carlo(
     wind: Callable[[int], Any] | None = None,
     policy: Callable[[int], Any] | None = None,
     compiled: bool = True,
+    until: Sequence[str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
     """Fly samples 0 to n - 1 of a scenario's study in fleets.
@@ -92,6 +95,8 @@ def run_monte_carlo(
             All three results must be equal.
         compiled: True to compile the diagram to machine code, except for systems that cannot be compiled; False to
             simulate the uncompiled diagram.
+        until: rules such as `crash ± 0.2 %` or `rmse ± 1 %`. The study ends as soon as all of them are met, or after n
+            samples. They are evaluated after fixed numbers of samples, see `drake_quad.studies.stopping`.
         progress: function that is called with the number of completed samples, and n.
 
     Returns:
@@ -112,6 +117,7 @@ def run_monte_carlo(
     check_counts(num_samples=num_samples, num_workers=num_workers, batch_size=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
+    rules = [StoppingRule.parse(text, scenario) for text in until]
     user_systems = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
         check_fleet_fits(min(batch_size or 1, num_samples), "batch")
@@ -134,8 +140,12 @@ def run_monte_carlo(
             with open_study(
                 folder, scenario, num_samples, duration, user_systems, compiled=compiled, resume=resume
             ) as rows:
-                size = _size_of_batches(len(rows.missing), pool.num_workers, batch_size, _default_batch_size(scenario))
-                _fly(pool, job._replace(num_vehicles=size), rows, progress)
+                for count in checkpoints(num_samples) if rules else [num_samples]:
+                    missing, default = rows.missing(count), _default_batch_size(scenario)
+                    size = _size_of_batches(len(missing), pool.num_workers, batch_size, default)
+                    _fly(pool, job._replace(num_vehicles=size), rows, missing, progress)
+                    if rules and len(rows) and all(rule.is_met(rows.metrics(count)) for rule in rules):
+                        break
             if rows.failures and not len(rows):
                 sample, reason = min(rows.failures.items())
                 raise RuntimeError(f"no sample can be flown; sample {sample}: {reason}")
@@ -160,10 +170,11 @@ def _fly(
     pool: WorkerPool,
     job: BatchJob,
     rows: StudyRows,
+    missing: MissingSamples,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Fly the missing samples of a study in batches of the job's fleet size, and add their rows to the study."""
-    missing, size = rows.missing, job.num_vehicles
+    """Fly missing samples of a study in batches of the job's fleet size, and add their rows to the study."""
+    size = job.num_vehicles
 
     def report() -> None:
         if progress is not None:

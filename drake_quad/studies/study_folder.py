@@ -10,6 +10,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_atomically, write_table
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
@@ -66,10 +67,15 @@ class StudyRows:
     def __len__(self) -> int:
         return self._count
 
-    @property
-    def missing(self) -> MissingSamples:
-        """Indices of the samples that have not been flown."""
-        return MissingSamples(self.num_samples, np.concatenate([part[:, 0] for part in self._parts]))
+    def missing(self, num_samples: int) -> MissingSamples:
+        """Return the indices of those of the first samples that have neither been flown nor failed in this run."""
+        known = np.concatenate([*(part[:, 0] for part in self._parts), [*self.failures]])
+        return MissingSamples(num_samples, known[known < num_samples])
+
+    def metrics(self, num_samples: int) -> Metrics:
+        """Return the metrics of those of the first samples that have been flown."""
+        study = self.study()
+        return study.metrics.take(study.samples < num_samples)
 
     @property
     def rows(self) -> np.ndarray:

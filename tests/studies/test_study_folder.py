@@ -37,7 +37,7 @@ def table(samples, crash_time=math.inf, value=0.5):
 def test_a_sample_counts_as_present_whatever_its_values(hover):
     """This includes samples without counted ticks, which have no error."""
     rows = StudyRows(hover, 5, 2.0)
-    assert (len(rows), [*rows.missing], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
+    assert (len(rows), [*rows.missing(5)], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
     rows.add(Outcome([4], reason="cursed"))
     assert (len(rows), [*rows.missing], rows.failures) == (2, [0, 2, 4], {4: "cursed"})
