@@ -183,7 +183,7 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
     else:
         values["rotor_speed_command"] = signals["rotor_speed_command"]
     if "battery" in signals:
-        values["battery_voltage"] = signals["battery"][:, 0]
+        values["battery_voltage"] = flight.record("battery").voltage
     step = slice(None, None, samples_per_row)
     return FlightRecord("flight", flight.time[step], **{name: rows[step] for name, rows in values.items()})
 

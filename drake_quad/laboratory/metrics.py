@@ -56,14 +56,20 @@ class Accumulator(NamedTuple):
         return tuple(name for name in self.arguments if name not in TIME_ARGUMENTS)
 
 
-def argument_names(formula: Callable[..., Any]) -> tuple[str, ...]:
-    """Return the names of the arguments of a formula without its keyword-only arguments."""
-    parameters = inspect.signature(formula).parameters.values()
+def argument_names(formula: Callable[..., Any], *, after_sums: bool = False) -> tuple[str, ...]:
+    """Return the names of the arguments of a formula without its keyword-only arguments.
+
+    Args:
+        formula: formula.
+        after_sums: True to omit the first argument, the record of the sums.
+    """
+    first, *others = inspect.signature(formula).parameters.values()
+    parameters = others if after_sums else [first, *others]
     return tuple(parameter.name for parameter in parameters if parameter.kind != parameter.KEYWORD_ONLY)
 
 
 def _accumulator(initial: Any, add: Callable[..., Any]) -> Accumulator:
-    return Accumulator(initial, add, argument_names(add)[1:])
+    return Accumulator(initial, add, argument_names(add, after_sums=True))
 
 
 class Sums(NamedTuple):

@@ -6,6 +6,8 @@ nominal vehicle, and the criteria by which a flight is evaluated.
 """
 
 import math
+import re
+from collections.abc import Collection, Iterable
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
@@ -17,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shortened
 from drake_quad.laboratory.metrics import METRICS as EVERY_METRIC
 from drake_quad.laboratory.metrics import Metrics, metrics_type
 from drake_quad.scenario.actions.action import ACTIONS
@@ -268,8 +270,23 @@ class Laboratory(Model):
 
 
 # Pattern of the name of an additional metric, and names of the other columns of studies.
-_METRIC_NAME = r"^[a-z][a-z0-9_]{0,59}$"
+_METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
 _TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
+
+
+def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
+    """Raise an error if a name of a metric or of a requirement is not allowed.
+
+    Args:
+        names: names to check.
+        taken: names of other columns of a study.
+    """
+    for name in names:
+        if not _METRIC_NAME.fullmatch(name):
+            demand = "must have a name of small letters, digits and '_' that begins with a letter"
+            raise refused(demand, path=(shortened(name),))
+        if name in taken:
+            raise refused("must have another name, since a study has another column of this name", path=(name,))
 
 
 class MetricWindow(Model):
@@ -285,7 +302,7 @@ class MetricWindow(Model):
         default=None, description="end of the window (s); the end of the flight if not given"
     )
 
-    additional: dict[Annotated[str, Field(pattern=_METRIC_NAME)], AnyMetric] = Field(
+    additional: dict[str, AnyMetric] = Field(
         default={},
         description="further metrics by name; the name is the kind of the metric if the metric does not state its kind",
     )
@@ -306,9 +323,7 @@ class MetricWindow(Model):
     @field_validator("additional")
     @classmethod
     def _with_new_names(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
-        for name in additional:
-            if name in _TAKEN_METRIC_NAMES:
-                raise refused("must have another name, since every study has a column of this name", path=(name,))
+        _check_metric_names(additional, _TAKEN_METRIC_NAMES)
         return additional
 
     @model_validator(mode="after")
@@ -383,7 +398,7 @@ class Scenario(Mission):
     )
     initial: InitialState = InitialState()
     metrics: MetricWindow = MetricWindow()
-    requirements: dict[Annotated[str, Field(pattern=_METRIC_NAME)], Requirement] = Field(
+    requirements: dict[str, Requirement] = Field(
         default={}, description="requirements on a flight by name; their robustness is a metric"
     )
     crash: Crash = Crash()
@@ -469,9 +484,7 @@ class Scenario(Mission):
     def _with_new_names(cls, given: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
         metrics = info.data.get("metrics")
         taken = (*_TAKEN_METRIC_NAMES, *(() if metrics is None else metrics.additional))
-        for name in given:
-            if name in taken:
-                raise refused("must have another name, since a metric has this name", path=(name,))
+        _check_metric_names(given, taken)
         return given
 
     @model_validator(mode="after")

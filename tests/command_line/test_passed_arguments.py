@@ -390,7 +390,7 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
 
 def test_studies_without_random_parameters_get_a_single_remark(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
-    given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None)
+    given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse")
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
@@ -408,7 +408,7 @@ def flown(replaced, monkeypatch):
     """Return the recorded calls of a command `fly` that simulates nothing and writes nothing."""
     numbers = dict.fromkeys(Metrics._fields, 0.1)
     flight = SimpleNamespace(
-        metrics=SimpleNamespace(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
+        metrics=Metrics(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
         save=lambda folder: [folder / "flight.csv"],
     )  # fmt: skip
     calls = replaced("fly", simulate=flight, save_network="net.yaml")

@@ -313,7 +313,7 @@ def test_a_regulator_is_written_as_yaml_that_a_scenario_can_extend(tmp_path):
 def test_the_metrics_of_a_flight_are_in_their_units():
     numbers = dict(zip(Metrics._fields, (0.1 * (i + 1) for i in range(len(Metrics._fields))), strict=True))
     flight = SimpleNamespace(
-        metrics=SimpleNamespace(**(numbers | {"effort_z": math.nan})),
+        metrics=Metrics(**(numbers | {"effort_z": math.nan})),
         crash="",
         time=np.array([0.0, 4.0]),
     )

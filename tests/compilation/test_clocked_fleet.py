@@ -65,7 +65,7 @@ def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario)
     sums = fleet.next_state("sums")
     for vehicle in range(n):
         metrics = simulate(windy_scenario, sample=vehicle, until=0.5, compiled=False).metrics
-        np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
+        np.testing.assert_allclose(np.sqrt(sums.records[0].squares.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
     assert sums.ticks.tolist() == [26.0] * n  # the first and the last vehicle are among them
     assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 

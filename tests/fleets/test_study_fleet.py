@@ -88,8 +88,8 @@ def test_a_second_batch_has_the_flights_of_a_new_fleet(scenario, overrides, cont
     )
     # The fleet is compiled by default, and does not record signals.
     for fleet, is_compiled in ((wired, False), (compiled, True)):
-        assert fleet._simulation.compiled == is_compiled
-        assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
+        assert fleet.simulation.compiled == is_compiled
+        assert not fleet.simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2]):
         expected = new_fleet_metrics(study, Batch.draw(study, samples))
         for actual, desired in zip(wired.fly(samples), expected, strict=True):

@@ -192,8 +192,8 @@ def test_a_registered_metric_can_be_pickled_with_its_scenario():
 @pytest.mark.parametrize(
     ("metrics", "message"),
     [
-        ({"rmse": {"kind": "max", "of": "tilt"}}, "must have another name, since every study has a column"),
-        ({"Tilt": {"kind": "max", "of": "tilt"}}, "Tilt"),
+        ({"rmse": {"kind": "max", "of": "tilt"}}, "must have another name, since a study has another column"),
+        ({"Tilt": {"kind": "max", "of": "tilt"}}, "must have a name of small letters"),
         ({"tilt": {"kind": "max", "of": "tild"}}, "must be a scalar signal: 'tild' is neither a row of a signal"),
         ({"tilt": {"kind": "max", "of": "state.tilt"}}, r"is not a row of the signal state; its rows are state\.x"),
         ({"tilt": {"kind": "max", "of": "weights.1"}}, "its rows are none that have names"),
@@ -307,7 +307,7 @@ def test_wrong_requirements_are_refused(requirement, message):
 
 def test_a_requirement_and_a_metric_have_different_names():
     requirement = {"level": {"always": {"signal": "tilt", "below": 1.0}}}
-    with pytest.raises(InputError, match="must have another name, since a metric has this name"):
+    with pytest.raises(InputError, match="must have another name, since a study has another column"):
         load_scenario("hover", [{**additional(level={"kind": "max", "of": "tilt"}), "requirements": requirement}])
 
 

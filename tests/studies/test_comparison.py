@@ -49,9 +49,11 @@ def test_samples_fly_in_one_fleet_compiled_by_default(monkeypatch):
     def fleet(_, plan, num_samples, *, compiled):
         assert plan == "plan"
         fleets.append((num_samples, compiled))
-        return SimpleNamespace(fly=lambda samples, progress: [*samples])
+        return "fleet"
 
     monkeypatch.setattr(comparison, "StudyFleet", fleet)
+    monkeypatch.setattr(comparison, "Batch", SimpleNamespace(draw=lambda _, samples: [*samples]))
+    monkeypatch.setattr(comparison, "fly_with_metrics", lambda _, batch, progress: batch)
     monkeypatch.setattr(comparison, "plan_route", lambda _: "plan")
     assert fly_samples(None, [5, 2, 7]) == fly_samples(None, [5, 2, 7], compiled=False) == [5, 2, 7]
     assert fleets == [(3, True), (3, False)]

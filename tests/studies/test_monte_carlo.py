@@ -480,7 +480,7 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
     ],
 )
 def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers, batch_size, sizes):
-    size = run_module._size_of_batches(count, num_workers, batch_size)
+    size = run_module._size_of_batches(count, num_workers, batch_size, 1024)
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 

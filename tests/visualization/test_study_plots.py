@@ -221,7 +221,7 @@ def test_controllers_with_equal_values_are_drawn_side_by_side():
 )
 def test_labels_of_metrics_have_units(name, label):
     with new_panels(3.0, 3.0) as (_, axes):
-        plots.label_metric(axes.xaxis, name)
+        plots.label_metric(axes.xaxis, [study()], name)
         assert axes.get_xlabel() == label
         # Values are drawn in SI units, and tick labels are in the units of the tables.
         expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])

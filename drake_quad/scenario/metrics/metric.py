@@ -230,13 +230,13 @@ def metric(
     appearance = Appearance(unit, label, display, larger_is_better)
 
     def register(function: _Function) -> _Function:
-        names = argument_names(function)
+        names = argument_names(function, after_sums=over_time is None)
 
         def definition(self: MetricSettings, name: str, _scenario: Any) -> Metric:
             settings = _settings_values(self)
             if over_time is not None:
                 return reduced_metric(name, over_time, function, names, appearance, settings)
-            accumulator = Accumulator(initial, function, names[1:], settings)
+            accumulator = Accumulator(initial, function, names, settings)
             return appearance.metric(name, accumulator, cast(Callable[..., Any], value))
 
         return _registered(function, definition)
