@@ -281,11 +281,11 @@ class Predictor:
         return variances[self.rows]
 
     def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, 1, n, 1) of the state for C noises, divided by the filter's factors."""
-        ratios = np.ones((len(noises), 1, NUM_BODY + NUM_DISTURBANCE, 1))
+        """Return the decay factors (C, n) of the state for C noises, divided by the filter's factors."""
+        ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
         for c, noise in enumerate(noises):
-            ratios[c, 0, NUM_BODY:, 0] = self._decay(noise) / self._decay(filter_noise)
-        return ratios[:, :, self.rows]
+            ratios[c, NUM_BODY:] = self._decay(noise) / self._decay(filter_noise)
+        return ratios[:, self.rows]
 
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
         """Return the gains of the filter, linearised around its predictions for parameters (p,)."""
@@ -413,66 +413,132 @@ class Predictor:
         Returns:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
         """
-        n, C, W = len(self.rows), len(noises), len(window_indices)
-        ratios_of_noises = self._decay_ratios(filter_noise, noises)
-        ratio, ratio_changes = _first_and_changes(ratios_of_noises)
-        ratios, ratios_changes = _first_and_changes(ratios_of_noises * ratios_of_noises.swapaxes(-1, -2))
-        covariance, changes = _first_and_changes(
-            np.stack([self._first_covariance(noise)[window_indices] for noise in noises])
-        )
-        measurement_noise, measured_changes = _first_and_changes(
-            np.stack([np.diag(noise.measured**2) for noise in noises])[:, None]
-        )
-        process_noise, process_changes = _first_and_changes(
-            np.stack([np.diag(self.process_noise(noise)) for noise in noises])[:, None]
-        )
-        # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
-        with_other_measured, with_other_memory = (
-            np.flatnonzero(x.any(axis=(1, 2, 3))) for x in (measured_changes, ratio_changes)
-        )
-        deviation, deviations, errors, covariances = np.zeros((W, n, 1)), np.zeros((C - 1, W, n, 1)), [], []
+        n, m, W = len(self.rows), len(self.outputs), len(window_indices)
+        ratios = self._decay_ratios(filter_noise, noises)
+        variances = np.stack([self.process_noise(noise) for noise in noises])
+        measured = np.stack([noise.measured**2 for noise in noises])
+        first_covariances = np.stack([self._first_covariance(noise)[window_indices] for noise in noises])
+        covariance, deviation, ratio = first_covariances[0], np.zeros((W, n, 1)), ratios[0, :, None]
+        process_noise, measurement_noise = np.diag(variances[0]), np.diag(measured[0])
+        ratio_products = ratio * ratio.T
+        others = _OtherNoises(ratios, variances, measured, first_covariances) if len(noises) > 1 else None
+        filter_errors = gains.errors[..., window_indices]
+        corrections = np.einsum("tnmw,tmw->twn", gains.gain[..., window_indices], filter_errors)[..., None]
+        filter_errors = filter_errors.transpose(0, 2, 1)[..., None]
+        disturbances = gains.disturbance[..., window_indices].transpose(0, 2, 1)[..., None]
+        count, first_counted = int(np.sum(self.counted)), len(self.counted) - int(np.sum(self.counted))
+        errors, covariances = np.empty((count, len(noises), W, m)), np.empty((count, len(noises), W, m, m))
         for j in range(len(self.measured)):
             output, transition = gains.output[j][window_indices], gains.transition[j][window_indices]
-            filter_errors = gains.errors[j][:, window_indices].T[:, :, None]
             update = _update(covariance, output, measurement_noise)
-            first_errors = filter_errors - output @ deviation
-            cross, shift = output @ changes, output @ deviations
-            covariance_changes = cross @ _transposed(output) + measured_changes
-            if self.counted[j]:
-                errors.append(np.concatenate([first_errors[None], first_errors - shift]))
-                covariances.append(
-                    np.concatenate([update.error_covariance[None], update.error_covariance + covariance_changes])
-                )
-            white = update.whitening.swapaxes(-1, -2) @ (update.whitening @ first_errors)
-            correction = gains.gain[j][:, :, window_indices].transpose(2, 0, 1) @ filter_errors
-            corrected = deviation + update.gain @ first_errors - correction
-            deviations = (
-                deviations + cross.swapaxes(-1, -2) @ white - update.gain @ (shift + covariance_changes @ white)
-            )
+            first_errors = filter_errors[j] - output @ deviation
+            corrected = deviation + update.gain @ first_errors - corrections[j]
             # A different memory changes the disturbance itself, not only its deviation from the filter's disturbance.
-            disturbance = gains.disturbance[j][:, window_indices].T[:, :, None]
-            propagated, scaled = transition @ corrected, ratio * transition
-            deviation = ratio * propagated + (ratio - 1.0) * disturbance
-            deviations = scaled @ deviations + ratio_changes * (propagated + disturbance)
+            propagated = transition @ corrected
+            deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
-            covariance = ratios * propagated_covariance + process_noise
-            gain = scaled @ update.gain
-            closed_loop = scaled - gain @ output
-            changes = closed_loop @ changes @ _transposed(closed_loop)
-            changes += process_changes
-            changes[with_other_measured] += gain @ measured_changes[with_other_measured] @ _transposed(gain)
-            changes[with_other_memory] += ratios_changes[with_other_memory] * propagated_covariance
-        return np.stack(errors)[..., 0], np.stack(covariances)
+            covariance = ratio_products * propagated_covariance + process_noise
+            counted = j - first_counted
+            if counted >= 0:
+                errors[counted, 0], covariances[counted, 0] = first_errors[..., 0], update.error_covariance
+            if others is not None:
+                shifts, covariance_changes = others.update(update, output, first_errors)
+                if counted >= 0:
+                    errors[counted, 1:] = errors[counted, 0] - shifts
+                    covariances[counted, 1:] = covariances[counted, 0] + covariance_changes
+                others.propagate(update, output, transition, propagated + disturbances[j], propagated_covariance)
+        return errors, covariances
 
 
-def _transposed(matrices: np.ndarray) -> np.ndarray:
-    """Return transposed matrices in row-major order, since NumPy multiplies them faster than transposed views."""
-    return np.ascontiguousarray(matrices.swapaxes(-1, -2))
+class _OtherNoises:
+    """Changes of a Kalman filter from a first noise to c other noises, to first order.
+
+    Matrices of the c noises are stored side by side, as (w, rows, c, columns) for w windows, so that a single product
+    of matrices serves all noises.
+
+    Args:
+        ratios: (1 + c, n) factors by which the n rows of the state decay, relative to the filter that was linearised.
+        variances: (1 + c, n) variances of the process noise.
+        measured: (1 + c, m) variances of the measurement noise.
+        covariances: (1 + c, w, n, n) covariances of the state at the first measurement.
+    """
+
+    def __init__(
+        self, ratios: np.ndarray, variances: np.ndarray, measured: np.ndarray, covariances: np.ndarray
+    ) -> None:
+        self._ratio, self._ratio_changes = ratios[0], ratios[1:] - ratios[0]
+        products = ratios[:, :, None] * ratios[:, None, :]
+        self._product_changes = (products[1:] - products[0]).transpose(1, 0, 2)
+        self._process_changes = (variances[1:] - variances[0]).T[:, :, None] * np.eye(len(variances[0]))[:, None, :]
+        self._variance_changes = measured[1:] - measured[0]
+        self._measured_changes = self._variance_changes.T[:, :, None] * np.eye(len(measured[0]))[:, None, :]
+        # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
+        self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
+        self._with_other_memory = np.flatnonzero(self._ratio_changes.any(axis=1))
+        self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))
+        w, n, c, _ = self._covariances.shape
+        self._deviations = np.zeros((w, c, n))
+
+    def update(self, update: "_Update", output: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Update the filters by a measurement.
+
+        Args:
+            update: measurement update of the filter with the first noise.
+            output: (w, m, n) output matrices.
+            errors: (w, m, 1) prediction errors of the filter with the first noise.
+
+        Returns:
+            The changes of the predicted outputs (c, w, m), and of the covariances (c, w, m, m) of their errors.
+        """
+        cross = _left_product(output, self._covariances)
+        shifts = self._deviations @ output.swapaxes(-1, -2)
+        covariance_changes = _right_product(cross, output) + self._measured_changes
+        white = (update.whitening.swapaxes(-1, -2) @ (update.whitening @ errors)).swapaxes(-1, -2)
+        changes_of_errors = shifts + _left_product(white, covariance_changes)[:, 0]
+        self._deviations += _left_product(white, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(-1, -2)
+        return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
+
+    def propagate(
+        self,
+        update: "_Update",
+        output: np.ndarray,
+        transition: np.ndarray,
+        disturbed: np.ndarray,
+        propagated_covariance: np.ndarray,
+    ) -> None:
+        """Predict the filters until the next measurement.
+
+        Args:
+            update: measurement update of the filter with the first noise.
+            output: (w, m, n) output matrices.
+            transition: (w, n, n) transition matrices.
+            disturbed: (w, n, 1) rows of the state that decay, before they decay with `ratios`.
+            propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
+        """
+        scaled = self._ratio[:, None] * transition
+        self._deviations = self._deviations @ scaled.swapaxes(-1, -2)
+        self._deviations += self._ratio_changes * disturbed.swapaxes(-1, -2)
+        gain = scaled @ update.gain
+        closed_loop = scaled - gain @ output
+        changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop)
+        changes += self._process_changes
+        measured, memory = self._with_other_measured, self._with_other_memory
+        scaled_gain = gain[:, :, None, :] * self._variance_changes[measured]
+        changes[:, :, measured] += _right_product(scaled_gain, gain)
+        changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
+        self._covariances = changes
 
 
-def _first_and_changes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first of several arrays, and the differences of the others from the first."""
-    return values[0], values[1:] - values[0]
+def _left_product(matrices: np.ndarray, stacked: np.ndarray) -> np.ndarray:
+    """Return the products (w, a, c, d) of matrices (w, a, b) and stacked matrices (w, b, c, d)."""
+    w, b, c, d = stacked.shape
+    return (matrices @ stacked.reshape(w, b, c * d)).reshape(w, -1, c, d)
+
+
+def _right_product(stacked: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Return the products (w, a, c, d) of stacked matrices (w, a, c, b) and transposed matrices (w, d, b)."""
+    w, a, c, b = stacked.shape
+    return (stacked.reshape(w, a * c, b) @ matrices.swapaxes(-1, -2)).reshape(w, a, c, -1)
 
 
 def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:

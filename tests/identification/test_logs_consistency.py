@@ -23,6 +23,7 @@ from drake_quad.identification.logs.consistency import (
     _tilt,
     contradictions,
 )
+from drake_quad.identification.logs.faults import faults
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
@@ -96,8 +97,33 @@ def test_windows_that_touch_a_gap_are_left_out():
     grid = _on_grid({"position": flight()["position"][kept]}, TIME[kept])
     edges = TIME[0] + grid.step * np.arange(len(grid.usable))
     np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
-    whole = grid.is_complete(20)
-    assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
+    starts = grid.starts(20)
+    assert len(starts) == len(grid.usable) - (~grid.usable).sum() - 2 * 20
+    assert all(grid.usable[start : start + 21].all() for start in starts)
+    np.testing.assert_array_equal(grid.with_stride(7).starts(20), starts[::7])
+
+
+def test_windows_with_a_stride_are_compared_as_without_it():
+    grid = _on_grid({**flight(), "reference_velocity": flight()["velocity"]}, TIME)
+    for pair, strided in zip(_pairs(grid), _pairs(grid.with_stride(3)), strict=True):
+        np.testing.assert_array_equal(strided.expected, pair.expected[::3])
+        np.testing.assert_array_equal(strided.measured, pair.measured[::3])
+
+
+@pytest.mark.parametrize("without", [None, "velocity"])
+def test_a_repaired_log_is_compared_as_a_log_without_the_fault(without):
+    """Quantities that do not depend on the repaired signals are not computed again."""
+    signals, time = {name: values[:200] for name, values in flight().items() if name != without}, TIME[:200]
+    grid = _on_grid(signals, time)
+    _pairs(grid)
+    for fault in faults(grid.signals):
+        repaired, fresh = grid.repaired(fault), _on_grid(signals, time).repaired(fault)
+        # A pair is None if the repaired velocity hardly varies.
+        for pair, other in zip(_pairs(repaired), _pairs(fresh), strict=True):
+            assert (pair is None) == (other is None)
+            if pair is not None:
+                np.testing.assert_array_equal(pair.expected, other.expected)
+                np.testing.assert_array_equal(pair.measured, other.measured)
 
 
 @pytest.mark.parametrize(
@@ -193,8 +219,7 @@ def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay
     followed = np.column_stack([np.interp(TIME - delay, TIME, column) for column in commands.T])
     grid = _on_grid({"attitude_command": sign * commands, "attitude": 0.8 * followed}, TIME)
     for columns in (2, 3):
-        pair, width = _response("attitude_command", "attitude", 0.03, columns, grid)
-        assert width == 10
+        pair = _response("attitude_command", "attitude", 0.03, columns, grid)
         assert pair.axes == ("roll", "pitch", "yaw")[:columns]
         assert pair.expected.shape == pair.measured.shape == (len(grid.usable) - 10 - round(delay / PERIOD), columns)
         np.testing.assert_allclose(pair.expected[100:], 0.8 * sign * pair.measured[100:], atol=0.02)
@@ -528,7 +553,7 @@ def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, 
     random = np.random.default_rng(12)
     command = random.normal(size=(110, 3)).cumsum(axis=0)
     grid = _on_grid({"attitude_command": command[40:], "attitude": command[40 - delay : 110 - delay]}, TIME[:70])
-    pair, _ = _response("attitude_command", "attitude", 0.03, 2, grid)
+    pair = _response("attitude_command", "attitude", 0.03, 2, grid)
     windows = len(grid.usable) - 10
     if found is None:
         assert len(pair.expected) >= windows - 20

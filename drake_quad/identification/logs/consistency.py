@@ -14,7 +14,7 @@ improves the agreement most is reported. Signals that agree after the repair are
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy
@@ -56,6 +56,7 @@ _MIN_CONTRADICTION = 0.85
 _OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
 _ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
 _TINY = float(np.finfo(float).tiny)
+_Value = TypeVar("_Value")
 
 
 class _Pair(NamedTuple):
@@ -85,12 +86,7 @@ class _Pair(NamedTuple):
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
         """Return expected and measured values, minus their medians if centred, clipped to their typical amplitude."""
-        sides = []
-        for values in (self.expected, self.measured):
-            deviation = values - np.median(values, axis=0) if self.centred else values
-            limit = np.quantile(np.abs(deviation), _CLIPPED_QUANTILE, axis=0)
-            sides.append(np.clip(deviation, -limit, limit))
-        return sides[0], sides[1]
+        return _clipped(self.expected, self.centred), _clipped(self.measured, self.centred)
 
     def disagreement(self) -> np.ndarray:
         """Return the disagreement of each axis: 0 for equal, 1 for independent and 2 for opposite values."""
@@ -119,56 +115,107 @@ class _Pair(NamedTuple):
         )
 
 
+_MOTION_SIGNALS = ("position", "velocity")
+
+
+def _derived_from(*names: str) -> Callable[[Callable[["_Grid"], _Value]], Callable[["_Grid"], _Value]]:
+    """Return a decorator that computes a quantity of a grid only once, from the signals with the given names.
+
+    A grid with a repaired fault keeps the quantities that do not depend on the repaired signals.
+    """
+
+    def decorate(quantity: Callable[["_Grid"], _Value]) -> Callable[["_Grid"], _Value]:
+        def stored(grid: "_Grid") -> _Value:
+            if quantity not in grid.derived:
+                grid.derived[quantity] = names, quantity(grid)
+            value: _Value = grid.derived[quantity][1]
+            return value
+
+        return stored
+
+    return decorate
+
+
+def _clipped(values: np.ndarray, centred: bool) -> np.ndarray:
+    """Return values (w, axes), minus their medians if centred, clipped to their typical amplitude."""
+    deviation = values - _quantile(values, 0.5) if centred else values
+    limit = _quantile(np.abs(deviation), _CLIPPED_QUANTILE)
+    return np.minimum(np.maximum(deviation, -limit), limit)
+
+
+def _quantile(values: np.ndarray, probability: float) -> np.ndarray:
+    """Return a quantile (axes,) of values (w, axes), as `np.quantile` does, which takes ten times as long."""
+    position = probability * (len(values) - 1)
+    low = int(position)
+    high = min(low + 1, len(values) - 1)
+    ordered = np.partition(values, (low, high), axis=0)
+    return np.asarray(ordered[low] + (position - low) * (ordered[high] - ordered[low]))
+
+
 class _Grid:
     """Signals of a log as means over the steps of a regular grid.
+
+    Signals are compared in windows, which start at steps of the grid. A window that contains a gap is left out.
 
     Attributes:
         signals: (n, columns) values by name.
         step: step of the grid, s.
         usable: (n,) False where the log has a gap.
+        stride: number of steps from one window to the next.
+        derived: quantities that have been computed, each with the names of the signals on which it depends.
     """
 
-    def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray) -> None:
-        self.signals, self.step, self.usable = signals, step, usable
-        self._rotation: scipy.spatial.transform.Rotation | None = None
-        self._damaged = np.concatenate([[0], np.cumsum(~usable)])
+    def __init__(self, signals: Mapping[str, np.ndarray], step: float, usable: np.ndarray, *, stride: int = 1) -> None:
+        self.signals, self.step, self.usable, self.stride = signals, step, usable, stride
+        self.derived: dict[Callable[[_Grid], Any], tuple[tuple[str, ...], Any]] = {}
+        self._starts: dict[int, np.ndarray] = {}
+
+    def with_stride(self, stride: int) -> "_Grid":
+        """Return the grid with another number of steps from one window to the next."""
+        return _Grid(self.signals, self.step, self.usable, stride=stride)
 
     def repaired(self, fault: Fault) -> "_Grid":
         """Return the grid with a fault repaired."""
-        result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable)
-        if "attitude" not in fault.signals:
-            result._rotation = self._rotation
+        result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable, stride=self.stride)
+        result._starts = self._starts
+        result.derived = {
+            quantity: (names, value)
+            for quantity, (names, value) in self.derived.items()
+            if not set(names).intersection(fault.signals)
+        }
         return result
 
     @property
     def rotation(self) -> "scipy.spatial.transform.Rotation":
         """Rotations (n,) from body to world."""
-        if self._rotation is None:
-            self._rotation = rotations(self.signals["attitude"])
-        return self._rotation
+        return _rotation(self)
 
     def samples(self, duration: float) -> int:
         """Return the number of steps in a window."""
         return max(1, round(duration / self.step))
 
+    def starts(self, width: int) -> np.ndarray:
+        """Return the first steps (w,) of the windows of `width` steps without a gap."""
+        if width not in self._starts:
+            damaged = np.concatenate([[0], np.cumsum(~self.usable)])
+            is_complete = damaged[width + 1 :] == damaged[: len(damaged) - width - 1]
+            self._starts[width] = np.flatnonzero(is_complete)[:: self.stride]
+        return self._starts[width]
+
     def mean(self, values: np.ndarray, width: int) -> np.ndarray:
-        """Return the means (n - width, columns) over windows."""
-        integral = _cumulative_integral(values, 1.0)
-        return np.asarray((integral[width:] - integral[:-width]) / width)
+        """Return the means (w, columns) over windows."""
+        integral, starts = _cumulative_integral(values, 1.0), self.starts(width)
+        return np.asarray((integral[starts + width] - integral[starts]) / width)
 
     def rate(self, values: np.ndarray, width: int) -> np.ndarray:
-        """Return the mean derivatives (n - width, columns) over windows."""
-        return np.asarray((values[width:] - values[:-width]) / (width * self.step))
-
-    def is_complete(self, width: int) -> np.ndarray:
-        """Return a mask (n - width,) of the windows without a gap."""
-        return np.asarray(self._damaged[width + 1 :] == self._damaged[: len(self._damaged) - width - 1])
+        """Return the mean derivatives (w, columns) over windows."""
+        starts = self.starts(width)
+        return np.asarray((values[starts + width] - values[starts]) / (width * self.step))
 
     @property
     def is_moving(self) -> bool:
         """True if the velocity varies enough to determine accelerations."""
-        velocity = self.velocity
-        return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
+        return _is_moving(self)
 
     @property
     def velocity(self) -> np.ndarray | None:
@@ -176,6 +223,17 @@ class _Grid:
         if "velocity" in self.signals or "position" not in self.signals:
             return self.signals.get("velocity")
         return np.asarray(np.gradient(self.signals["position"], self.step, axis=0))
+
+
+@_derived_from("attitude")
+def _rotation(grid: _Grid) -> "scipy.spatial.transform.Rotation":
+    return rotations(grid.signals["attitude"])
+
+
+@_derived_from(*_MOTION_SIGNALS)
+def _is_moving(grid: _Grid) -> bool:
+    velocity = grid.velocity
+    return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
 
 
 def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
@@ -226,20 +284,23 @@ def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | Non
     return _Grid(means, step, usable)
 
 
+def _all_means(values: np.ndarray, width: int) -> np.ndarray:
+    """Return the means (n - width, columns) over all windows of `width` steps."""
+    integral = _cumulative_integral(values, 1.0)
+    return np.asarray((integral[width:] - integral[:-width]) / width)
+
+
 def _cumulative_integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
     """Return the integral (n, columns) from the first sample to each sample, by the trapezoidal rule."""
     areas = 0.5 * (values[1:] + values[:-1]) * np.reshape(steps, (-1, 1))
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
 
-def _pairs(
-    grid: _Grid, *, stride: int = 1, fault: Fault | None = None, only: Callable[..., Any] | None = None
-) -> list[_Pair | None]:
-    """Return the pairs of signals that can be compared, without the windows that contain a gap.
+def _pairs(grid: _Grid, *, fault: Fault | None = None, only: Callable[..., Any] | None = None) -> list[_Pair | None]:
+    """Return the pairs of signals that can be compared.
 
     Args:
         grid: signals of the log.
-        stride: number of grid steps between windows.
         fault: repaired fault; if given, only the pairs that depend on the repaired signals are computed.
         only: comparison in `_COMPARISONS`; if given, only the pair of this comparison is computed.
 
@@ -257,107 +318,123 @@ def _pairs(
         if not is_changed or (_MOTION_SIGNALS in groups and not grid.is_moving):
             pairs.append(None)
             continue
-        pair, width = compare(grid)
-        is_complete = grid.is_complete(width)[: len(pair.expected)]
-        rows = np.flatnonzero(is_complete)[::stride]
-        is_long_enough = len(rows) >= _MIN_WINDOWS
-        pairs.append(
-            pair._replace(expected=pair.expected[rows], measured=pair.measured[rows]) if is_long_enough else None
-        )
+        pair = compare(grid)
+        pairs.append(pair if len(pair.expected) >= _MIN_WINDOWS else None)
     return pairs
 
 
-def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = True) -> tuple[_Pair, int]:
+def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = True) -> _Pair:
     width = grid.samples(_TRANSLATION_WINDOW)
     expected, measured = grid.rate(grid.signals[position], width), grid.mean(grid.signals[velocity], width)
     other = f"the derivative of {position}"
-    return _Pair(velocity, other, expected, measured, 0.05, AXES[velocity], is_exact=is_exact), width
+    return _Pair(velocity, other, expected, measured, 0.05, AXES[velocity], is_exact=is_exact)
 
 
-def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
+def _attitude_and_rates(grid: _Grid) -> _Pair:
+    measured = grid.mean(grid.signals["body_rates"], grid.samples(_ROTATION_WINDOW))
+    return _Pair("body_rates", "the derivative of attitude", _turn(grid), measured, 0.05, AXES["body_rates"])
+
+
+@_derived_from("attitude")
+def _turn(grid: _Grid) -> np.ndarray:
+    """Return the mean body rates (w, 3) that follow from the attitudes at both ends of each window."""
     width = grid.samples(_ROTATION_WINDOW)
-    rotation = grid.rotation
-    turn = (rotation[:-width].inv() * rotation[width:]).as_rotvec() / (width * grid.step)
-    measured = grid.mean(grid.signals["body_rates"], width)
-    return _Pair("body_rates", "the derivative of attitude", turn, measured, 0.05, AXES["body_rates"]), width
+    starts, rotation = grid.starts(width), grid.rotation
+    turn: np.ndarray = (rotation[starts].inv() * rotation[starts + width]).as_rotvec()
+    return turn / (width * grid.step)
 
 
-def _with_gravity(grid: _Grid, width: int) -> np.ndarray:
+@_derived_from(*_MOTION_SIGNALS)
+def _acceleration(grid: _Grid) -> np.ndarray:
+    """Return the mean acceleration (w, 3) minus the acceleration of gravity, in the world."""
     velocity = grid.velocity
     assert velocity is not None
-    return grid.rate(velocity, width) + np.array([0.0, 0.0, GRAVITY])
+    return grid.rate(velocity, grid.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
 
 
-def _force_in_world(grid: _Grid) -> tuple[np.ndarray, np.ndarray, int]:
-    width = grid.samples(_TRANSLATION_WINDOW)
-    measured = grid.mean(grid.rotation.apply(grid.signals["specific_force"]), width)
-    return _with_gravity(grid, width), measured, width
+@_derived_from("attitude", "specific_force")
+def _force_in_world(grid: _Grid) -> np.ndarray:
+    """Return the mean specific force (w, 3) in the world."""
+    return grid.mean(grid.rotation.apply(grid.signals["specific_force"]), grid.samples(_TRANSLATION_WINDOW))
 
 
-def _horizontal_force(grid: _Grid) -> tuple[_Pair, int]:
-    expected, measured, width = _force_in_world(grid)
+def _horizontal_force(grid: _Grid) -> _Pair:
+    expected, measured = _acceleration(grid), _force_in_world(grid)
     other = "the acceleration and the tilt"
-    return _Pair("specific_force", other, expected[:, :2], measured[:, :2], 0.2, ("x", "y")), width
+    return _Pair("specific_force", other, expected[:, :2], measured[:, :2], 0.2, ("x", "y"))
 
 
-def _vertical_force(grid: _Grid) -> tuple[_Pair, int]:
-    expected, measured, width = _force_in_world(grid)
+def _vertical_force(grid: _Grid) -> _Pair:
+    expected, measured = _acceleration(grid), _force_in_world(grid)
     other = "the acceleration and gravity"
-    pair = _Pair("specific_force", other, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
-    return pair, width
+    return _Pair("specific_force", other, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
 
 
-def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
+@_derived_from("attitude", *_MOTION_SIGNALS)
+def _acceleration_in_body(grid: _Grid) -> np.ndarray:
+    """Return the acceleration (w, 3) of `_acceleration`, in the body in the middle of each window."""
     width = grid.samples(_TRANSLATION_WINDOW)
-    acceleration = _with_gravity(grid, width)
-    middle = grid.rotation[width // 2 :][: len(acceleration)]
-    expected = middle.inv().apply(acceleration)[:, :2]
-    measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
+    middle = grid.rotation[grid.starts(width) + width // 2]
+    in_body: np.ndarray = middle.inv().apply(_acceleration(grid))
+    return in_body
+
+
+def _force_in_body(grid: _Grid) -> _Pair:
+    expected = _acceleration_in_body(grid)[:, :2]
+    measured = grid.mean(grid.signals["specific_force"], grid.samples(_TRANSLATION_WINDOW))[:, :2]
     # The drag of the rotors is smaller than the error of the tilt, so the two are rarely equal, but never opposite.
     other = "the acceleration and the tilt, in the body,"
-    pair = _Pair(
+    return _Pair(
         "specific_force", other, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
     )
-    return pair, width
 
 
-def _size_of_force(grid: _Grid) -> tuple[_Pair, int]:
+def _size_of_force(grid: _Grid) -> _Pair:
     force = grid.signals["specific_force"]
-    size = np.linalg.norm(force, axis=1, keepdims=True) * np.sign(np.median(force[:, 2]))
+    size = np.linalg.norm(force, axis=1, keepdims=True)[grid.starts(0)] * np.sign(np.median(force[:, 2]))
     expected = np.full_like(size, GRAVITY)
-    return _Pair("specific_force", "gravity", expected, size, 1.0, ("z",), centred=False, is_exact=False), 0
+    return _Pair("specific_force", "gravity", expected, size, 1.0, ("z",), centred=False, is_exact=False)
 
 
-def _tilt(grid: _Grid) -> tuple[_Pair, int]:
-    """Return the pair of the horizontal acceleration and the acceleration by a thrust along the z axis of the body."""
-    width = grid.samples(_TRANSLATION_WINDOW)
-    acceleration = _with_gravity(grid, width)
+@_derived_from("attitude")
+def _tangent(grid: _Grid) -> np.ndarray:
+    """Return the mean tangents (w, 2) of the tilt, along x and y of the world."""
     axis = grid.rotation.apply([0.0, 0.0, 1.0])
-    tangent = grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), width)
-    expected, measured = acceleration[:, :2], tangent * np.maximum(acceleration[:, 2:], 0.0)
+    return grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), grid.samples(_TRANSLATION_WINDOW))
+
+
+def _tilt(grid: _Grid) -> _Pair:
+    """Return the pair of the horizontal acceleration and the acceleration by a thrust along the z axis of the body."""
+    acceleration = _acceleration(grid)
+    expected, measured = acceleration[:, :2], _tangent(grid) * np.maximum(acceleration[:, 2:], 0.0)
     other = "the horizontal acceleration"
-    return _Pair("attitude", other, expected, measured, 0.2, ("x", "y"), is_exact=False), width
+    return _Pair("attitude", other, expected, measured, 0.2, ("x", "y"), is_exact=False)
 
 
-def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> tuple[_Pair, int]:
+def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> _Pair:
     """Return the pair of a command and the signal that follows it, shifted by the delay with the best correlation."""
     width = grid.samples(_ROTATION_WINDOW)
-    commanded, followed = (grid.mean(grid.signals[each][:, :columns], width) for each in (command, signal))
+    # The delay is estimated from all windows, including those with a gap. NumPy sums rows faster than columns.
+    commanded, followed = (
+        np.ascontiguousarray(_all_means(grid.signals[each][:, :columns], width).T) for each in (command, signal)
+    )
     best, best_fit = (followed, commanded), -1.0
-    for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), len(followed) // 2), width):
-        pair = followed[delay:], commanded[: len(commanded) - delay]
-        late, early = (values - values.mean(axis=0) for values in pair)
+    num_windows = commanded.shape[1]
+    for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), num_windows // 2), width):
+        pair = followed[:, delay:], commanded[:, : num_windows - delay]
+        late, early = (values - values.mean(axis=1, keepdims=True) for values in pair)
         # The absolute value makes the choice independent of the sign of the command.
-        norms = np.sqrt(np.sum(early**2, axis=0) * np.sum(late**2, axis=0))
-        fit = float(np.sum(np.abs(np.sum(early * late, axis=0)) / np.maximum(norms, _TINY)))
+        norms = np.sqrt(np.vecdot(early, early) * np.vecdot(late, late))
+        fit = float(np.sum(np.abs(np.vecdot(early, late)) / np.maximum(norms, _TINY)))
         if fit > best_fit:
             best, best_fit = pair, fit
-    return _Pair(command, signal, *best, threshold, AXES[signal][:columns], is_exact=False), width
+    starts = grid.starts(width)
+    expected, measured = (side.T[starts[starts < side.shape[1]]] for side in best)
+    return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-_MOTION_SIGNALS = ("position", "velocity")
 # Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
-_COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, ...], ...]]] = [
+_COMPARISONS: list[tuple[Callable[[_Grid], _Pair], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
     (_horizontal_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
@@ -379,8 +456,8 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
     # Consecutive windows overlap almost completely, so some of them are sufficient.
-    stride = grid.samples(_SEARCH_STRIDE)
-    pairs = _pairs(grid, stride=stride)
+    grid = grid.with_stride(grid.samples(_SEARCH_STRIDE))
+    pairs = _pairs(grid)
     excited = [None if pair is None else pair.excited() for pair in pairs]
     before = [np.zeros(0) if pair is None else pair.disagreement() for pair in pairs]
     is_suspicious = any(
@@ -393,7 +470,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
             continue
         gain, max_change, candidate = -_AXIS_COST * fault.num_axes, 0.0, None
         for pair, repaired, old, axes in zip(
-            pairs, _pairs(grid.repaired(fault), stride=stride, fault=fault), before, excited, strict=True
+            pairs, _pairs(grid.repaired(fault), fault=fault), before, excited, strict=True
         ):
             if pair is None or repaired is None or axes is None:
                 continue
