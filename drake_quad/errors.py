@@ -49,6 +49,20 @@ def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = N
     return number
 
 
+def not_connected(port: str, system: Any) -> InputError:
+    """Return the error for an input port that has no value although its system needs one.
+
+    Args:
+        port: name of the port.
+        system: system of Drake with the port, or the diagram that exports it.
+    """
+    # The root of a diagram without a name is called "_", and the classes for other scalar types have a suffix.
+    path = str(system.GetSystemPathname()).removeprefix("::_").removeprefix("::").replace("::", "/")
+    kind = type(system).__name__.partition("_𝓣")[0]
+    place = f"the {kind} {path}" if path else f"the {kind}"
+    return InputError(f"the input port `{port}` of {place} is not connected; connect it, or fix its value")
+
+
 def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """Return the entry of a table with a given name.
 

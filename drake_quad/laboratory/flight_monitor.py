@@ -280,7 +280,7 @@ class FlightMonitor(FleetSystem):
         self._period = period
         state, reference = self.input("state"), self.input("reference")
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
-        sent = self.input("wrench"), self.input("attitude_target")
+        sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
