@@ -1,7 +1,7 @@
 """Error and warning classes for wrong input, and functions that format values and names for messages."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from numbers import Integral
 from typing import Any, TypeVar
 
@@ -76,9 +76,23 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """
     if name in table:
         return table[name]
-    close = difflib.get_close_matches(str(name), table, 2)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"there are {listed([*table], 40) or 'none'}"
+    hint = did_you_mean(name, table) or f"there are {listed([*table], 40) or 'none'}"
     raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
+
+
+def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2) -> str:
+    """Return a question with the names that are most similar to a misspelt one, such as "did you mean mass?".
+
+    Args:
+        name: name that is not among the names.
+        names: existing names.
+        max_suggestions: largest number of suggested names.
+
+    Returns:
+        The question; empty if no name is similar.
+    """
+    close = difflib.get_close_matches(str(name), [*names], max_suggestions)
+    return f"did you mean {' or '.join(close)}?" if close else ""
 
 
 def shortened(text: str, max_length: int = 60) -> str:

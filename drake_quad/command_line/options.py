@@ -13,6 +13,7 @@ from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.extras import import_extra
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
+from drake_quad.user_code import located
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import parse_float, parse_int
 
@@ -115,7 +116,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
     try:
         return importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
     except Exception as error:
-        raise InputError(f"{path}: {type(error).__name__}: {error}") from error
+        raise InputError(located(error)) from error
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
