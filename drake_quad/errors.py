@@ -80,18 +80,19 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
 
 
-def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2) -> str:
+def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2, *, similarity: float = 0.6) -> str:
     """Return a question with the names that are most similar to a misspelt one, such as "did you mean mass?".
 
     Args:
         name: name that is not among the names.
         names: existing names.
         max_suggestions: largest number of suggested names.
+        similarity: smallest similarity of a suggested name, from 0 to 1 for equal names.
 
     Returns:
         The question; empty if no name is similar.
     """
-    close = difflib.get_close_matches(str(name), [*names], max_suggestions)
+    close = difflib.get_close_matches(str(name), [*names], max_suggestions, similarity)
     return f"did you mean {' or '.join(close)}?" if close else ""
 
 
