@@ -91,8 +91,6 @@ _OTHER_NAMES = {
     "pow": "power",
     "radians": "deg2rad",
     "select": "where",
-    "signbit": "sign",
-    "trunc": "floor",
 }
 _NUMPY_FOLDER = str(Path(np.__file__).parent)
 
@@ -100,6 +98,14 @@ _NUMPY_FOLDER = str(Path(np.__file__).parent)
 def replacement(name: str) -> str | None:
     """Return an expression that a formula may use instead of a function of NumPy or `math`; None if none is known."""
     return REPLACEMENTS.get(_OTHER_NAMES.get(name, name))
+
+
+def names_and_replacements() -> list[tuple[list[str], str]]:
+    """Return the names of the functions that have the same replacement, and this replacement."""
+    names: dict[str, list[str]] = {}
+    for name in sorted([*REPLACEMENTS, *_OTHER_NAMES]):
+        names.setdefault(REPLACEMENTS[_OTHER_NAMES.get(name, name)], []).append(name)
+    return [(each, expression) for expression, each in names.items()]
 
 
 def refusal(function: str, expression: str | None) -> TypeError:

@@ -301,7 +301,6 @@ class Symbol:
     __round__ = _refused("round", "round")
     __floor__ = _refused("math.floor", "floor")
     __ceil__ = _refused("math.ceil", "ceil")
-    __trunc__ = _refused("math.trunc", "trunc")
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
