@@ -9,6 +9,8 @@ from pathlib import Path
 from drake_quad.errors import InputError
 
 _PACKAGE = str(Path(__file__).parent) + os.sep
+# The function `run` in this module calls the main function of a program, which is not user code.
+_RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
 # Folders of the standard library and of installed packages.
 _LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 
@@ -23,6 +25,8 @@ def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
     for each in _chain(error):
         frames, is_inside = [], False
         for frame in traceback.extract_tb(each.__traceback__):
+            if frame.filename == _RUNNER:
+                continue
             if frame.filename.startswith(_PACKAGE):
                 # A context manager at its `yield` has not called the code below, which is the body of a `with`.
                 is_inside = is_inside or not (frame.line or "").startswith("yield")

@@ -3,7 +3,10 @@
 import importlib.util
 import json
 import traceback
+import warnings
 from pathlib import Path
+
+from drake_quad.command_line.running import run
 
 import pytest
 
@@ -94,6 +97,16 @@ def test_the_body_of_a_with_statement_of_a_program_is_not_user_code():
             raise KeyError("a")
 
     assert located(error_of(body)) == "KeyError: 'a'"
+
+
+def test_the_main_function_of_a_program_is_not_user_code(capsys, monkeypatch):
+    def program():
+        raise InputError("--samples is 0")
+
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with pytest.raises(SystemExit):
+        run(program)
+    assert capsys.readouterr().err == "error: --samples is 0\n"
 
 
 def test_a_syntax_error_is_located_in_the_file(tmp_path, monkeypatch):

@@ -10,6 +10,8 @@ from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.parser import Parser
+from drake_quad.errors import did_you_mean
 from drake_quad.extras import import_extra
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
@@ -25,7 +27,7 @@ def bare_parser(description: str | None, example: str) -> argparse.ArgumentParse
         description: description of the command.
         example: complete command line as an example; its first two words are the name of the command.
     """
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog=" ".join(example.split()[:2]),
         description=description,
         epilog=f"example: {example}",
@@ -90,7 +92,7 @@ class _Import(argparse.Action):
         try:
             import_file(path)
         except InputError as error:
-            parser.error(f"--import {error}")
+            raise InputError(f"--import {error}") from error
 
 
 def import_file(path: Path, *, again: bool = True) -> ModuleType:
@@ -246,7 +248,9 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     try:
         module = import_file(Path(file), again=False)
         if not hasattr(module, name):
-            raise InputError(f"{file} has no class {name}")
+            classes = [each for each, value in vars(module).items() if isinstance(value, type)]
+            question = did_you_mean(name, classes, 1)
+            raise InputError(f"{file} has no class {name}{f'; {question}' if question else ''}")
         kind = register_controller(getattr(module, name))
     except InputError as error:
         raise InputError(f"{option}: {error}") from error

@@ -84,8 +84,8 @@ def test_versions_are_printed(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["flyy"], "drake-quad: error: argument COMMAND: invalid choice: 'flyy'"),
-        (["fly", "--no-such-option"], "drake-quad fly: error: unrecognized arguments: --no-such-option"),
+        (["flyy"], "error: there is no command called 'flyy'; did you mean fly?"),
+        (["fly", "--no-such-option"], "error: drake-quad fly has no option --no-such-option; `drake-quad fly --help`"),
     ],
 )
 def test_an_unknown_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):

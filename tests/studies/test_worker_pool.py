@@ -13,13 +13,7 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, user_code
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fly_batches, run_task
 
-
-@pytest.fixture(autouse=True, scope="module")
-def _library_code():
-    """Let the functions in this file count as functions of a library instead of the user's."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(user_code, "_LIBRARIES", (*user_code._LIBRARIES, __file__))
-        yield
+pytestmark = pytest.mark.usefixtures("package_functions")
 
 
 class Here(WorkerPool):
