@@ -1,7 +1,7 @@
 """Error and warning classes for wrong input, and functions that format values and names for messages."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from numbers import Integral
 from typing import Any, TypeVar
 
@@ -49,6 +49,20 @@ def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = N
     return number
 
 
+def not_connected(port: str, system: Any) -> InputError:
+    """Return the error for an input port that has no value although its system needs one.
+
+    Args:
+        port: name of the port.
+        system: system of Drake with the port, or the diagram that exports it.
+    """
+    # The root of a diagram without a name is called "_", and the classes for other scalar types have a suffix.
+    path = str(system.GetSystemPathname()).removeprefix("::_").removeprefix("::").replace("::", "/")
+    kind = type(system).__name__.partition("_𝓣")[0]
+    place = f"the {kind} {path}" if path else f"the {kind}"
+    return InputError(f"the input port `{port}` of {place} is not connected; connect it, or fix its value")
+
+
 def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """Return the entry of a table with a given name.
 
@@ -62,9 +76,24 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """
     if name in table:
         return table[name]
-    close = difflib.get_close_matches(str(name), table, 2)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"there are {listed([*table], 40) or 'none'}"
+    hint = did_you_mean(name, table) or f"there are {listed([*table], 40) or 'none'}"
     raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
+
+
+def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2, *, similarity: float = 0.6) -> str:
+    """Return a question with the names that are most similar to a misspelt one, such as "did you mean mass?".
+
+    Args:
+        name: name that is not among the names.
+        names: existing names.
+        max_suggestions: largest number of suggested names.
+        similarity: smallest similarity of a suggested name, from 0 to 1 for equal names.
+
+    Returns:
+        The question; empty if no name is similar.
+    """
+    close = difflib.get_close_matches(str(name), [*names], max_suggestions, similarity)
+    return f"did you mean {' or '.join(close)}?" if close else ""
 
 
 def shortened(text: str, max_length: int = 60) -> str:

@@ -9,8 +9,13 @@ from pydrake.systems.analysis import Simulator_
 from pydrake.systems.framework import Diagram, DiagramBuilder, PortDataType
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
+from drake_quad.assembly.registered_controllers import COMMANDS
+from drake_quad.assembly.user_systems import PORTS
 from drake_quad.compilation.blocks import block_of
 from drake_quad.compilation.compile_diagram import compile_diagram
+from drake_quad.errors import did_you_mean, listed
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.signals import SIGNALS
 
 # Number of times at which outputs are compared.
 _NUM_TIMES = 6
@@ -20,6 +25,9 @@ _DEFAULT_PERIOD = 0.02
 _TOLERANCE = 1e-12
 # Tolerance on the outputs of compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
+
+# Similarity to the name of a signal from which on a name counts as misspelt: `accel_command` does, `estimate` does not.
+_MISSPELT = 0.78
 
 
 class _Inputs(NamedTuple):
@@ -43,6 +51,9 @@ class _Inputs(NamedTuple):
 def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int = 0) -> tuple[str, ...]:
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
+    - names: the ports of a controller, a wind or a policy have names that flights connect. In a system that is no
+      `FleetSystem`, a name that is similar to the name of a signal is refused, and so is an input port of a controller
+      that is no signal.
     - ports: each port of a fleet has as many rows as the port of one vehicle, and a column for each vehicle.
     - context: outputs depend only on the context, not on earlier computations.
     - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.
@@ -65,6 +76,7 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
         AssertionError: if the system breaks a rule; the message names the rule, the port and the difference.
     """
     single, fleet = make(1), make(num_vehicles)
+    _check_names(single)
     ports = _check_ports(single, fleet, num_vehicles)
     first, second = (_random_inputs(single, ports, num_vehicles, seed + i) for i in range(2))
     expected = _outputs(fleet, first)
@@ -76,7 +88,7 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
         outputs = _outputs(make(1), first.of_vehicle(vehicle))
         in_fleet = {name: values[..., vehicle : vehicle + 1] for name, values in expected.items()}
         _compare("vehicles", f"if vehicle {vehicle} is simulated alone", outputs, in_fleet, _TOLERANCE)
-    applied = ["ports", "context", "vehicles", "numbers"]
+    applied = ["names", "ports", "context", "vehicles", "numbers"]
     differentiable = fleet.ToAutoDiffXdMaybe()
     if differentiable is not None:
         _compare("derivatives", "with AutoDiffXd", _outputs(differentiable, first, AutoDiffXd), expected, _TOLERANCE)
@@ -86,6 +98,19 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
         _compare("compiled", "in machine code", _outputs(compiled, first), expected, _COMPILED_TOLERANCE)
         applied.append("compiled")
     return tuple(applied)
+
+
+def _check_names(system: Any) -> None:
+    """Check the rule "names". The declaration of a `FleetSystem` has already checked the names of its ports."""
+    if isinstance(system, FleetSystem):
+        return
+    inputs, outputs = _inputs_of(system), _outputs_of(system)
+    is_controller = not outputs.keys().isdisjoint(COMMANDS)
+    for name in [each for each in (*inputs, *outputs) if each not in SIGNALS]:
+        question = did_you_mean(name, SIGNALS, 1, similarity=_MISSPELT)
+        if is_controller and name in inputs:
+            question = did_you_mean(name, SIGNALS, 1) or f"they connect {listed([*PORTS['control'].inputs])}"
+        assert not question, f"names: flights connect no port called `{name}`; {question}"
 
 
 def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:

@@ -16,7 +16,7 @@ from drake_quad.randomness.noise import NoiseSource
 from drake_quad.testing import check_system
 
 TWO_ROWS = rows_layout(2)
-ALL_RULES = ("ports", "context", "vehicles", "numbers", "derivatives", "compiled")
+ALL_RULES = ("names", "ports", "context", "vehicles", "numbers", "derivatives", "compiled")
 # The check varies the number of vehicles. A broadcast always has one vehicle at its input, and a noise source has a
 # vehicle for each of its samples. Examples with numbers for exactly two vehicles are not checked either.
 UNCHECKED_SYSTEMS = (Broadcast, NoiseSource)
@@ -87,7 +87,7 @@ class Counting(Plain):
 
 def test_compiled_systems_python_systems_and_diagrams_are_checked():
     assert check_system(system_with(doubled)) == ALL_RULES
-    assert check_system(Plain) == ALL_RULES[:4]
+    assert check_system(Plain) == ALL_RULES[:5]
 
     def two_in_series(num_vehicles):
         builder = DiagramBuilder()
@@ -98,6 +98,40 @@ def test_compiled_systems_python_systems_and_diagrams_are_checked():
         return builder.Build()
 
     assert check_system(two_in_series) == ALL_RULES
+
+
+def controller_with(*inputs, output="acceleration_command"):
+    """Return the function that builds a controller in plain Python with given names of its ports."""
+
+    def make(num_vehicles):
+        system = LeafSystem()
+        for name in inputs:
+            system.DeclareVectorInputPort(name, BasicVector(12 * num_vehicles))
+        size = 3 * num_vehicles
+        system.DeclareVectorOutputPort(output, BasicVector(size), lambda _, output: output.SetFromVector([0.0] * size))
+        return system
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (controller_with("measurment", "reference"), "called `measurment`; did you mean measurement[?]"),
+        (controller_with("u"), "called `u`; they connect measurement, reference, reference_jerk, reference_snap"),
+        (controller_with("reference", output="accel_command"), "called `accel_command`; did you mean acceleration_com"),
+        (controller_with("stat", output="wnd"), "called `stat`; did you mean state[?]"),
+        (controller_with("state", output="winds"), "called `winds`; did you mean wind[?]"),
+    ],
+)
+def test_a_port_that_no_flight_connects_is_named_with_the_nearest_name(make, words):
+    with pytest.raises(AssertionError, match=f"^names: flights connect no port {words}"):
+        check_system(make)
+
+
+def test_a_system_for_another_diagram_may_have_any_names():
+    assert check_system(controller_with("position", output="estimate")) == ALL_RULES[:5]
+    assert check_system(controller_with("measurement", output="error_rate")) == ALL_RULES[:5]
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from all_systems import DIAGRAMS, FLEET_SYSTEMS, SYSTEMS
 from pydrake.autodiffutils import AutoDiffXd, ExtractValue
+from pydrake.systems.analysis import Simulator_
 from pydrake.systems.framework import Diagram
 
 import drake_quad
+from drake_quad import InputError
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
-from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.fleet_system import REQUIRED, FleetSystem
 from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.laboratory.sensors.sensor import Sensor
 from drake_quad.randomness.noise import NoiseSource
@@ -309,4 +311,32 @@ def test_unconnected_inputs_count_as_zero(example, monkeypatch):
 
     monkeypatch.setattr(FleetSystem, "input", recording_input)
     example.make()
-    assert not any(np.any(np.hstack(value) != 0.0) for value in absent_values if value is not None)
+    assert not any(np.any(np.hstack(value) != 0.0) for value in absent_values if value not in (None, REQUIRED))
+
+
+def evaluate_everything(system, context):
+    """Evaluate all outputs, the derivative and the state after a tick."""
+    for i in range(system.num_output_ports()):
+        system.get_output_port(i).Eval(context)
+    if isinstance(system, FleetSystem) and "continuous" in system.states:
+        system.EvalTimeDerivatives(context)
+    if isinstance(system, FleetSystem) and system.updates:
+        Simulator_[system.scalar](system, context.Clone()).AdvanceTo(system.updates[0].period)
+
+
+@pytest.mark.parametrize("scalar", [float, AutoDiffXd], ids=["float", "autodiff"])
+@examples
+def test_every_input_is_optional_or_named_if_it_is_not_connected(example, scalar):
+    """No formula fails with an error about None."""
+    system = example.make() if scalar is float else example.make().ToScalarType[scalar]()
+    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
+    for missing in ports:
+        context = system.CreateDefaultContext()
+        for port in ports:
+            if port is not missing:
+                port.FixValue(context, [0.5] * port.size())
+        try:
+            evaluate_everything(system, context)
+        except InputError as error:
+            name = f"the input port `{missing.get_name()}` of the {example.system.__name__}"
+            assert re.fullmatch(rf"{name}( \w+)? is not connected; connect it, or fix its value", str(error))

@@ -61,7 +61,7 @@ def test_numbers_in_options_must_have_ascii_digits(arguments, capsys):
     for value in ("1_0", "١"):
         with pytest.raises(SystemExit):
             module_of(command).options().parse_args([option, value])
-        assert re.search(rf"argument {option}: invalid (int|float) value: '{value}'", capsys.readouterr().err)
+        assert re.search(rf"error: {option}: invalid (int|float) value: '{value}'", capsys.readouterr().err)
 
 
 @pytest.mark.slow

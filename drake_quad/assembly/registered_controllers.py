@@ -18,7 +18,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.position import FeedForward
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, did_you_mean
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control
@@ -31,6 +31,8 @@ from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.scenario.setting import ControlSetting
 
 _CONTROL_COMMANDS = ("wrench", "attitude_target")
+COMMANDS = ("acceleration_command", *_CONTROL_COMMANDS)
+"""Names of the output ports that make a system a controller."""
 
 
 class _UserSystemSettings(Model):
@@ -184,8 +186,10 @@ def _place_of(system: Any) -> tuple[str, str]:
         return "position_controller", "wrench"
     command = next((name for name in _CONTROL_COMMANDS if name in ports), None)
     if command is None:
+        question = next(filter(None, (did_you_mean(port, COMMANDS, 1) for port in sorted(ports))), "")
+        hint = f"; {question}" if question else ""
         raise InputError(
-            f"{type(system).__name__} has no output port `acceleration_command`, `wrench` or `attitude_target`"
+            f"{type(system).__name__} has no output port `acceleration_command`, `wrench` or `attitude_target`{hint}"
         )
     return "control", command
 

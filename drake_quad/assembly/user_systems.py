@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, did_you_mean
 from drake_quad.framework.records import layout_of
 from drake_quad.signals import SIGNALS
 
@@ -139,7 +139,9 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     allowed = {port: sizes[port] for port in ports.inputs}
     for port in inputs:
         if port not in allowed and port not in random:
-            raise InputError(f"{name} has the input port `{port}`, but may only have {_listed(allowed)}")
+            question = did_you_mean(port, allowed, 1)
+            hint = f"; {question}" if question else ""
+            raise InputError(f"{name} has the input port `{port}`, but may only have {_listed(allowed)}{hint}")
     for port in allowed:
         if ports.all_inputs and port not in inputs:
             raise InputError(f"{name} must have the input port `{port}`, but has {_listed(inputs)}")

@@ -39,7 +39,11 @@ def options() -> argparse.ArgumentParser:
         help="family of laboratories; can be given several times (default: all)",
     )
     result.add_argument(
-        "--only", action="append", metavar="NAME", help="designed controller; can be given several times (default: all)"
+        "--only",
+        action="append",
+        metavar="NAME",
+        choices=list(dict.fromkeys(name for family in FAMILIES.values() for name in family.entries)),
+        help="designed controller; can be given several times (default: all)",
     )
     add_controller(result, several="can be given several times; is compared with the designed controllers, not tuned")
     result.add_argument(

@@ -13,6 +13,7 @@ from platform import python_version
 from types import ModuleType
 
 from drake_quad import __version__
+from drake_quad.command_line.parser import Parser
 
 # Description of each command, by purpose and name.
 COMMANDS_BY_PURPOSE = {
@@ -91,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         "\n".join([f"{purpose}:", *(f"  {name:<{width}}  {description}" for name, description in commands.items())])
         for purpose, commands in COMMANDS_BY_PURPOSE.items()
     )
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog="drake-quad",
         usage="drake-quad COMMAND ...",
         description=_DESCRIPTION,

@@ -10,11 +10,13 @@ from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.errors import listed
+from drake_quad.command_line.parser import Parser
+from drake_quad.errors import did_you_mean, listed
 from drake_quad.extras import import_extra
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
+from drake_quad.user_code import located
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import parse_float, parse_int
 
@@ -26,7 +28,7 @@ def bare_parser(description: str | None, example: str) -> argparse.ArgumentParse
         description: description of the command.
         example: complete command line as an example; its first two words are the name of the command.
     """
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog=" ".join(example.split()[:2]),
         description=description,
         epilog=f"example: {example}",
@@ -91,7 +93,7 @@ class _Import(argparse.Action):
         try:
             import_file(path)
         except InputError as error:
-            parser.error(f"--import {error}")
+            raise InputError(f"--import {error}") from error
 
 
 def import_file(path: Path, *, again: bool = True) -> ModuleType:
@@ -117,7 +119,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
     try:
         return importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
     except Exception as error:
-        raise InputError(f"{path}: {type(error).__name__}: {error}") from error
+        raise InputError(located(error)) from error
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
@@ -175,7 +177,8 @@ def check_metric(scenario: Scenario, name: str, allowed: Sequence[str] | None = 
     """Raise InputError if a name from `--metric` is not the name of an allowed metric; by default all are allowed."""
     names = [*definitions_of(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
-        raise InputError(f"--metric {name}: is not a metric of {scenario.name}; choose one of {listed(names)}")
+        known = did_you_mean(name, names, 1) or f"choose one of {listed(names)}"
+        raise InputError(f"--metric {name}: is not a metric of {scenario.name}; {known}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:
@@ -254,7 +257,9 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     try:
         module = import_file(Path(file), again=False)
         if not hasattr(module, name):
-            raise InputError(f"{file} has no class {name}")
+            classes = [each for each, value in vars(module).items() if isinstance(value, type)]
+            question = did_you_mean(name, classes, 1)
+            raise InputError(f"{file} has no class {name}{f'; {question}' if question else ''}")
         kind = register_controller(getattr(module, name))
     except InputError as error:
         raise InputError(f"{option}: {error}") from error

@@ -13,6 +13,7 @@ from typing import Any
 from drake_quad.command_line.interruption import INTERRUPTION_MESSAGE, raise_interruptions
 from drake_quad.command_line.output import remark
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.user_code import located, user_traceback
 
 
 def _show_warning(
@@ -26,7 +27,10 @@ def _show_warning(
 
 
 def run(main: Callable[[], None]) -> None:
-    """Run a command; exit with status 1 if the computation fails, and with status 2 if the input is wrong."""
+    """Run a command; exit with status 1 if the computation fails, and with status 2 if the input is wrong.
+
+    The input includes the user's own Python code.
+    """
     raise_interruptions()
     warnings.showwarning = partial(_show_warning, warnings.showwarning)
     with orderly_exit():
@@ -36,6 +40,8 @@ def run(main: Callable[[], None]) -> None:
 @contextmanager
 def orderly_exit() -> Iterator[None]:
     """End the process with a message and no traceback if the body of a `with` statement fails.
+
+    If the user's own Python code raised the error, the message includes the traceback of this code.
 
     Inside the statement, characters that the encoding of a terminal or file does not contain are printed as escape
     sequences. If the standard output cannot be written, for example to a full disk, the command fails.
@@ -53,13 +59,18 @@ def orderly_exit() -> Iterator[None]:
     except SystemExit as stop:
         status, has_exited = stop.code, True
     except InputError as error:
-        status, message = 2, f"error: {error}"
+        status, message = 2, "\n".join(filter(None, [f"error: {error}", user_traceback(error)]))
     except BrokenPipeError:  # the process that reads the pipe has ended, so a message would not be read
         status = 1
     except MemoryError as error:
         status, message = 1, f"failed: {str(error) or 'not enough memory'}"
-    except (RuntimeError, OSError) as error:
-        status, message = 1, f"failed: {error}"
+    except Exception as error:
+        if trace := user_traceback(error):
+            status, message = 2, f"error: {located(error)}\n{trace}"
+        elif isinstance(error, RuntimeError | OSError):
+            status, message = 1, f"failed: {error}"
+        else:
+            raise
     except KeyboardInterrupt as interruption:
         status, message = 1, str(interruption) or INTERRUPTION_MESSAGE
     output_error = _flush_error()

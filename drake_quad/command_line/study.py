@@ -22,7 +22,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
-from drake_quad.errors import listed
+from drake_quad.errors import did_you_mean, listed
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_pool
@@ -155,9 +155,10 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
         check_metric(scenario, arguments.metric)
         random_fields = [*distributions_in(scenario)]
         if arguments.over is not None and arguments.over not in random_fields:
-            names = listed(random_fields) or "none"
+            names = f"its random parameters are: {listed(random_fields) or 'none'}"
             raise InputError(
-                f"--over {arguments.over}: is not a random parameter of {name}; its random parameters are: {names}"
+                f"--over {arguments.over}: is not a random parameter of {name};"
+                f" {did_you_mean(arguments.over, random_fields, 1) or names}"
             )
     return scenarios
 

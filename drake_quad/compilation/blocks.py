@@ -26,7 +26,7 @@ from pydrake.systems.primitives import (
 from drake_quad.compilation.trace import BlockView, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
-from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
+from drake_quad.framework.fleet_system import REQUIRED, Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, hashable_key, traced
 from drake_quad.framework.records import ABSENT
 
@@ -180,7 +180,8 @@ def _results(computation: Computation, view: BlockView) -> list[Rows]:
     for read in computation.reads:
         match read:
             case Input():
-                rows = view.input(int(read.index))
+                index = int(read.index)
+                rows = view.required_input(index) if read.absent is REQUIRED else view.input(index)
                 values.append(read.absent if rows is None else read.layout.build(rows))
             case Parameter():
                 values.append(read.layout.build(view.parameter(int(read.index))))
@@ -204,7 +205,7 @@ class _PassThroughBlock(Block):
     """Block of a system whose output rows are its input rows."""
 
     def output(self, index: int, view: BlockView) -> Rows:
-        return _connected(view.input(0))
+        return view.required_input(0)
 
 
 class _Demultiplexer(Block):
@@ -214,7 +215,7 @@ class _Demultiplexer(Block):
         return *super().signature, *(size // math.gcd(*ports) for size in ports)
 
     def output(self, index: int, view: BlockView) -> Rows:
-        rows = _connected(view.input(0))
+        rows = view.required_input(0)
         unit = self.system.get_input_port().size() // len(rows)
         sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
         if any(size % unit for size in sizes):
@@ -226,13 +227,13 @@ class _Demultiplexer(Block):
 
 class _Multiplexer(Block):
     def output(self, index: int, view: BlockView) -> Rows:
-        inputs = (view.input(number) for number in range(self.system.num_input_ports()))
-        return [row for rows in inputs for row in _connected(rows)]
+        inputs = (view.required_input(number) for number in range(self.system.num_input_ports()))
+        return [row for rows in inputs for row in rows]
 
 
 class _Adder(Block):
     def output(self, index: int, view: BlockView) -> Rows:
-        inputs = [_connected(view.input(number)) for number in range(self.system.num_input_ports())]
+        inputs = [view.required_input(number) for number in range(self.system.num_input_ports())]
         return reduce(lambda total, rows: [a + b for a, b in zip(total, rows, strict=True)], inputs)
 
 
@@ -251,7 +252,7 @@ class _Gain(Block):
         return factors
 
     def output(self, index: int, view: BlockView) -> Rows:
-        rows = _connected(view.input(0))
+        rows = view.required_input(0)
         factors = np.reshape(self._factors, (len(rows), -1))
         if (factors != factors[:, :1]).any():
             raise InputError(f"{self.system.get_name()} cannot be compiled: its gain differs from vehicle to vehicle")
@@ -267,7 +268,7 @@ class _Hold(Block):
     def __init__(self, system: ZeroOrderHold) -> None:
         super().__init__(system)
         period = system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec()
-        self.updates = [BlockUpdate(lambda view: {0: _connected(view.input(0))}, period)]
+        self.updates = [BlockUpdate(lambda view: {0: view.required_input(0)}, period)]
 
     def output(self, index: int, view: BlockView) -> Rows:
         return view.state(0)
@@ -283,12 +284,6 @@ class _Trajectory(Block):
 
     def output(self, index: int, view: BlockView) -> Rows:
         return [view.source(index, element) for element in range(self.system.get_output_port().size())]
-
-
-def _connected(rows: Rows | None) -> Rows:
-    if rows is None:
-        raise ValueError("an input port of one of Drake's systems is not connected")
-    return rows
 
 
 _BLOCKS: dict[type, Callable[[Any], Block]] = {

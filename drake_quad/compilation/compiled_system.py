@@ -12,7 +12,7 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import ExportedPort, Port
 from drake_quad.compilation.trace import ROUNDING
-from drake_quad.errors import InputError, entry
+from drake_quad.errors import InputError, entry, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Largest number of cached tables of shared numbers. Further tables are computed again in each flight.
@@ -243,7 +243,7 @@ class CompiledSystem(LeafSystem):
             first, rows = self.program.row_ranges.inputs[source]
             vector = self.EvalVectorInput(context, self._inputs[source])
             if vector is None:
-                raise ValueError(f"the input port {input_name(self.program, source)} is not connected")
+                raise not_connected(input_name(self.program, source), self)
             if rows == sizes.inputs:
                 whole: np.ndarray = vector.value()
                 return whole

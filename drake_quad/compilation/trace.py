@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, SharedNumbers
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
+from drake_quad.errors import not_connected
 from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
@@ -146,6 +147,18 @@ class Trace:
             return None if source is None else self.output(source)
         return self._input(source)
 
+    def required_input(self, port: Port) -> Rows:
+        """Return the rows at an input port of a leaf system.
+
+        Raises:
+            InputError: if the port is not connected.
+        """
+        rows = self.input(port)
+        if rows is None:
+            system = self._topology.leaves[port.path]
+            raise not_connected(system.get_input_port(port.number).get_name(), system)
+        return rows
+
     def _input(self, source: Port | ExportedPort) -> Rows:
         self.inputs.add(source)
         return self._rows(INPUTS, self._row_ranges.inputs[source])
@@ -169,6 +182,14 @@ class BlockView(NamedTuple):
     def input(self, index: int) -> Rows | None:
         """Return the rows at an input port of the block; None if the port is not connected."""
         return self.trace.input(Port(self.path, index))
+
+    def required_input(self, index: int) -> Rows:
+        """Return the rows at an input port of the block.
+
+        Raises:
+            InputError: if the port is not connected.
+        """
+        return self.trace.required_input(Port(self.path, index))
 
     def state(self, group: int) -> Rows:
         """Return the current rows of a state group of the block."""

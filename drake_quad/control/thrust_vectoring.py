@@ -198,6 +198,6 @@ class ThrustVectoring(FleetSystem):
         parameter = self.parameter("numbers", lambda numbers: numbers)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")
-        jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap")
+        jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap", absent=None)
         reads = command, measurement, reference, jerk, snap, parameter, projects, sequence
         self.packed_output("thrust_and_attitude", Vectored, vectored_thrust, *reads)

@@ -2,6 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, BasicVector_, Context
 
+from drake_quad.errors import not_connected
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 
 
@@ -31,6 +32,8 @@ class Broadcast(FleetSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         rows = self.EvalVectorInput(context, self._single)
+        if rows is None:
+            raise not_connected("single", self)
         if self.scalar is float:
             output.get_mutable_value().reshape(self._num_rows, -1)[:] = rows.value()[:, None]
         else:

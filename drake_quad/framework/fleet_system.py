@@ -24,6 +24,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import Enum
 from types import MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,7 +43,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from drake_quad.errors import entry
+from drake_quad.errors import entry, not_connected
 from drake_quad.framework.elementary import identity
 from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
 from drake_quad.framework.records import ABSENT, Layout, check_signs, layout_of
@@ -53,7 +54,17 @@ if TYPE_CHECKING:
 else:
     _Base = object
 
-__all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_system"]
+__all__ = ["REQUIRED", "TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_system"]
+
+
+class _Connection(Enum):
+    """Connection that an input port needs."""
+
+    REQUIRED = "required"
+
+
+REQUIRED = _Connection.REQUIRED
+"""Value of `absent` for an input port that must be connected."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +75,7 @@ class Input:
         name: name of the port.
         index: Drake's index of the port.
         layout: layout of the rows.
-        absent: value that a formula receives if the port is not connected.
+        absent: value that a formula receives if the port is not connected; `REQUIRED` if it must be connected.
     """
 
     name: str
@@ -72,9 +83,26 @@ class Input:
     layout: Layout
     absent: Any
 
+    def value_if_absent(self, system: "FleetSystem") -> Any:
+        """Return the value that a formula receives if the port is not connected.
+
+        Raises:
+            InputError: if the port must be connected.
+        """
+        if self.absent is REQUIRED:
+            raise not_connected(self.name, system)
+        return self.absent
+
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Return the BasicVector that the port receives; None if the port is not connected."""
-        return system.EvalVectorInput(context, self.index)
+        """Return the BasicVector that the port receives; None if the port is optional and not connected.
+
+        Raises:
+            InputError: if the port must be connected, and is not.
+        """
+        vector = system.EvalVectorInput(context, self.index)
+        if vector is None:
+            self.value_if_absent(system)
+        return vector
 
     def ticket(self, system: "FleetSystem") -> Any:
         """Return Drake's dependency ticket of the port."""
@@ -208,7 +236,7 @@ class Computation:
             sources[place] = targets[target]
         if absent:
             sources = [source for source in sources if source is not None]
-        run = self._kernels.get(absent) or self._compiled(absent, single_vehicle=system.num_vehicles == 1)
+        run = self._kernels.get(absent) or self._compiled(system, absent)
         run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
 
     def interpret(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
@@ -223,7 +251,7 @@ class Computation:
                 sources.append(vector.CopyToVector())
         results = interpret(
             self.formula,
-            self._arguments(absent),
+            self._arguments(system, absent),
             sources,
             self.results,
             system.num_vehicles,
@@ -232,17 +260,21 @@ class Computation:
         for vector, elements in zip(vectors, results, strict=True):
             vector.SetFromVector(elements.astype(system.scalar))
 
-    def _compiled(self, absent: tuple[Any, ...], *, single_vehicle: bool) -> Callable[..., None]:
-        arguments = self._arguments(absent)
+    def _compiled(self, system: "FleetSystem", absent: tuple[Any, ...]) -> Callable[..., None]:
+        arguments, single_vehicle = self._arguments(system, absent), system.num_vehicles == 1
         self._kernels[absent] = kernel(self.formula, arguments, self.results, single_vehicle=single_vehicle)
         return self._kernels[absent]
 
-    def _arguments(self, absent: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the arguments of the formula, given the indices of the input ports that are not connected."""
+    def _arguments(self, system: "FleetSystem", absent: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the arguments of the formula, given the indices of the input ports that are not connected.
+
+        Raises:
+            InputError: if one of these ports must be connected.
+        """
         arguments = []
         for read in self.reads:
             if isinstance(read, Input) and read.index in absent:
-                arguments.append(read.absent)
+                arguments.append(read.value_if_absent(system))
             else:
                 arguments.append(read.layout if isinstance(read, _Read) else read)
         return tuple(arguments)
@@ -289,13 +321,14 @@ class FleetSystem(_Base):
     def declare(self, *args: Any, **options: Any) -> None:
         """Declare ports, state, parameters and events; subclasses override this method."""
 
-    def input(self, name: str, *, layout: Layout | None = None, absent: Any = None) -> Input:
+    def input(self, name: str, *, layout: Layout | None = None, absent: Any = REQUIRED) -> Input:
         """Declare an input port.
 
         Args:
             name: name of the port.
             layout: layout of the port; by default the layout of the signal `name` in `drake_quad.signals`.
-            absent: value that a formula receives if the port is not connected.
+            absent: value that a formula receives if the port is not connected, such as None; by default, the port must
+                be connected.
 
         Raises:
             InputError: if no layout is given and there is no signal with this name.
@@ -315,7 +348,7 @@ class FleetSystem(_Base):
         layout = layout_of(kind)
         index = self.DeclareVectorInputPort(name, self._model(layout), distribution).get_index()
         self.random_inputs[name] = RandomInput(layout.num_rows, distribution, period)
-        return Input(name, index, layout, None)
+        return Input(name, index, layout, REQUIRED)
 
     def parameter(self, name: str, recipe: Callable[[Any], Any]) -> Parameter:
         """Declare a numeric parameter, given the function that computes its record from the numbers."""

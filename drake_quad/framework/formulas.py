@@ -14,7 +14,8 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compile_kernel
 from drake_quad.framework.records import ABSENT, Layout
-from drake_quad.framework.symbols import ALLOWED, Listing, Symbol, number
+from drake_quad.framework.replacements import explained
+from drake_quad.framework.symbols import Listing, Symbol, element_of, number
 from drake_quad.signals import Row
 
 # True if Python executes all formulas, so that a debugger can stop in them.
@@ -121,20 +122,21 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
     Raises:
         TypeError: if the results do not match the layouts, or if the formula branches on a row or calls a function that
             does not accept symbols.
+        IndexError: if the formula uses a wrong index.
     """
     try:
         return [_number(row) for row in flattened(formula(*values), results)]
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, IndexError) as error:
         name = getattr(formula, "__name__", repr(formula))
-        # Authors of formulas use rows and need not know symbols. Messages of Python and NumPy about a Symbol are
-        # therefore explained.
-        hint = f"; a Symbol is a row of a formula that is being traced: {ALLOWED}" if "Symbol" in str(error) else ""
-        raise TypeError(f"formula {name}: {error}{hint}") from error
+        kind = IndexError if isinstance(error, IndexError) else TypeError
+        raise kind(f"formula {name}: {explained(error)}") from error
 
 
 def _number(row: Any) -> Any:
     if row.__class__ is Symbol:
         return number(row)
+    if row.__class__ is np.ndarray:
+        return _number(element_of(row))
     return float(row) if isinstance(row, bool | np.bool) else row
 
 

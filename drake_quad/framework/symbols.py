@@ -20,6 +20,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.framework.replacements import (
+    ALLOWED,
+    calling_numpy_function,
+    numpy_refusal,
+    power_refusal,
+    refusal,
+    replacement,
+)
+
 
 class SymbolKind(IntEnum):
     """Type of a symbol: double, truth value, or word of 64 bits."""
@@ -29,8 +38,6 @@ class SymbolKind(IntEnum):
     WORD = 3
 
 
-# Hint for authors of formulas, at the end of error messages.
-ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
 # Operations whose operands are not other lines.
 LEAVES = ("constant", "row", "shared")
 
@@ -174,13 +181,29 @@ class Listing:
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
         if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
-        if isinstance(value, np.ndarray) and value.ndim:
-            raise TypeError(f"expected a number or a row, not an array of shape {value.shape}; {ALLOWED}")
+        if isinstance(value, np.ndarray):
+            value = element_of(value)
         if isinstance(value, bool | np.bool):
             return self.add("constant", (int(value),), SymbolKind.TRUTH)
         if isinstance(value, np.uint64):
             return self.add("constant", (int(value),), SymbolKind.WORD)
+        if not isinstance(value, int | float | np.number):
+            raise TypeError(f"expected a number or a row, not {type(value).__name__}; {ALLOWED}")
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
+
+
+def element_of(array: np.ndarray) -> Any:
+    """Return the element of an array without dimensions.
+
+    Raises:
+        TypeError: if the array has dimensions.
+    """
+    if array.ndim:
+        raise TypeError(
+            f"expected a number or a row, not an array of shape {array.shape}; compute with its elements, as in [k * x"
+            " for k in array]"
+        )
+    return array[()]
 
 
 _NUMBER = SymbolKind.NUMBER
@@ -212,6 +235,20 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
         return operation(name, other, self)
 
     return operator, reflected
+
+
+def _refused(function: str, name: str) -> Callable[..., Any]:
+    """Return a method that raises the error for an operator or function that does not accept rows.
+
+    Args:
+        function: description of the operator or function.
+        name: name in NumPy of the function with the same purpose.
+    """
+
+    def method(*_: Any) -> Any:
+        raise refusal(function, replacement(name))
+
+    return method
 
 
 class Symbol:
@@ -247,21 +284,68 @@ class Symbol:
     def __neg__(self) -> "Symbol":
         return operation("negative", self)
 
+    def __pos__(self) -> "Symbol":
+        return self
+
     def __abs__(self) -> "Symbol":
         return operation("absolute", self)
+
+    def __pow__(self, exponent: Any) -> "Symbol":
+        raise power_refusal(exponent)
+
+    __rpow__ = _refused("`**`", "power")
+    __floordiv__ = __rfloordiv__ = _refused("`//`", "floor_divide")
+    __mod__ = __rmod__ = _refused("`%`", "remainder")
+    __divmod__ = __rdivmod__ = _refused("divmod", "remainder")
+    __invert__ = _refused("`~`", "logical_not")
+    __round__ = _refused("round", "round")
+    __floor__ = _refused("math.floor", "floor")
+    __ceil__ = _refused("math.ceil", "ceil")
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
         name = function.__name__
         if name not in _UFUNCS or method != "__call__" or options:
-            raise TypeError(f"numpy.{name} does not accept a row of a formula that is being traced; {ALLOWED}")
+            raise numpy_refusal(calling_numpy_function() or name)
         return operation(name, *inputs)
 
+    def __array_function__(self, function: Callable[..., Any], *_: Any) -> Any:
+        """Raise TypeError for functions of NumPy that are not universal functions."""
+        raise numpy_refusal(function.__name__)
+
     def __float__(self) -> float:
-        raise TypeError(f"the functions of math do not accept a row of a formula that is being traced; {ALLOWED}")
+        if caller := calling_numpy_function():
+            raise numpy_refusal(caller)
+        raise TypeError(
+            "a row cannot be converted to a float; use functions of drake_quad.framework.elementary instead of those of"
+            " math, as in sqrt(x), and a list instead of an array of floats"
+        )
+
+    def __index__(self) -> int:
+        raise TypeError(
+            "a row cannot be converted to an int, and cannot be an index or a number of repetitions; use nearest(x) of"
+            " drake_quad.framework.elementary to round, and where(condition, x, y) to select"
+        )
 
     def __bool__(self) -> bool:
-        raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle; use `where` instead")
+        if caller := calling_numpy_function():
+            raise numpy_refusal(caller)
+        raise TypeError(
+            "a formula cannot branch on a row, which differs from vehicle to vehicle; use where(x > 0.0, x, y) instead"
+            " of `if`, maximum(x, y) and minimum(x, y) instead of max and min, and `&` and `|` instead of `and` and"
+            " `or`, with the functions of drake_quad.framework.elementary"
+        )
+
+    def __format__(self, specification: str) -> str:
+        if not specification:
+            return repr(self)
+        raise TypeError(
+            "a row has no value while its formula is compiled; set the environment variable DRAKE_QUAD_INTERPRETED to 1"
+            " to print its values"
+        )
+
+    def __repr__(self) -> str:
+        return f"<row {self.line} of a formula that is being compiled>"
 
 
 # Names of NumPy's functions that accept symbols.

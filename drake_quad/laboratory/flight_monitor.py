@@ -287,7 +287,7 @@ class FlightMonitor(FleetSystem):
         accumulators = accumulators_of(metrics)
         state, reference = self.input("state"), self.input("reference")
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
-        sent = self.input("wrench"), self.input("attitude_target")
+        sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)
         shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         read = dict.fromkeys(name for accumulator in accumulators for name in accumulator.signals)
         others = {name: self.input(name) for name in read if not self.HasInputPort(name)}

@@ -55,6 +55,8 @@ class Model(BaseModel):
                         "is unknown; allowed are {allowed}",
                         {"path": (key,), "fields": [*cls.model_fields], "allowed": listed([*cls.model_fields])},
                     )
+        elif not isinstance(data, Model):
+            raise refused(f"must be a mapping of fields such as {listed([*cls.model_fields], 4)}")
         return data
 
     def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:

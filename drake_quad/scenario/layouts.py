@@ -70,7 +70,8 @@ class _Alternating(RotorLayout):
     def _both_or_none(self) -> "_Alternating":
         if (self.length is None) != (self.width is None):
             given, other = ("length", "width") if self.width is None else ("width", "length")
-            raise PydanticCustomError("distances", "must have {other} and {given}", {"other": other, "given": given})
+            demand = "must have {other} and {given}, or neither of them"
+            raise PydanticCustomError("distances", demand, {"other": other, "given": given})
         return self
 
     @property

@@ -7,7 +7,7 @@ are called `rotor_1` to `rotor_4`, as in `vehicle.thrust_factor_error.rotor_1`.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, did_you_mean, shown
 from drake_quad.scenario.distributions import Distribution, Model
 
 # Fields whose value is a list with one item for each rotor.
@@ -43,7 +43,9 @@ def steps_of(path: str) -> list[str]:
         if steps and steps[-1] in _ROTOR_LISTS:
             number = step.removeprefix(_ROTOR_PREFIX)
             if number == step or number not in ("1", "2", "3", "4"):
-                raise InputError(f"{path} does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4")
+                raise InputError(
+                    f"{path} does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4 instead of {shown(step)}"
+                )
             step = str(int(number) - 1)
         steps.append(step)
     return steps
@@ -99,7 +101,8 @@ def value_at(scenario: Model, path: str) -> Any:
     for step in steps_of(path):
         parts = dict(parts_of(value))
         if step not in parts:
-            raise InputError(f"the scenario has no field {path}")
+            question = did_you_mean(step, parts, 1)
+            raise InputError(f"the scenario has no field {path}{f'; {question}' if question else ''}")
         value = parts[step]
     return value
 

@@ -16,9 +16,10 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from drake_quad.scenario.distributions import Model
+from drake_quad.errors import listed
+from drake_quad.scenario.distributions import Model, refused
 
 _Member = TypeVar("_Member", bound=type[Model])
 
@@ -104,7 +105,15 @@ class OpenUnion(_Members):
 
     def _with_kind(self, value: Any) -> Any:
         """Return the value, with the default kind added to a mapping that does not state its kind."""
-        return {"kind": self.default_kind, **value} if self.default_kind and isinstance(value, dict) else value
+        kinds = f"the kinds are {listed([*self.members], 20)}"
+        if isinstance(value, dict):
+            if "kind" not in value and not self.default_kind:
+                raise PydanticCustomError("kind_missing", "is missing; {kinds}", {"path": ("kind",), "kinds": kinds})
+            return value if "kind" in value else {"kind": self.default_kind, **value}
+        if not isinstance(value, Model):
+            example = value if value in self.members else next(iter(self.members))
+            raise refused(f"must be a mapping of fields, as in {{kind: {example}}}; {kinds}")
+        return value
 
 
 def alternatives(hint: Any, metadata: Iterable[Any]) -> tuple[Any, ...]:

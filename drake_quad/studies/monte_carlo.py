@@ -106,8 +106,8 @@ def run_monte_carlo(
 
     Raises:
         InputError: a number is out of range, the scenario cannot be flown, worker processes cannot import a function or
-            have different code, a user's system does not give equal results alone and in a batch, or the folder
-            contains another study, or a study that must not be resumed.
+            have different code, a user's system does not give equal results alone and in a batch or raises an error in
+            the first samples, or the folder contains another study, or a study that must not be resumed.
         OSError: rows could not be written, or the connection to a cluster was lost; completed rows are saved.
         RuntimeError: no sample can be flown; completed rows are saved.
         MemoryError: there is not enough memory; completed rows are saved.
@@ -216,17 +216,17 @@ def _open_pool(
 def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
     """Check that sample 0 has the same result when it is flown alone, alone again, and in a batch with others.
 
-    A trial that fails is ignored, since the study reports samples that cannot be flown. If the sample crashes because a
-    value is NaN or infinite, a warning names this value.
+    A trial that fails for another reason than an error in the user's code is ignored, since the study reports samples
+    that cannot be flown. If the sample crashes because a value is NaN or infinite, a warning names this value.
 
     Raises:
-        InputError: the results differ, or a user's system cannot be connected.
+        InputError: the results differ, a user's system cannot be connected, or its code raises an error.
     """
     size = min(job.num_vehicles, _TRIAL_SIZE)
     job = job._replace(key=f"{job.key}, trial", num_vehicles=size)
     pool.submit(partial(fly_trial, job), range(size - 1, -1, -1))
     (outcome,) = pool.next_outcomes()
-    if outcome.invalid_input:
+    if outcome.invalid_input or outcome.in_user_code:
         raise InputError(outcome.reason)
     if outcome.reason:
         return

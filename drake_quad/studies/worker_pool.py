@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
+from drake_quad.user_code import located, user_frames
 
 # Number of failures of single samples after which a study is aborted, if no sample has succeeded before.
 _MAX_FAILURES = 8
@@ -23,12 +24,14 @@ class Outcome(NamedTuple):
         result: return value of the function; for a batch, its rows (n, columns). None if the task failed.
         reason: reason for the failure, in one line; empty if the task succeeded.
         invalid_input: True if the task failed because the user's input is wrong, so that the study must end.
+        in_user_code: True if the user's own Python code raised an error.
     """
 
     argument: Any
     result: Any = None
     reason: str = ""
     invalid_input: bool = False
+    in_user_code: bool = False
 
 
 def run_task(function: Callable[[Any], Any], argument: Any) -> Outcome:
@@ -41,15 +44,16 @@ def run_task(function: Callable[[Any], Any], argument: Any) -> Outcome:
     except KeyboardInterrupt:
         raise
     except InputError as error:
-        return Outcome(argument, reason=str(error), invalid_input=True)
+        return Outcome(argument, reason=located(error), invalid_input=True)
     except BaseException as error:
         return failed_outcome(argument, error)
 
 
 def failed_outcome(argument: Any, error: BaseException) -> Outcome:
     """Return the outcome of a task that raised an error."""
-    text = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
-    return Outcome(argument, reason=text if len(text) <= _MAX_REASON_LENGTH else f"{text[:_MAX_REASON_LENGTH]}...")
+    text = located(error)
+    reason = text if len(text) <= _MAX_REASON_LENGTH else f"{text[:_MAX_REASON_LENGTH]}..."
+    return Outcome(argument, reason=reason, in_user_code=bool(user_frames(error)))
 
 
 class WorkerPool(ABC):

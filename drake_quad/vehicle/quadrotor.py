@@ -209,7 +209,7 @@ class Quadrotor(FleetSystem):
         faults = self.parameter("faults", lambda numbers: numbers.faults) if faulty else None
         effect_numbers = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
-        inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
+        inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
         # Only faults and a payload depend on time. Without them, the equations must not contain the time, so that they
         # support Expression.
         time = TIME if faulty or "payload" in effects else 0.0

@@ -353,7 +353,7 @@ class RespondingQuadrotor(FleetSystem):
         faults = self.parameter("faults", lambda numbers: numbers.vehicle.faults) if faulty else None
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         target = self.input("attitude_target")
-        inputs = command, target, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
+        inputs = command, target, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
         effect_numbers: Any = NO_EFFECTS
         if effects:
             effect_numbers = self.parameter("effects", lambda numbers: numbers.vehicle.effects.only(effects))

@@ -1,17 +1,19 @@
-"""Document the scenario language and the commands: pages for readers, and a JSON schema for editors."""
+"""Document the scenario language, the commands and formulas: pages for readers, and a JSON schema for editors."""
 
 import json
 from pathlib import Path
 
 from drake_quad.command_line.running import run
 
-from drake_quad.command_line.documentation import command_page
+from drake_quad.command_line.documentation import command_page, formula_page
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.schema import file_schema, language_page
 
-_COMMAND_PAGE = Path(__file__).parents[2] / "docs" / "reference" / "command_line.md"
+# Pages of which a part is generated.
+_PAGES = {"command_line.md": command_page, "formulas.md": formula_page}
+_FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def main() -> None:
@@ -19,8 +21,8 @@ def main() -> None:
     options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
     schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"
-    commands = command_page(_COMMAND_PAGE.read_text(encoding="utf-8"))
-    texts = {"scenario_language.md": language_page(), "scenario.schema.json": schema, _COMMAND_PAGE.name: commands}
+    pages = {name: update((_FOLDER / name).read_text(encoding="utf-8")) for name, update in _PAGES.items()}
+    texts = {"scenario_language.md": language_page(), "scenario.schema.json": schema, **pages}
     print_files([write_text(folder / name, text) for name, text in texts.items()])
 
 

@@ -114,6 +114,69 @@ def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
         controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
 
 
+FAILING = """
+from pydrake.systems.framework import BasicVector, LeafSystem
+from drake_quad.framework.elementary import sqrt
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.signals import Acceleration
+import numpy as np
+
+class InFlight(LeafSystem):
+    def __init__(self, num_vehicles=1):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12 * num_vehicles))
+        self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * num_vehicles), self.command)
+
+    def command(self, context, output):
+        self.gains["k_p"]
+
+class InConstructor(LeafSystem):
+    def __init__(self, num_vehicles=1):
+        1 / 0
+
+@fleet_system(float)
+class InFormula(FleetSystem):
+    def declare(self):
+        self.output("acceleration_command", law, self.input("measurement"), self.input("reference"))
+
+def law(m, r):
+    return Acceleration(np.clip(m.x, 0.0, 1.0), 0.0, 0.0)
+
+@fleet_system(float)
+class InDeclaration(FleetSystem):
+    def declare(self):
+        self.input("measurment")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "line"),
+    [
+        ("InFlight", "{file}:16: AttributeError: 'InFlight' object has no attribute 'gains'", 'self.gains["k_p"]'),
+        ("InConstructor", "{file}:20: ZeroDivisionError: division by zero", "1 / 0"),
+        ("InFormula", "{file}:28: TypeError: formula law: numpy.clip does not accept a row", "np.clip(m.x, 0.0, 1.0)"),
+        ("InDeclaration", "--controller {file}:InDeclaration: there is no signal called", 'self.input("measurment")'),
+    ],
+)
+@pytest.mark.parametrize("command", [["fly"], ["compare", "--scenario"], ["study"], ["replay"]], ids=lambda c: c[0])
+def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
+    run, tmp_path, monkeypatch, request, command, name, words, line
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = f"failing_{abs(hash(request.node.name))}.py"
+    (tmp_path / file).write_text(FAILING, encoding="utf-8")
+    samples = [] if command == ["fly"] else ["--samples", 2]
+    options = [*samples, "--set", "duration=1", "--controller", f"{file}:{name}", "--output", tmp_path / "out"]
+    result = run(*command, "hover", *options)
+    assert result.returncode == 2
+    first, *traceback = [each for each in result.stderr.splitlines() if not each.startswith("remark: ")]
+    assert first.startswith(f"error: {words.format(file=file)}")
+    # Workers report the first line only.
+    assert line in "".join(traceback) or command == ["study"]
+    assert "drake_quad" not in "".join(traceback)
+
+
 FLY_DESIGN_OR_JUDGE = (
     "fly", "study", "compare", "replay", "draw", "design", "design-lqg", "tune", "map", "sensitivities", "judge",
 )  # fmt: skip

@@ -12,6 +12,7 @@ import pytest
 
 import drake_quad
 from drake_quad import load_scenario
+from drake_quad.command_line.documentation import command_page, formula_page
 from drake_quad.command_line.main import COMMANDS, main, module_of
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
@@ -83,8 +84,8 @@ def test_versions_are_printed(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["flyy"], "drake-quad: error: argument COMMAND: invalid choice: 'flyy'"),
-        (["fly", "--no-such-option"], "drake-quad fly: error: unrecognized arguments: --no-such-option"),
+        (["flyy"], "error: there is no command called 'flyy'; did you mean fly?"),
+        (["fly", "--no-such-option"], "error: drake-quad fly has no option --no-such-option; `drake-quad fly --help`"),
     ],
 )
 def test_an_unknown_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):
@@ -194,10 +195,21 @@ def test_an_interruption_after_the_imports_is_an_exception(run):
 
 
 @pytest.mark.slow
-def test_the_documentation_page_of_the_commands_is_current(root):
-    from drake_quad.command_line.documentation import command_page
-
-    page = (root / "docs" / "reference" / "command_line.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("name", "update"), [("command_line", command_page), ("formulas", formula_page)])
+def test_a_generated_documentation_page_is_current(root, name, update):
+    page = (root / "docs" / "reference" / f"{name}.md").read_text(encoding="utf-8")
     again = "python scripts/development/document_scenarios.py --output docs/reference writes it again"
-    assert command_page(page) == page, again
+    assert update(page) == page, again
+
+
+def test_the_page_of_the_commands_has_a_section_for_each(root):
+    page = (root / "docs" / "reference" / "command_line.md").read_text(encoding="utf-8")
     assert all(f"\n### {command}\n" in page for command in COMMANDS)
+
+
+def test_the_page_of_formulas_lists_all_functions_and_replacements(root):
+    page = (root / "docs" / "reference" / "formulas.md").read_text(encoding="utf-8")
+    for function in ("cos(x)", "where(mask, x, y)", "dot(first, second)", "arctan2(y, x)"):
+        assert f"| `{function}` | Return " in page
+    assert "| `clip` | `minimum(maximum(x, low), high)` |" in page
+    assert r"| `any`, `logical_or` | `(x > 0.0) \| (y > 0.0)` |" in page

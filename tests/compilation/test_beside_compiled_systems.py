@@ -354,5 +354,5 @@ def test_a_missing_input_is_named():
     for name in "uv":
         compiled.GetInputPort(name).FixValue(context, np.zeros(6))
     np.testing.assert_array_equal(compiled.GetOutputPort("held").Eval(context), np.zeros(6))
-    with pytest.raises(ValueError, match="the input port w is not connected"):
+    with pytest.raises(InputError, match="the input port `w` of the CompiledSystem .*compiled is not connected"):
         compiled.GetOutputPort("sum").Eval(context)

@@ -8,9 +8,10 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common import RandomDistribution, cpp_template
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.analysis import Simulator, Simulator_
+from pydrake.systems.framework import DiagramBuilder, DiagramBuilder_
 
+from drake_quad import InputError
 from drake_quad.framework.fleet_system import TIME, FleetSystem, fleet_system
 from drake_quad.framework.wiring import split_output, subsystem
 from drake_quad.signals import Acceleration, PositionError, Row, Wind
@@ -54,7 +55,7 @@ class Example(FleetSystem):
     """System with a memoryless control law and a sum of its inputs."""
 
     def declare(self, *, period=0.5, unrestricted=False, at_start=True, numbers=Numbers()):
-        error, wind = self.input("error"), self.input("wind")
+        error, wind = self.input("error"), self.input("wind", absent=None)
         gains = self.parameter("gains", lambda numbers: numbers.gains)
         total = self.state("total", lambda numbers: PositionError(numbers.start, 0.0, 0.0))
         self.update(period, summed, total, error, TIME, writes=[total], unrestricted=unrestricted, at_start=at_start)
@@ -99,6 +100,20 @@ def test_outputs_follow_from_the_formula(n):
     expected = -np.tile(np.arange(1.0, n + 1.0), 3) * error + wind + np.repeat([0.0, 0.5, 0.0], n)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), expected)
     assert system.GetOutputPort("correction").Eval(context).size == 3 * n
+
+
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("scalar", [float, AutoDiffXd])
+def test_a_required_input_that_is_not_connected_is_named_with_its_system(scalar, n):
+    builder = DiagramBuilder_[scalar]()
+    control = builder.AddNamedSystem("control", Example.template[scalar](num_vehicles=n))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    message = "^the input port `error` of the Example control is not connected; connect it, or fix its value$"
+    with pytest.raises(InputError, match=message):
+        control.GetOutputPort("pd").Eval(control.GetMyContextFromRoot(context))
+    with pytest.raises(InputError, match=message):
+        Simulator_[scalar](diagram, context).AdvanceTo(0.5)
 
 
 @pytest.mark.parametrize("n", [1, 4])

@@ -246,32 +246,6 @@ def test_a_product_is_rounded_before_it_is_added():
     assert machine(lambda x, y, z: x * y + z, x, y, z) == x * y + z == 0.0
 
 
-def test_a_branch_on_a_row_is_refused():
-    def branching(x: Row) -> Row:
-        return x if x > 0.0 else -x
-
-    with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* use `where` instead"):
-        machine(branching, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("formula", "words"),
-    [
-        (lambda x: np.sin(x), "numpy.sin does not accept a row of a formula that is being traced"),
-        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not accept a row"),
-        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not accept a row"),
-        (lambda x: np.sin(np.array([x, x])), "no callable sin method; a Symbol is a row"),
-        (lambda x: math.sin(x), "the functions of math do not accept a row"),
-        (lambda x: np.array([1.0, 2.0]) * x, r"expected a number or a row, not an array of shape \(2,\)"),
-        (lambda x: x**2, "'Symbol' and 'int'; a Symbol is a row"),
-        (lambda x: x.clip(0.0, 1.0), "has no attribute 'clip'; a Symbol is a row"),
-    ],
-)
-def test_a_function_that_does_not_accept_rows_is_refused_with_advice(formula, words):
-    with pytest.raises(TypeError, match=f"^formula <lambda>: .*{words}.*compute with rows by .*framework.elementary$"):
-        machine(formula, 1.0)
-
-
 def test_numpy_scalars_compute_with_rows():
     """Like a Python number, a NumPy scalar may be on either side of an operator."""
     two = np.float64(2.0)

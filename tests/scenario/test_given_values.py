@@ -146,7 +146,7 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
         ({("vehicle", "mass"): 1}, r"must be the path of a field"),
         ({"": 1}, r"must be the path of a field"),
         ({".".join(["a"] * 50): 1}, r"is nested too deeply"),
-        ({"vehicle.thrust_factor_error.1": 0.1}, r"does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4$"),
+        ({"vehicle.thrust_factor_error.1": 0.1}, r"does not name a rotor; .*, rotor_3 or rotor_4 instead of '1'$"),
         ([3], r"^the override 3 must be a mapping or a text field.path=value$"),
         ("vehicle.mass", r"^override vehicle.mass: must be field.path=value, for example vehicle.mass=0.7$"),
     ],

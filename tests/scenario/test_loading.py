@@ -130,7 +130,15 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("  vehicle: {mass: -.inf}", "6: vehicle.mass is -inf, but must be a finite number"),
         ("  vehicle: {mass: -0.1}", "6: vehicle.mass is -0.1, but must be larger than 0"),
         ("  vehicle: {mass: 1, mass: 2}", "6: 'mass' is already given at .*:6"),
-        ("  vehicle: [1]", "6: vehicle is .*, but must be a mapping of fields"),
+        ("  vehicle: [1]", "6: vehicle is .*, but must be a mapping of fields such as mass, inertia, .* more"),
+        ("  vehicle: {layout: x}", r"6: vehicle.layout is 'x', .* as in {kind: x}; the kinds are plus, x, h, rotors"),
+        ("  vehicle: {layout: y}", r"6: vehicle.layout is 'y', .* as in {kind: plus}; the kinds"),
+        ("  vehicle: {layout: {length: 1}}", "6: vehicle.layout.kind is missing; the kinds are plus, x, h, rotors"),
+        ("  vehicle: {layout: {kind: x, length: 1}}", "must have width and length, or neither of them"),
+        ("  vehicle: {layout: {kind: pluss}}", "6: vehicle.layout.kind is 'pluss', .*; did you mean plus[?]"),
+        ("  laboratory: {wind: [{kind: stedy}]}", "6: laboratory.wind.0.kind is 'stedy', .*; did you mean steady[?]"),
+        ("  laboratory: {wind: [{kind: 3}]}", "6: laboratory.wind.0.kind is 3, but must be one of .*'steady'$"),
+        ("  laboratory: {allocation: {priority: thrus}}", "priority is 'thrus', .*; did you mean thrust[?]"),
         ("  vehicle:\n    inertia: [1, 2]", r"7: vehicle.inertia.2 is missing"),
         ("  vehicle: {max_rotor_speed: 50.0}", "6: vehicle.max_rotor_speed is 50.0, but must be larger than min_"),
         ("  vehicle: {mass: {uniform: {min: 2, max: 1}}}", "6: vehicle.mass.uniform.max is 1, but must be larger"),
@@ -332,7 +340,7 @@ def test_overrides_and_messages_number_rotors_in_the_same_way(write):
     message = refusal(write, text, "vehicle.layout.rotors.rotor_2.turns=up")
     assert "vehicle.layout.rotors.rotor_2.turns is 'up'" in message
     message = refusal(write, text, "vehicle.thrust_factor_error.1=0.1")
-    assert message.endswith("does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4")
+    assert message.endswith("does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4 instead of '1'")
 
 
 def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):

@@ -26,6 +26,8 @@ from drake_quad.studies.study import columns_of, format_of, read_record, read_st
 from drake_quad.studies.study_folder import open_study
 from drake_quad.studies.worker_pool import Outcome, WorkerPool
 
+pytestmark = pytest.mark.usefixtures("package_functions")
+
 
 class Draught(LeafSystem):
     """Wind that varies with time and is equal for all vehicles."""
@@ -534,13 +536,13 @@ class Known(WorkerPool):
         pass
 
 
-def trial(num_vehicles, rmse, reason="", invalid_input=False):
+def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False):
     """Check a system in a trial whose three flights have the given errors, and return the pool."""
     rows = np.ones((3, len(columns_of(study()))))
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    pool = Known(Outcome([0], rows, reason, invalid_input))
+    pool = Known(Outcome([0], rows, reason, invalid_input, in_user_code))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return pool
@@ -582,6 +584,8 @@ def test_a_trial_reports_invalid_input_but_not_other_failures():
     trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
     with pytest.raises(InputError, match="^the wings are missing$"):
         trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", invalid_input=True)
+    with pytest.raises(InputError, match="^mine.py:3: KeyError: 'gain'$"):
+        trial(3, [1.0, 1.0, 1.0], reason="mine.py:3: KeyError: 'gain'", in_user_code=True)
 
 
 @pytest.mark.slow

@@ -75,6 +75,19 @@ class Ends(Own):
         return super().command(time, error, rate)
 
 
+class Raises(Own):
+    """Controller with an error that appears in flight, in fleets of more than a given number of vehicles."""
+
+    def __init__(self, num_vehicles, largest=0):
+        super().__init__(num_vehicles)
+        self.largest = largest
+
+    def command(self, time, error, rate):
+        if self.num_vehicles > self.largest and time > 0.1:
+            raise KeyError("gain")
+        return super().command(time, error, rate)
+
+
 class Hangs(Own):
     """Controller that writes a file and hangs, in large fleets only."""
 
@@ -121,6 +134,18 @@ def test_a_system_with_inconsistent_results_is_refused_before_anything_is_writte
     with pytest.raises(InputError, match=words):
         run(position_controller=controller, folder=tmp_path / "study")
     assert not (tmp_path / "study").exists()
+
+
+def test_a_system_whose_code_fails_is_refused_with_its_file_and_line(tmp_path):
+    with pytest.raises(InputError, match=r"^\S*test_own_systems\.py:\d+: KeyError: 'gain'$"):
+        run(position_controller=Raises, folder=tmp_path / "study")
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.slow
+def test_code_that_fails_after_the_trial_fails_its_batch_but_not_the_study():
+    found = run(position_controller=functools.partial(Raises, largest=3))
+    assert not found.failures
 
 
 @pytest.mark.slow

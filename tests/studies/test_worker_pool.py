@@ -1,5 +1,6 @@
 """Tests of worker pools and of the handling of failed batches."""
 
+import re
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
@@ -8,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_quad import InputError, load_scenario, run_monte_carlo
+from drake_quad import InputError, load_scenario, run_monte_carlo, user_code
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fly_batches, run_task
+
+pytestmark = pytest.mark.usefixtures("package_functions")
 
 
 class Here(WorkerPool):
@@ -92,7 +95,9 @@ def test_invalid_input_in_a_sample_ends_the_study(make):
 def test_system_exit_becomes_an_outcome(make):
     pool = make()
     (outcome,) = fly_batches(pool, leaving, [[4]])
-    assert (outcome.argument, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
+    assert (outcome.argument, outcome.result) == ([4], None)
+    # A new process does not inherit the fixture of this file, so that it reports file and line.
+    assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
     pool.abandon()
 
 
@@ -201,3 +206,15 @@ def test_abandoned_tasks_have_no_outcome():
 def sleep_for_ever(samples):
     while True:
         pass
+
+
+@pytest.mark.parametrize("kind", [ArithmeticError, InputError])
+def test_an_error_in_the_user_s_code_has_its_file_and_line_as_reason(monkeypatch, kind):
+    monkeypatch.setattr(user_code, "_LIBRARIES", ())
+
+    def complain(samples):
+        raise kind("bad")
+
+    outcome = run_task(complain, [4])
+    assert re.fullmatch(r".*test_worker_pool\.py:\d+: (ArithmeticError: )?bad", outcome.reason)
+    assert outcome.in_user_code or outcome.invalid_input

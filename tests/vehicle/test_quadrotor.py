@@ -1,12 +1,14 @@
 """Tests of the quadrotor as a system: time steps, fleets, scalar types, parameters and initial conditions."""
 
 import math
+from contextlib import nullcontext as does_not_raise
 
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.symbolic import Evaluate, MakeVectorVariable
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
+from pydrake.systems.primitives import Linearize
 
 from drake_quad.signals import RotorSpeed, State
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
@@ -246,3 +248,15 @@ def test_impossible_parameters_are_rejected(change, words):
     with pytest.raises(ValueError, match=words):
         Quadrotor(num_vehicles=2, numbers=QuadrotorNumbers(QuadrotorParameters(**change)))
     Quadrotor(numbers=QuadrotorNumbers(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))
+
+
+def test_linearize_accepts_a_vehicle_without_a_time_step_only():
+    """For a vehicle with a time step, Drake raises SystemExit, as `docs/how_to/plain_drake.md` says."""
+    hover = [float(speed) for speed in hover_rotor_speeds(PARAMETERS)]
+    for time_step, expected in ((0.0, does_not_raise()), (0.01, pytest.raises(SystemExit))):
+        vehicle = quadrotor(time_step=time_step)
+        context, command = vehicle.CreateDefaultContext(), vehicle.GetInputPort("rotor_speed_command")
+        command.FixValue(context, hover)
+        with expected:
+            model = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
+            assert model.A().shape == (16, 16)

@@ -15,7 +15,7 @@ from drake_quad.control.fuzzy.systems import (
     signal_and_ports,
     with_deadzone,
 )
-from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import REQUIRED, TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import Row
 
@@ -123,7 +123,7 @@ class SetLearning(FleetSystem):
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))
         signal_of, ports = signal_and_ports(learns_from)
         names = dict.fromkeys([*ports, *signals_of(inputs)])
-        signals = [self.input(name, absent=UNCONNECTED.get(name)) for name in names]
+        signals = [self.input(name, absent=UNCONNECTED.get(name, REQUIRED)) for name in names]
         antecedents = self.state(
             "antecedents", lambda numbers: numbers.antecedents, layout=layout_of_antecedents(numbers.antecedents)
         )

@@ -10,7 +10,7 @@ from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.inputs import InputName, extrapolated, input_values, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
 from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
-from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import REQUIRED, TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.geometry.per_axis import Axis
@@ -327,7 +327,7 @@ class WeightLearning(FleetSystem):
         if law.memory(num_rules):
             memory = self.state(law.memory_name, lambda numbers: (numbers.law.memory(num_rules),) * len(axes))
         signal_of, ports = signal_and_ports(learns_from)
-        signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name)) for name in ports)
+        signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name, REQUIRED)) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
         self.update(period, learned, *reads, writes=[weights, memory])
         self.output("correction", network_output, weights, ahead, axes)

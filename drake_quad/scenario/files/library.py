@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.errors import InputError, did_you_mean, listed, shortened, shown
 from drake_quad.scenario.files.documents import parse_document
 from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, with_layer
 from drake_quad.scenario.files.marked_tree import Mark, Tree
@@ -116,8 +116,10 @@ class Library:
                 raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
             name = next(iter(scenarios))
         if name not in scenarios:
+            question = did_you_mean(name, scenarios, 1)
             raise InputError(
                 f"{asked_by}: there is no scenario {shown(name)} in {file}, which contains {listed([*scenarios])}"
+                f"{f'; {question}' if question else ''}"
             )
         identity = f"{os.path.realpath(path)}:{name}"
         if identity in stack:

@@ -1,6 +1,5 @@
 """Loading of a scenario from YAML, with validation and an error message of one sentence."""
 
-import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from functools import reduce
@@ -9,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError, shortened, shown
+from drake_quad.errors import InputError, did_you_mean, shortened, shown
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
@@ -349,15 +348,18 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
-            close = difflib.get_close_matches(str(path[-1]), context["fields"], 1)
             nested = _nested_paths(model, str(path[0])) if len(path) == 1 else []
-            suggestion = " or ".join(close or nested)
-            return f"{problem['msg']}; did you mean {suggestion}?" if suggestion else problem["msg"]
+            question = did_you_mean(path[-1], context["fields"], 1)
+            if nested and not question:
+                question = f"did you mean {' or '.join(nested)}?"
+            return f"{problem['msg']}; {question}" if question else problem["msg"]
+        case "kind_missing":
+            return str(problem["msg"])
         case "missing" | "union_tag_not_found":
             hint = "; only `drake-quad plan` needs no control" if path == ("control",) else ""
             return f"is missing{hint}"
         case "union_tag_invalid":
-            return f"is {value}, but must be one of {context['expected_tags']}"
+            return f"is {value}, but must be one of {context['expected_tags']}{_nearest(problem)}"
         case "model_type" | "model_attributes_type":
             return f"is {value}, but must be a mapping of fields"
         case "path":
@@ -368,7 +370,16 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
             hint = "; single items can only be given if the other items have defaults" if _gives_items(problem) else ""
             return f"is {value}, but must be a list{hint}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
-    return f"is {value}, but {demand}"
+    return f"is {value}, but {demand}{_nearest(problem)}"
+
+
+def _nearest(problem: Any) -> str:
+    """Return a question with the nearest allowed text, for a problem with a misspelt kind or choice."""
+    context = problem.get("ctx", {})
+    allowed = re.findall(r"'([^']*)'", str(context.get("expected_tags") or context.get("expected") or ""))
+    given = context.get("tag", problem["input"])
+    question = did_you_mean(given, allowed, 1) if isinstance(given, str) else ""
+    return f"; {question}" if question else ""
 
 
 def _nested_paths(model: type[Model], name: str) -> list[str]:

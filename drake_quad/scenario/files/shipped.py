@@ -4,11 +4,10 @@ Their names do not depend on the working directory. `laboratory:high_wind` is th
 `diagrams/laboratory.yaml`, and `vehicles/racer` is the only scenario of `diagrams/vehicles/racer.yaml`.
 """
 
-import difflib
 import re
 from pathlib import Path
 
-from drake_quad.errors import shown
+from drake_quad.errors import did_you_mean, shown
 from drake_quad.scenario.files.documents import parse_document
 
 _PACKAGE = Path(__file__).parents[2]
@@ -53,7 +52,6 @@ def shipped_scenarios() -> list[str]:
 
 def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
-    names = shipped_names()
-    close = difflib.get_close_matches(name.partition(":")[0], names, 1)
-    hint = f"did you mean {close[0]}?" if close else "`drake-quad scenarios` lists the shipped scenarios"
+    question = did_you_mean(name.partition(":")[0], shipped_names(), 1)
+    hint = question or "`drake-quad scenarios` lists the shipped scenarios"
     return f"{shown(name)} is neither a file nor a shipped scenario; {hint}"

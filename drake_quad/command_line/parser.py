@@ -1,0 +1,60 @@
+"""Parser of command lines that answers a mistake with one sentence and the nearest name."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from typing import Any, NoReturn
+
+from drake_quad.errors import InputError, did_you_mean, entry, shortened, shown
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser of a command line.
+
+    Where argparse prints all options of a command after a mistake, this parser prints one sentence.
+    """
+
+    def parse_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:
+        """Return the values of the arguments; exit with status 2 and a sentence if they are wrong."""
+        arguments, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self._refuse(unknown)
+        return arguments
+
+    def parse_known_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:
+        """Return the values of the known arguments, and the unknown arguments, none of which begins with two dashes.
+
+        A misspelt option is reported before anything else, such as a missing argument.
+        """
+        given = sys.argv[1:] if args is None else [*args]
+        options = given[: given.index("--")] if "--" in given else given
+        self._refuse([each for each in options if each.startswith("--") and not self._is_option(each)])
+        return super().parse_known_args(given, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2 and a message."""
+        self.exit(2, f"error: {message.removeprefix('argument ')}\n")
+
+    def _is_option(self, argument: str) -> bool:
+        """Return whether an argument is an option or the beginning of one."""
+        name = argument.partition("=")[0]
+        return any(option.startswith(name) for option in self._option_string_actions)
+
+    def _refuse(self, unknown: Iterable[str]) -> None:
+        """Exit with a sentence about the first unknown argument, an option if there is one."""
+        for argument in sorted(unknown, key=lambda each: not each.startswith("-")):
+            name, advice = argument.partition("=")[0], f"`{self.prog} --help` describes all arguments"
+            if not name.startswith("-"):
+                self.error(f"{self.prog} does not take the argument {shown(argument)}; {advice}")
+            question = did_you_mean(name, self._option_string_actions, 1)
+            self.error(f"{self.prog} has no option {shortened(name)}; {question or advice}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Exit with a sentence that contains the nearest choice if an argument is none of its choices."""
+        if action.choices is None or value in action.choices:
+            return
+        kind = f"value of {action.option_strings[-1]}" if action.option_strings else action.dest
+        try:
+            entry({str(choice): choice for choice in action.choices}, str(value), kind)
+        except InputError as error:
+            self.error(str(error))

@@ -1,0 +1,71 @@
+"""Errors in the user's own Python code, such as a controller, a wind or an effect that this package calls."""
+
+import os
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+
+from drake_quad.errors import InputError
+
+_PACKAGE = str(Path(__file__).parent) + os.sep
+# The function `run` in this module calls the main function of a program, which is not user code.
+_RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
+# Folders of the standard library and of installed packages.
+_LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
+
+
+def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """Return the frames of the user's code in which an error was raised, outermost first; empty if there are none.
+
+    These are the frames below the first frame of this package that belong neither to this package nor to an installed
+    one. The frames above belong to the program that called this package. If one error was raised from another, the
+    frames of the original error are returned.
+    """
+    for each in _chain(error):
+        frames, is_inside = [], False
+        for frame in traceback.extract_tb(each.__traceback__):
+            if frame.filename == _RUNNER:
+                continue
+            if frame.filename.startswith(_PACKAGE):
+                # A context manager at its `yield` has not called the code below, which is the body of a `with`.
+                is_inside = is_inside or not (frame.line or "").startswith("yield")
+            elif is_inside and not frame.filename.startswith(("<", *_LIBRARIES)):
+                frames.append(frame)
+        if frames:
+            return frames
+    return []
+
+
+def located(error: BaseException) -> str:
+    """Return the type and the message of an error in one line, with file and line if the user's code raised it.
+
+    An example is "mine.py:12: KeyError: 'gain'". The type is left out for an `InputError`, whose message is a sentence.
+    """
+    kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+    text = " ".join(f"{kind}{error}".split()).removesuffix(":")
+    frames = user_frames(error)
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{_shown(error.filename)}:{error.lineno}: SyntaxError: {error.msg}"
+    return f"{_shown(frames[-1].filename)}:{frames[-1].lineno}: {text}" if frames else text
+
+
+def user_traceback(error: BaseException) -> str:
+    """Return the part of a traceback that concerns the user's code, as lines of text; empty if there is none."""
+    return "".join(traceback.format_list(user_frames(error))).rstrip("\n")
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    """Yield the errors from which an error was raised, the original one first."""
+    chain: list[BaseException] = []
+    each: BaseException | None = error
+    while each is not None and each not in chain:
+        chain.append(each)
+        each = each.__cause__ or (None if each.__suppress_context__ else each.__context__)
+    return reversed(chain)
+
+
+def _shown(file: str) -> str:
+    """Return the path of a file, relative to the working directory if the file is inside."""
+    path = Path(file)
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
