@@ -20,7 +20,8 @@ class GustSource(BlowingSource):
     rise_time: Span = Field(description="time from zero to the peak velocity (s)")
     hold_time: Moment | None = Field(
         default=None,
-        description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C",
+        description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C, and becomes a"
+        " steady wind",
     )
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True
