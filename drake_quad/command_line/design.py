@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError
 from drake_quad.command_line.firmware import write_firmware_controller
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -114,6 +115,7 @@ def main(arguments: argparse.Namespace) -> None:
         write_firmware_controller(arguments)
         return
     scenario = scenario_of(arguments, load=load_undesigned)
+    print_flight_remarks([scenario])
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)

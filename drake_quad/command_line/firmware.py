@@ -7,6 +7,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import all_overrides_of, folder_of
 from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
@@ -39,6 +40,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
         write_layer(layer, parameters, path, arguments.command)
         designed = load_undesigned(arguments.scenario, overrides, layers=[path])
         text = path.read_text(encoding="utf-8")
+    print_flight_remarks([designed])
     plan_route(designed)  # raises an error if the rotors cannot carry the vehicle along its route
     path = write_text(folder / "controller.yaml", text)
     scenario_file = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(designed, target))

@@ -12,6 +12,7 @@ from typing import get_args
 import numpy as np
 
 from drake_quad import InputError, Scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -75,6 +76,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
+    print_flight_remarks([scenario])
     gains = mapped_gains(scenario, arguments.loop)
     axis = 0 if arguments.loop == "position" else 1
     first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)

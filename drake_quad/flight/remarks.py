@@ -1,14 +1,17 @@
 """Remarks on a scenario that a user should read before using the results of its flights."""
 
+import functools
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import listed
+from drake_quad.errors import InputError, listed
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import continues_in_motion
+from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.plan import YAW_ORDERS, Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.rest import moves_at_end
@@ -16,7 +19,7 @@ from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, leaves
+from drake_quad.scenario.paths import distributions_in, leaves, mappings_in
 
 # A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
 # relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
@@ -33,16 +36,53 @@ _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
-    """Return remarks on a vehicle that differs from the nominal one, and on a route that ends in motion.
+    """Return remarks on settings that the user may not have intended.
+
+    The remarks concern a vehicle that differs from the nominal one, settings without effect, and a route that ends in
+    motion. Remarks that depend on the plan are left out if the route cannot be planned, for example because it is
+    random.
 
     Args:
         scenario: scenario to fly, which may contain distributions.
         plan: plan to fly; by default the plan for the scenario's route.
-
-    Raises:
-        InputError: if the route cannot be planned.
     """
-    return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
+    flight = _PlannedFlight(scenario, plan)
+    return (*_mixed_vehicles(scenario), *_inactive_settings(flight), *_braking(flight))
+
+
+class _PlannedFlight:
+    """Scenario and its plan, which is computed when it is first needed.
+
+    Args:
+        scenario: scenario to fly.
+        plan: plan to fly; None to plan the scenario's route.
+    """
+
+    def __init__(self, scenario: Scenario, plan: Plan | None) -> None:
+        self.scenario, self._plan = scenario, plan
+
+    @functools.cached_property
+    def plan(self) -> Plan | None:
+        """Plan to fly; None if the route cannot be planned."""
+        if self._plan is None:
+            with suppress(InputError):
+                return plan_route(self.scenario)
+        return self._plan
+
+    @property
+    def end(self) -> float:
+        """Time at which the flight ends, s; infinite if it is not known."""
+        if self.scenario.duration is not None:
+            return self.scenario.duration
+        return math.inf if self.plan is None else float(self.plan.path.times[-1])
+
+    @property
+    def lowest_height(self) -> float:
+        """Smallest height of the reference, m; minus infinity if it is not known."""
+        if self.plan is None:
+            return -math.inf
+        path, rest_height = self.plan.path, self.plan.flown_path.waypoints[-1][2]
+        return min(float(rest_height), float(evaluate(path, sample_times(path))[2].min()))
 
 
 def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
@@ -138,12 +178,26 @@ def _deviation(value: Any) -> float:
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
 
 
-def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
+def _inactive_settings(flight: _PlannedFlight) -> list[str]:
+    """Return a remark on the settings that have no effect for each reason."""
+    paths: dict[str, list[str]] = {}
+    inactive: list[str] = []
+    for path, mapping in mappings_in(flight.scenario):
+        for setting in mapping.inactive_settings(flight, path):
+            # Nothing is said about the fields of a mapping that has no effect itself.
+            if not f"{setting.path}.".startswith(tuple([f"{each}." for each in inactive])):
+                inactive.append(setting.path)
+                paths.setdefault(setting.reason, []).append(setting.path)
+    return [
+        f"{listed(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
+        for reason, each in paths.items()
+    ]
+
+
+def _braking(flight: _PlannedFlight) -> list[str]:
     """Return a remark if the route ends in motion before the end of the flight, so that the reference must brake."""
-    if scenario.duration is None:
-        return []
-    plan = plan or plan_route(scenario)
-    if not continues_in_motion(scenario, plan):
+    scenario = flight.scenario
+    if scenario.duration is None or (plan := flight.plan) is None or not continues_in_motion(scenario, plan):
         return []
     end = float(plan.path.times[-1])
     motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"

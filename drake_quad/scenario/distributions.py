@@ -3,7 +3,7 @@
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
@@ -25,6 +25,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import listed, shown
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, declared_inactive_settings
 from drake_quad.scenario.limits import LARGEST, SMALLEST
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -36,9 +37,15 @@ _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
 class Model(BaseModel):
-    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN."""
+    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN.
+
+    Attributes:
+        strength_fields: names of fields of which one must differ from zero, or the mapping has no effect; empty if the
+            mapping always has an effect.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
+    strength_fields: ClassVar[tuple[str, ...]] = ()
 
     def __str__(self) -> str:
         """Return the same text as `repr`."""
@@ -56,6 +63,15 @@ class Model(BaseModel):
                         {"path": (key,), "fields": [*cls.model_fields], "allowed": listed([*cls.model_fields])},
                     )
         return data
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight.
+
+        Args:
+            flight: properties of the flight.
+            path: path of this mapping in the scenario.
+        """
+        yield from declared_inactive_settings(self, path)
 
     def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:
         """Return a validation error about a field of this mapping, which reports the value of the field.

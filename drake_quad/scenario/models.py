@@ -6,6 +6,7 @@ nominal vehicle, and the criteria by which a flight is evaluated.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
@@ -17,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, listed
 from drake_quad.scenario.actions.action import ACTIONS
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, AnyAutopilot
@@ -28,6 +29,7 @@ from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
@@ -182,7 +184,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
     )
-    reaction_torque: bool = Field(
+    reaction_torque: Annotated[bool, needs("rotor_inertia")] = Field(
         default=False, description="whether accelerating rotors exert a reaction torque; the paper neglects it"
     )
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
@@ -215,6 +217,14 @@ class Vehicle(Airframe[Positive, NonNegative]):
             loads=tuple([record for name, record in numbers.items() if name not in own]),
         )
 
+    def wind_flaw(self) -> str:
+        """Return a clause that says why wind does not change the forces on the vehicle; empty if it does."""
+        effects = [name for name, effect in EFFECTS.members.items() if effect.depends_on_wind]
+        names = ["linear_drag", "quadratic_drag", *effects]
+        if can_act(tuple([getattr(self, name) for name in names])):
+            return ""
+        return f"the vehicle has no drag: {listed([f'vehicle.{name}' for name in names])} are zero or not given"
+
     def without_response(self) -> tuple[str, ...]:
         """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
@@ -234,6 +244,13 @@ class AllocationSettings(Model):
         " last",
     )
 
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as the priority if the autopilot includes the torques of the rotors."""
+        yield from super().inactive_settings(flight, path)
+        if self.priority != "roll_pitch" and flight.scenario.laboratory.autopilot.models_vehicle:
+            kind = flight.scenario.laboratory.autopilot.kind
+            yield InactiveSetting(f"{path}.priority", f"laboratory.autopilot.kind is {kind}")
+
 
 class Laboratory(Model):
     """Systems between the controllers and the vehicle."""
@@ -251,6 +268,12 @@ class Laboratory(Model):
     )
 
     _serialized = omits_defaults("sensors")
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as wind if the vehicle has no drag."""
+        yield from super().inactive_settings(flight, path)
+        if self.wind and (flaw := flight.scenario.vehicle.wind_flaw()):
+            yield InactiveSetting(f"{path}.wind", flaw)
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
@@ -282,6 +305,11 @@ class MetricWindow(Model):
             raise self.field_error(f"must be later than start, {self.start}", "end")
         return self
 
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an end of the window after the end of the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "end", flight, path)
+
 
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
@@ -292,6 +320,16 @@ class Crash(Model):
     )
     position_error: PlainPositive = Field(default=5.0, description="largest distance from the reference (m)")
     height: Real = Field(default=-0.5, description="smallest height (m)")
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a height that is too far below the reference to be reached."""
+        yield from super().inactive_settings(flight, path)
+        # A height below the default is deliberately out of reach.
+        is_strict = self.height > type(self).model_fields["height"].default
+        if is_strict and self.height < flight.lowest_height - self.position_error:
+            yield InactiveSetting(
+                f"{path}.height", f"{path}.position_error ends a flight {self.position_error:g} m below its reference"
+            )
 
 
 class Mission(Model):

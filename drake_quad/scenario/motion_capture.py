@@ -9,6 +9,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory import motion_capture
 from drake_quad.laboratory.motion_capture import CameraNumbers
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.quantities import (
     AngleNoise,
     Misalignment,
@@ -46,7 +47,9 @@ class MotionCaptureSettings(Model):
     velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
         CameraNumbers, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
     )
-    drift_time: Span = field_of(CameraNumbers, "drift_time", "correlation time of velocity_drift")
+    drift_time: Annotated[Span, needs("velocity_drift")] = field_of(
+        CameraNumbers, "drift_time", "correlation time of velocity_drift"
+    )
     dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frames")
 

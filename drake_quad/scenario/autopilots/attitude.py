@@ -36,6 +36,7 @@ class NeglectedDragSettings(Model):
 
     lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over weight")
     time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
+    strength_fields: ClassVar = ("lean",)
 
 
 @AUTOPILOTS.member

@@ -1,7 +1,7 @@
 """Linear-quadratic-Gaussian (LQG) control in the scenario language, with its models and weights."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import reduce
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -27,6 +27,7 @@ from drake_quad.process_settings import without_warnings
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import MaxThrust, MinThrust, ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.quantities import (
     NonNegative,
@@ -175,6 +176,16 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
+    # Names of fields that apply only to torques over the link.
+    torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as limits for torques over the link if an autopilot takes attitudes."""
+        yield from super().inactive_settings(flight, path)
+        autopilot = flight.scenario.laboratory.autopilot
+        for name in self.torque_fields if autopilot.controls_attitude else ():
+            if is_set(self, name):
+                yield InactiveSetting(f"{path}.{name}", f"laboratory.autopilot.kind is {autopilot.kind}")
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the design model or the periods do not fit the laboratory.

@@ -20,6 +20,7 @@ class BodyDragEffect(AirLoadEffect):
     centre_of_pressure: Position = field_of(
         BodyDrag, "centre_of_pressure", "point at which the drag acts, x, y, z in B relative to the centre of mass"
     )
+    strength_fields: ClassVar = ("linear", "quadratic")
     field: ClassVar = "body_drag"
     meaning: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
     record: ClassVar = BodyDrag

@@ -1,12 +1,14 @@
 """Payload of the scenario language."""
 
 import math
+from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
@@ -66,3 +68,8 @@ class PayloadEffect(VehicleEffect):
     def event_times(self) -> tuple[Row, ...]:
         """Return the time at which the payload is picked up or dropped, s."""
         return (self.time,)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an event after the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "time", flight, path)

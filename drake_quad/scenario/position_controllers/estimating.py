@@ -1,6 +1,7 @@
 """PD position controllers with an estimate of the disturbance, and their models of the vehicle's response."""
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -11,6 +12,7 @@ from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEs
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Positive, Span, Spans
 from drake_quad.scenario.setting import ControlSetting
@@ -89,6 +91,12 @@ class EstimatingPosition(PdPosition):
             axis: 0, 1 or 2 for X, Y or Z.
             period: period of the control, s.
         """
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a lag of the feed-forward if nothing is fed forward."""
+        yield from super().inactive_settings(flight, path)
+        if self.feed_forward == "none" and getattr(self.response, "feed_forward_lag", None) is not None:
+            yield InactiveSetting(f"{path}.response.feed_forward_lag", f"{path}.feed_forward is none")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the PD and the disturbance estimator."""

@@ -26,6 +26,7 @@ class FanSource(WindSource):
     turbulence: NonNegative = Field(
         default=0.22, description="standard deviation of the air velocity on each axis, relative to the mean speed (1)"
     )
+    strength_fields: ClassVar = ("flow",)
     depends_on_place: ClassVar = True
     depends_on_time: ClassVar = False
 

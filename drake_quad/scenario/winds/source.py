@@ -93,6 +93,7 @@ class BlowingSource(WindSource):
     heading: Direction | None = Field(
         default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
     )
+    strength_fields: ClassVar = ("velocity", "speed")
 
     @model_validator(mode="after")
     def _one_motion(self) -> "BlowingSource":
