@@ -5,12 +5,15 @@ import importlib
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.output import remark
 from drake_quad.extras import import_extra
+from drake_quad.flight.remarks import replaced_distributions
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
@@ -275,8 +278,31 @@ def scenario_of(
     """
     spec = getattr(arguments, "controller", None)
     controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
-    overrides = [*controller.overrides, *all_overrides_of(arguments), *further]
-    return load(arguments.scenario, overrides, layers=controller.layers)
+    own_overrides = all_overrides_of(arguments)
+    scenario = load(arguments.scenario, [*controller.overrides, *own_overrides, *further], layers=controller.layers)
+    if spec and not further:
+        remark_replaced_distributions(f"--controller {spec}", arguments.scenario, scenario, own_overrides)
+    return scenario
+
+
+def remark_replaced_distributions(
+    controller: str, spec: str, controlled: Scenario, overrides: Sequence[Override]
+) -> None:
+    """Print a remark if a controller replaces random parameters of a scenario by fixed values.
+
+    Args:
+        controller: name of the controller in the remark.
+        spec: FILE or FILE:NAME of the scenario.
+        controlled: scenario with the controller and the overrides.
+        overrides: overrides of the scenario besides those of the controller.
+    """
+    # Overrides of the control may name fields that only the new controller has.
+    fields = tuple(override.assignment.partition("=")[0].strip() for override in overrides)
+    others = [each for each, field in zip(overrides, fields, strict=True) if not field.startswith("control")]
+    with suppress(InputError):  # the scenario may be incomplete without the controller
+        replaced = replaced_distributions(load_undesigned(spec, others), controlled, ignored=fields)
+        if replaced:
+            remark(f"{controller} replaces random parameters of {spec} by fixed values: {replaced}")
 
 
 def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None) -> dict[str, Scenario]:
@@ -302,6 +328,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
         if name in scenarios:
             raise InputError(f"--controller {each}: another controller is also called {name}; rename one of them")
         scenarios[name] = load_scenario(spec, [*controller_overrides, *overrides], layers=layers)
+        remark_replaced_distributions(f"--controller {each}", spec, scenarios[name], overrides)
     return scenarios
 
 

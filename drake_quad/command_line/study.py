@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.flight_remarks import print_comparison_remarks, print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -129,6 +129,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
     print_flight_remarks(scenarios.values())
+    print_comparison_remarks(scenarios)
     for name, scenario in scenarios.items():
         if not distributions_in(scenario):
             remark(f"{name} has no distribution, so its samples differ only by wind and noise, if there are any")

@@ -28,6 +28,7 @@ _MIN_RELATIVE_DIFFERENCE = 0.2
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
+_MAX_CHANGE_LENGTH = 120  # characters of a path with its old and new value
 _MIN_STANDARD_DEVIATIONS = 5.0  # smallest reported difference, in standard deviations of the flown value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
@@ -100,8 +101,26 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
         paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
         changes = [f"{path} {_format(conditions.get(path))} (not {_format(expected.get(path))})" for path in paths]
         if changes:
-            remarks.append(f"{name} and {first} do not fly under the same conditions: {listed(changes, 4)}")
+            shown_changes = listed(changes, 4, max_length=_MAX_CHANGE_LENGTH)
+            remarks.append(f"{name} and {first} do not fly under the same conditions: {shown_changes}")
     return remarks
+
+
+def replaced_distributions(before: Scenario, after: Scenario, *, ignored: tuple[str, ...] = ()) -> str:
+    """Return a list of the distributions of a scenario that another version does not draw; empty without such fields.
+
+    Args:
+        before: scenario with the distributions.
+        after: the same scenario with, for example, another controller.
+        ignored: paths that are left out, with all fields in them.
+    """
+    drawn, values = distributions_in(after), dict(leaves(after))
+    replaced = [
+        f"{path} {_format(values.get(path))} (not {distribution})"
+        for path, distribution in distributions_in(before).items()
+        if path not in drawn and not f"{path}.".startswith(tuple([f"{each}." for each in ignored]))
+    ]
+    return listed(replaced, 4, max_length=_MAX_CHANGE_LENGTH)
 
 
 def _conditions(scenario: Scenario) -> dict[str, Any]:

@@ -7,9 +7,10 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
-from drake_quad.command_line.options import controller_of, scenario_of
+from drake_quad.command_line.options import controlled_scenarios, controller_of, scenario_of
 from drake_quad.command_line.sensitivities import default_fields
 from drake_quad.evaluation.claims import CONTROLLER_NAMES
+from drake_quad.scenario.paths import distributions_in
 
 MINE = """
 from typing import NamedTuple
@@ -112,6 +113,54 @@ def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
     (tmp_path / "broken_controller.py").write_text("1 / 0", encoding="utf-8")
     with pytest.raises(InputError, match="ZeroDivisionError: division by zero"):
         controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
+
+
+DRAWN = """
+drawn:
+  extends: laboratory:low_wind
+  vehicle:
+    mass: {normal: {mean: 0.68, standard_deviation: 0.01, min: 0.5}}
+    rotor_time_constant: {relative: {uniform: {min: 0.8, max: 1.2}}}
+  laboratory: {command_link: {loss_rate: {uniform: {min: 0.0, max: 0.05}}}}
+  control: {thrust_vectoring: {max_tilt: {uniform: {min: 0.5, max: 0.6}}}}
+heavier: {nominal: {mass: 0.7}, control: {thrust_vectoring: {max_thrust: 2.0}}}
+lossless: {laboratory: {command_link: {loss_rate: 0.0}}}
+replacing: {control: {thrust_vectoring: {max_tilt: 0.55}}, vehicle: {mass: 0.7}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("controller", "overrides", "replaced"),
+    [
+        ("drawn.yaml:heavier", [], []),
+        ("drawn.yaml:lossless", [], ["laboratory.command_link.loss_rate 0 (not uniform(0, 0.05))"]),
+        ("drawn.yaml:replacing", [], ["vehicle.mass 0.7 (not normal(", "control.thrust_vectoring.max_tilt 0.55 ("]),
+        ("drawn.yaml:replacing", ["vehicle.mass=0.69", "control.thrust_vectoring.max_tilt=0.5"], []),
+        ("drawn.yaml:lossless", ["laboratory.command_link.loss_rate={choice: [0, 0.1]}"], []),
+        ("vehicles/hummingbird", [], ["vehicle.mass 0.716 (not normal(0.68, 0.01, min=0.5))"]),
+        ("controllers/paper:pd", [], ["control.thrust_vectoring.max_tilt 0.6 (not uniform(0.5, 0.6))"]),
+        ("{mine}:Mine", ["control.position.k_p=0.75"], []),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("loads_several", [False, True])
+def test_a_distribution_is_kept_or_named_in_a_remark(
+    controller, overrides, replaced, loads_several, mine, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drawn.yaml").write_text(DRAWN, encoding="utf-8")
+    spec, drawn = controller.format(mine=mine), "drawn.yaml:drawn"
+    if loads_several:
+        (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
+    else:
+        scenario = scenario_of(arguments(scenario=drawn, controller=spec, set=overrides))
+    printed = capsys.readouterr().err
+    named = f"remark: --controller {spec} replaces random parameters of {drawn} by fixed values: "
+    assert printed.startswith(named if replaced else "")
+    assert bool(printed) == bool(replaced)
+    assert all(words in printed for words in replaced)
+    given = [override.partition("=")[0] for override in overrides]
+    for path in distributions_in(load_scenario(drawn)):
+        assert path in distributions_in(scenario) or f" {path} " in printed or path in given
 
 
 FLY_DESIGN_OR_JUDGE = (

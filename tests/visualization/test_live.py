@@ -172,4 +172,6 @@ def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, 
     assert seen == [("hover", "meshcat", 0, 2.0), 3.0]
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == "the flight has ended"
-    assert printed.err.startswith("remark: the sliders for wind and the gust have no effect, since the vehicle has no drag")
+    assert printed.err.startswith(
+        "remark: the sliders for wind and the gust have no effect, since the vehicle has no drag"
+    )
