@@ -24,7 +24,7 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.design.cascade import (
     CascadeDesign,
     LoopOptions,
@@ -143,8 +143,8 @@ def main(arguments: argparse.Namespace) -> None:
     print_design(design)
     print_modes(loop)
     print(f"\nto use the gains in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed scenario:")
-    fly = "study {} --samples 32" if has_distributions else "fly {}"
-    print(f"  drake-quad {fly.format(files[1])}")
+    command = ("study", designed, files[1], "--samples 32") if has_distributions else ("fly", designed, files[1])
+    print(f"  {flying_command(*command)}")
     print_files(files)
 
 

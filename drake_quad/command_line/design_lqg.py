@@ -19,7 +19,7 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, print_margins
+from drake_quad.command_line.output import flying_command, print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
@@ -72,7 +72,7 @@ def main(arguments: argparse.Namespace) -> None:
     print()
     print_margins(link_margins(middle_of(designed)))
     print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
-    print(f"  drake-quad study {files[1]} --samples 32")
+    print(f"  {flying_command('study', designed, files[1], '--samples 32')}")
     print_files(files)
 
 

@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import all_overrides_of, folder_of
-from drake_quad.command_line.output import print_files, remark
+from drake_quad.command_line.output import flying_command, print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
 from drake_quad.files import output_folder, write_atomically, write_text
@@ -54,7 +54,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
     print(FIRMWARE[parameters.firmware])
     command = "study" if distributions_in(designed) else "fly"
     print(f"to use the controller in a scenario, write `extends: [FILE:NAME, {path}]`; to {command} this scenario:")
-    print(f"  drake-quad {command} {scenario_file}")
+    print(f"  {flying_command(command, designed, scenario_file)}")
     print_files([path, scenario_file])
 
 

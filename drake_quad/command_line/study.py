@@ -2,7 +2,7 @@
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from drake_quad.command_line.options import (
     folder_of,
     parser,
 )
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import METRICS
@@ -116,7 +116,7 @@ def main(arguments: argparse.Namespace) -> None:
                 f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
             )
         method = "uncompiled" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], method, imports=python_options(arguments, name))
+        print_study(name, study, folders[name], method)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -142,12 +142,6 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
                 f"--over {arguments.over}: is not a random parameter of {name}; its random parameters are: {names}"
             )
     return scenarios
-
-
-def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
-    """Return the command-line options that import the Python files of a controller and of its scenario."""
-    specs = [spec for spec in arguments.controller if spec.endswith(f".py:{name}")]
-    return [*(f"--import {path}" for path in arguments.imports), *(f"--controller {spec}" for spec in specs)]
 
 
 @contextmanager
@@ -190,7 +184,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, method: str, *, imports: Sequence[str] = ()) -> None:
+def print_study(name: str, study: Study, folder: Path, method: str) -> None:
     """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
@@ -209,9 +203,9 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
     width = max(18, *map(len, outcomes.values())) if outcomes else 0
-    options = "".join(f" {option}" for option in imports)
     for sample, outcome in outcomes.items():
-        print(f"  {outcome:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{options}")
+        command = flying_command("fly", study.scenario, folder / "scenario.yaml", f"--sample {sample}")
+        print(f"  {outcome:<{width}}  {command}")
 
 
 def _outcome_of(study: Study, index: int) -> str:

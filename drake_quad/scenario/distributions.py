@@ -27,6 +27,7 @@ from pydantic_core import PydanticCustomError
 from drake_quad.errors import listed, shown
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, declared_inactive_settings
 from drake_quad.scenario.limits import LARGEST, SMALLEST
+from drake_quad.scenario.user_code import import_option
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 # Pattern of the names of shared variables.
@@ -72,6 +73,11 @@ class Model(BaseModel):
             path: path of this mapping in the scenario.
         """
         yield from declared_inactive_settings(self, path)
+
+    @classmethod
+    def registration_option(cls) -> str:
+        """Return the command-line option that registers this model; empty for a model of this library."""
+        return import_option(cls)
 
     def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:
         """Return a validation error about a field of this mapping, which reports the value of the field.

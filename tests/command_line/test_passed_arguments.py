@@ -112,7 +112,7 @@ def test_each_controller_is_combined_with_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="another controller is also called pd"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
         compare.scenarios_of(twice)
 
 
@@ -791,7 +791,7 @@ def test_scenarios_are_named_after_their_controllers():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="another controller is also called pd; rename one of them"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
