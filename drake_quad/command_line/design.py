@@ -133,7 +133,7 @@ def main(arguments: argparse.Namespace) -> None:
     for sentence in design_remarks(design, designed):
         remark(sentence)
     loop = closed_loop(as_believed(middle_of(designed)))
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     files = [
         write_atomically(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),

@@ -34,7 +34,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
     scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "controller.yaml")
         write_layer(layer, parameters, path, arguments.command)

@@ -85,7 +85,7 @@ def main(arguments: argparse.Namespace) -> None:
     worst = arguments.worst or _default_worst_case(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
     figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)

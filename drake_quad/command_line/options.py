@@ -11,11 +11,12 @@ from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.output import remark
 from drake_quad.extras import import_extra
 from drake_quad.flight.remarks import replaced_distributions
 from drake_quad.scenario.files.loading import Override, load_undesigned
-from drake_quad.scenario.models import NAME
+from drake_quad.scenario.models import NAME, Mission
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import parse_float, parse_int
 
@@ -58,7 +59,8 @@ def parser(
         "--output",
         type=Path,
         metavar="FOLDER",
-        help=f"output folder (default: {output}/NAME with the name of the scenario)",
+        help=f"output folder (default: {output}/NAME with the name of the scenario, unless it was written for another"
+        " vehicle)",
     )
     return result
 
@@ -121,10 +123,24 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
         raise InputError(f"{path}: {type(error).__name__}: {error}") from error
 
 
-def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """Return the output folder: the value of `--output`, or by default the folder with the name of a scenario."""
-    folder: Path = arguments.output or arguments.default_output / name
-    return folder
+def folder_of(
+    arguments: argparse.Namespace, scenario: Mission, *, name: str | None = None, others: Sequence[Origin] = ()
+) -> Path:
+    """Return the output folder: the value of `--output`, or by default a folder with the name of the scenario.
+
+    Args:
+        arguments: arguments of the command, with the FILE or FILE:NAME of the scenario.
+        scenario: scenario with all overrides.
+        name: name of the default folder; by default the name of the scenario.
+        others: inputs of the command besides the scenario.
+
+    Raises:
+        InputError: if the default folder was written for another vehicle with the same name, or for other inputs.
+    """
+    if arguments.output is not None:
+        return Path(arguments.output)
+    folder = arguments.default_output / (name or scenario.name)
+    return reserve(folder, [Origin.of_scenario(arguments.scenario, scenario), *others])
 
 
 def add_stability_limits(options: argparse.ArgumentParser, sensitivity: float, delay_margin: float) -> None:

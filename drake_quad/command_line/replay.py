@@ -30,7 +30,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_comparison_remarks(scenarios)
     samples = range(arguments.first, arguments.first + arguments.samples)
     flights = {name: simulate_samples(each, samples) for name, each in scenarios.items()}
-    file = output_folder(folder_of(arguments, "_".join(flights))) / "replay.html"
+    file = output_folder(folder_of(arguments, next(iter(scenarios.values())), name="_".join(flights))) / "replay.html"
     if arguments.samples == 1:
         save_replay({name: first for name, (first,) in flights.items()}, file)
     else:

@@ -86,7 +86,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenarios = scenarios_of(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")
-    folder = folder_of(arguments, next(iter(scenarios.values())).name)
+    folder = folder_of(arguments, next(iter(scenarios.values())))
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()

@@ -70,7 +70,7 @@ def main(arguments: argparse.Namespace) -> None:
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
     result = tune([scenario], knobs, limit.shares_met, budget=budget)
     tuned = with_numbers(scenario, knobs, result.numbers)

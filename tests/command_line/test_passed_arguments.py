@@ -795,11 +795,13 @@ def test_scenarios_are_named_after_their_controllers():
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
-def test_the_folder_is_given_by_the_option_or_named_after_the_scenario():
-    folder = argparse.Namespace(output=None, default_output=Path("out/study"))
-    assert options.folder_of(folder, "mine") == Path("out/study/mine")
+def test_the_folder_is_given_by_the_option_or_named_after_the_scenario(tmp_path):
+    folder = argparse.Namespace(output=None, default_output=tmp_path / "study", scenario="laboratory:nominal")
+    scenario = load_scenario("laboratory:nominal")
+    assert options.folder_of(folder, scenario) == tmp_path / "study" / "nominal"
+    assert options.folder_of(folder, scenario, name="pd_pid") == tmp_path / "study" / "pd_pid"
     folder.output = Path("there")
-    assert options.folder_of(folder, "mine") == Path("there")
+    assert options.folder_of(folder, scenario) == Path("there")
     assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 
