@@ -19,7 +19,8 @@ from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, leaves, mappings_in
+from drake_quad.scenario.paths import distributions_in, joined, leaves, mappings_in
+from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 
 # A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
 # relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
@@ -39,16 +40,21 @@ _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
     """Return remarks on settings that the user may not have intended.
 
-    The remarks concern a vehicle that differs from the nominal one, settings without effect, and a route that ends in
-    motion. Remarks that depend on the plan are left out if the route cannot be planned, for example because it is
-    random.
+    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, and a
+    route that ends in motion. Remarks that depend on the plan are left out if the route cannot be planned, for example
+    because it is random.
 
     Args:
         scenario: scenario to fly, which may contain distributions.
         plan: plan to fly; by default the plan for the scenario's route.
     """
     flight = _PlannedFlight(scenario, plan)
-    return (*_mixed_vehicles(scenario), *_inactive_settings(flight), *_braking(flight))
+    return (
+        *_implausible_values(scenario),
+        *_mixed_vehicles(scenario),
+        *_inactive_settings(flight),
+        *_braking(flight),
+    )
 
 
 class _PlannedFlight:
@@ -195,6 +201,30 @@ def _deviation(value: Any) -> float:
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
+
+
+def _implausible_values(scenario: Scenario) -> list[str]:
+    """Return a question on each value that has probably been given in another unit."""
+    tick = scenario.laboratory.command_link.period
+    questions: dict[str, str] = {}
+    for path, mapping in mappings_in(scenario):
+        period = getattr(mapping, "period", None) or tick
+        found = {
+            joined(path, leaf_path): clause
+            for name, field in type(mapping).model_fields.items()
+            for condition in field.metadata
+            if isinstance(condition, Plausible | PlausibleDelay)
+            for leaf_path, leaf in leaves(getattr(mapping, name), name)
+            if (clause := condition.question(leaf, period))
+        }
+        # A mapping with an implausible field is also implausible as a whole.
+        questions |= found or {joined(path, inner): clause for inner, clause in mapping.questions()}
+    # A vehicle has the values of `nominal` unless it gives others.
+    return [
+        f"{path} {clause}"
+        for path, clause in questions.items()
+        if not (path.startswith("vehicle.") and questions.get(f"nominal.{path.removeprefix('vehicle.')}") == clause)
+    ]
 
 
 def _inactive_settings(flight: _PlannedFlight) -> list[str]:

@@ -74,6 +74,10 @@ class Model(BaseModel):
         """
         yield from declared_inactive_settings(self, path)
 
+    def questions(self) -> Iterator[tuple[str, str]]:
+        """Yield the path within this mapping, and a clause, for each field that is implausible beside others."""
+        return iter(())
+
     @classmethod
     def registration_option(cls) -> str:
         """Return the command-line option that registers this model; empty for a model of this library."""

@@ -10,6 +10,7 @@ from drake_quad.errors import InputError, InputWarning, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.limits import MAX_CORNERS, MAX_OBSTACLES, MAX_POINTS
+from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
@@ -116,7 +117,7 @@ class SpaceSettings(Model):
     margin: Annotated[PlainNonNegative, needs("obstacles")] = Field(
         default=0.0, description="distance that a plan keeps from obstacles in addition to the radius (m)"
     )
-    radius: Annotated[PlainPositive | None, needs("obstacles")] = Field(
+    radius: Annotated[PlainPositive | None, needs("obstacles"), PLAUSIBLE_SIZE] = Field(
         default=None,
         description="radius of the vehicle around its centre of mass (m); if not given, the distance of the farthest"
         " rotor centre in `nominal`",

@@ -29,6 +29,12 @@ from drake_quad.scenario.controls.thrust_vectoring import MaxThrust, MinThrust, 
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.network import Network
+from drake_quad.scenario.plausible import (
+    PLAUSIBLE_ATTITUDE_NOISE,
+    PLAUSIBLE_DELAY,
+    PLAUSIBLE_LAG,
+    PLAUSIBLE_POSITION_NOISE,
+)
 from drake_quad.scenario.quantities import (
     NonNegative,
     PlainAngleNoise,
@@ -39,7 +45,7 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.setting import ControlSetting
 
-BelievedDelay = Annotated[int, Field(ge=0, le=20)]
+BelievedDelay = Annotated[int, Field(ge=0, le=20), PLAUSIBLE_DELAY]
 
 
 class ColouredNoise(Model):
@@ -69,7 +75,9 @@ class Axis(Model):
         description="spectral density of white noise on the command, for robustness to model errors (unit of the"
         " command times √s)",
     )
-    position_noise: PlainPositive = Field(description="standard deviation of the position in a frame (m)")
+    position_noise: Annotated[PlainPositive, PLAUSIBLE_POSITION_NOISE] = Field(
+        description="standard deviation of the position in a frame (m)"
+    )
     command_weight: PlainPositive = Field(
         description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
         " in m/s⁴ with torques over the link"
@@ -106,7 +114,7 @@ class Axis(Model):
 class VerticalAxis(Axis):
     """Design model from the command to the height, with its weights."""
 
-    lag: PlainSpan = Field(description="time constant of the thrust (s)")
+    lag: Annotated[PlainSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
 
     def model(self) -> ContinuousModel:
@@ -117,7 +125,7 @@ class VerticalAxis(Axis):
 class LateralAxis(Axis):
     """Design model from the command to x and to y, with its weights."""
 
-    lag: PlainSpan | None = Field(
+    lag: Annotated[PlainSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
         " attitude response includes it",
@@ -131,7 +139,9 @@ class LateralAxis(Axis):
     bias: ColouredNoise = Field(
         description="disturbing angular acceleration times gravity, white noise filtered by a first-order lag (m/s⁴)"
     )
-    attitude_noise: PlainAngleNoise = Field(description="standard deviation of roll and pitch in a frame (rad)")
+    attitude_noise: Annotated[PlainAngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
+        description="standard deviation of roll and pitch in a frame (rad)"
+    )
     name: ClassVar = "lateral"
 
     def model(self) -> ContinuousModel:

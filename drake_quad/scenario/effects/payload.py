@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
@@ -19,8 +20,8 @@ from drake_quad.vehicle.payload import Payload
 class PayloadEffect(VehicleEffect):
     """A mass fixed to the vehicle that is picked up or dropped during the flight."""
 
-    mass: Positive = field_of(Payload, "mass", "mass of the payload")
-    position: Position = Field(
+    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(Payload, "mass", "mass of the payload")
+    position: Annotated[Position, PLAUSIBLE_SIZE] = Field(
         default=NO_OFFSET,
         description="centre of mass of the payload, x, y, z in B relative to the centre of mass of the empty vehicle"
         " (m)",

@@ -19,7 +19,7 @@ class RotorFailureEffect(VehicleEffect):
 
     rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor, 1 to 4 (1)")
     time: Moment = Field(description="time of the failure (s)")
-    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0, is_fraction=True)] = Field(
         default=0.0, description="ratio of the speed after the failure to the commanded speed (1)"
     )
     field: ClassVar = "rotor_failure"

@@ -18,6 +18,7 @@ from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_s
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
+from drake_quad.scenario.plausible import PLAUSIBLE_LAG
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, can_differ_from_zero
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
@@ -34,7 +35,7 @@ class _Network(Model):
     inputs: NetworkInputs = Field(
         default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of its rules"
     )
-    lead: NonNegative = Field(
+    lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
         description="time (s) by which position and phase are predicted ahead for the correction, about the time from a"
         " command to its effect",

@@ -13,6 +13,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting
+from drake_quad.scenario.plausible import PLAUSIBLE_DELAY, PLAUSIBLE_LAG
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Positive, Span, Spans
 from drake_quad.scenario.setting import ControlSetting
@@ -23,7 +24,7 @@ class BelievedResponse(Model):
     """Model of the vehicle's response to commands in a disturbance estimator."""
 
     kind: str
-    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+    delay_ticks: Annotated[int, Field(ge=0, le=50), PLAUSIBLE_DELAY] = Field(
         default=1, description="modelled delay from a command to its effect, in ticks of the control (1)"
     )
 
@@ -45,10 +46,10 @@ class CommandedResponse(BelievedResponse):
     """Model in which the vehicle follows the commanded acceleration with a lag."""
 
     kind: Literal["commanded"]
-    lag: Spans = Field(
+    lag: Annotated[Spans, PLAUSIBLE_LAG] = Field(
         description="time constant on X, Y, Z of the measured acceleration, including cameras and their filters (s)"
     )
-    feed_forward_lag: Spans | None = Field(
+    feed_forward_lag: Annotated[Spans | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant for the fed-forward part of the command, which is not delayed by the attitude if its"
         " derivatives are also fed forward (s); `lag` if not given",
@@ -66,7 +67,7 @@ class TiltResponse(BelievedResponse):
     """Model in which the thrust follows its command with a lag and has the direction of the measured attitude."""
 
     kind: Literal["tilt"]
-    lag: Span = Field(description="time constant of the thrust (s)")
+    lag: Annotated[Span, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `TiltDisturbanceEstimator`."""
