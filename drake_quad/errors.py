@@ -117,8 +117,11 @@ def shown(value: Any) -> str:
     return shortened(repr(value))
 
 
-def listed(names: list[str], max_names: int = 8) -> str:
-    """Return names separated by commas for a message: the first `max_names`, and the number of further names."""
+def listed(names: list[str], max_names: int = 8, *, max_length: int = 60) -> str:
+    """Return names separated by commas for a message: the first `max_names`, and the number of further names.
+
+    A name with more than `max_length` characters is shortened.
+    """
     num_others = len(names) - max_names
     others = [f"and {num_others} more"] if num_others > 0 else []
-    return ", ".join([shortened(name) for name in names[:max_names]] + others)
+    return ", ".join([shortened(name, max_length) for name in names[:max_names]] + others)

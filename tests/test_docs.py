@@ -129,7 +129,7 @@ def test_every_block_of_commands_runs(block, monkeypatch):
 @pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
-    """The blocks of the page run in order, and each line of a text block is in the output of the commands before it."""
+    """The blocks of the page run in order, and each line of a text block is in the output of the block before it."""
     printed = ""
     for language, text in re.findall(r"```(\w+)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
         if language in ("yaml", "python"):
@@ -143,6 +143,10 @@ def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
             for line in text.splitlines():
                 program, *arguments = shlex.split(line)
                 run_program(program, arguments, monkeypatch)
+            printed = capsys.readouterr().out
+        elif language == "python":
+            Path("block.py").write_text(text, encoding="utf-8")
+            runpy.run_path("block.py", run_name="__main__")
             printed = capsys.readouterr().out
         else:
             assert language == "text"

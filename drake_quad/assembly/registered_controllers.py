@@ -29,6 +29,7 @@ from drake_quad.scenario.position_controllers.controller import POSITION_CONTROL
 from drake_quad.scenario.quantities import Number
 from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.scenario.setting import ControlSetting
+from drake_quad.scenario.user_code import file_of
 
 _CONTROL_COMMANDS = ("wrench", "attitude_target")
 COMMANDS = ("acceleration_command", *_CONTROL_COMMANDS)
@@ -43,6 +44,12 @@ class _UserSystemSettings(Model):
     """
 
     system: ClassVar[type]
+
+    @classmethod
+    def registration_option(cls) -> str:
+        """Return the option `--controller` with the class; empty if no file that can be imported defines the class."""
+        file = "" if cls.system.__module__ == "__main__" else file_of(cls.system)
+        return f"--controller {file}:{cls.system.__name__}" if file else ""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the class of the system, so that another process imports its module."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.flight_remarks import print_comparison_remarks, print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_overrides,
@@ -18,10 +18,9 @@ from drake_quad.command_line.options import (
     check_ranges,
     controlled_scenarios,
 )
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.files import output_folder, write_table
-from drake_quad.flight.remarks import unequal_conditions
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import plus_minus
@@ -64,8 +63,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenarios_by_laboratory = scenarios_of(arguments)
     print_flight_remarks(scenario for scenarios in scenarios_by_laboratory.values() for scenario in scenarios.values())
     for scenarios in scenarios_by_laboratory.values():
-        for sentence in unequal_conditions(scenarios):
-            remark(sentence)
+        print_comparison_remarks(scenarios)
     folder = output_folder(arguments.output)
     flights: dict[str, dict[str, Metrics]] = {}
     for laboratory, scenarios in scenarios_by_laboratory.items():

@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 
 from drake_quad import load_scenario
+from drake_quad.command_line.default_outputs import Origin
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
@@ -89,7 +90,8 @@ def main(arguments: argparse.Namespace) -> None:
         return
     scenario = load_scenario(arguments.scenario, [_PLACEHOLDER_ROUTE, *all_overrides_of(arguments)])
     print_flight_remarks([scenario])
-    folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
+    log = Origin.of_file(arguments.log)
+    folder = output_folder(folder_of(arguments, scenario, name=f"{record.name}_{scenario.name}", others=[log]))
     with progress_bar(scenario.name, unit=" flights") as progress:
         comparison = compare_with_log(
             record,

@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError
 from drake_quad.command_line.firmware import write_firmware_controller
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -23,7 +24,7 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.design.cascade import (
     CascadeDesign,
     LoopOptions,
@@ -114,6 +115,7 @@ def main(arguments: argparse.Namespace) -> None:
         write_firmware_controller(arguments)
         return
     scenario = scenario_of(arguments, load=load_undesigned)
+    print_flight_remarks([scenario])
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
@@ -131,7 +133,7 @@ def main(arguments: argparse.Namespace) -> None:
     for sentence in design_remarks(design, designed):
         remark(sentence)
     loop = closed_loop(as_believed(middle_of(designed)))
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     files = [
         write_atomically(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
@@ -141,8 +143,8 @@ def main(arguments: argparse.Namespace) -> None:
     print_design(design)
     print_modes(loop)
     print(f"\nto use the gains in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed scenario:")
-    fly = "study {} --samples 32" if has_distributions else "fly {}"
-    print(f"  drake-quad {fly.format(files[1])}")
+    command = ("study", designed, files[1], "--samples 32") if has_distributions else ("fly", designed, files[1])
+    print(f"  {flying_command(*command)}")
     print_files(files)
 
 

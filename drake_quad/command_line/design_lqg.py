@@ -10,6 +10,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_stability_limits,
@@ -18,7 +19,7 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, print_margins
+from drake_quad.command_line.output import flying_command, print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
@@ -58,10 +59,11 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments, load=load_undesigned)
+    print_flight_remarks([scenario])
     limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
     design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     files = [
         write_atomically(folder / "lqg.yaml", lambda path: write_control(design, path, arguments.command)),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
@@ -70,7 +72,7 @@ def main(arguments: argparse.Namespace) -> None:
     print()
     print_margins(link_margins(middle_of(designed)))
     print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
-    print(f"  drake-quad study {files[1]} --samples 32")
+    print(f"  {flying_command('study', designed, files[1], '--samples 32')}")
     print_files(files)
 
 

@@ -20,7 +20,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     scenario = draw_sample(scenario_of(arguments), 0)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}
     files = [write_text(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()]
     print_files(files)

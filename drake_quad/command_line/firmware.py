@@ -7,8 +7,9 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import all_overrides_of, folder_of
-from drake_quad.command_line.output import print_files, remark
+from drake_quad.command_line.output import flying_command, print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
 from drake_quad.files import output_folder, write_atomically, write_text
@@ -33,12 +34,13 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
     scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "controller.yaml")
         write_layer(layer, parameters, path, arguments.command)
         designed = load_undesigned(arguments.scenario, overrides, layers=[path])
         text = path.read_text(encoding="utf-8")
+    print_flight_remarks([designed])
     plan_route(designed)  # raises an error if the rotors cannot carry the vehicle along its route
     path = write_text(folder / "controller.yaml", text)
     scenario_file = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(designed, target))
@@ -52,7 +54,7 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
     print(FIRMWARE[parameters.firmware])
     command = "study" if distributions_in(designed) else "fly"
     print(f"to use the controller in a scenario, write `extends: [FILE:NAME, {path}]`; to {command} this scenario:")
-    print(f"  drake-quad {command} {scenario_file}")
+    print(f"  {flying_command(command, designed, scenario_file)}")
     print_files([path, scenario_file])
 
 

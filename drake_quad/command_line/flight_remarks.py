@@ -1,13 +1,23 @@
 """Remarks on scenarios that commands print before the flight."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from drake_quad.command_line.output import remark
-from drake_quad.flight.remarks import flight_remarks
+from drake_quad.flight.remarks import flight_remarks, unequal_conditions
 from drake_quad.scenario.models import Scenario
 
 
 def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
     """Print the `flight_remarks` of scenarios on standard error, without repetitions."""
     for sentence in dict.fromkeys(sentence for scenario in scenarios for sentence in flight_remarks(scenario)):
+        remark(sentence)
+
+
+def print_comparison_remarks(scenarios: Mapping[str, Scenario]) -> None:
+    """Print a remark on each controller that flies under other conditions than the first one.
+
+    Args:
+        scenarios: scenarios by the names of their controllers.
+    """
+    for sentence in unequal_conditions(scenarios):
         remark(sentence)

@@ -66,7 +66,7 @@ def main(arguments: argparse.Namespace) -> None:
         if flight_format.library is not None:
             module, extra = flight_format.library
             check_extra(f"--{flight_format.option}", extra, module)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = start_meshcat() if arguments.meshcat else None
     print_flight_remarks([scenario])

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario
+from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.options import add_vector, bare_parser, overrides_of
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.errors import shown
@@ -80,10 +81,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     name = name_of(arguments)
-    path = arguments.output or Path("out/identified") / f"{name}.yaml"
-    if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
-    output_folder(path.parent)
+    path = output_file(arguments, f"{name}.yaml")
     overrides = overrides_of(arguments.set)
     if arguments.mass is not None:
         overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
@@ -116,6 +114,26 @@ def main(arguments: argparse.Namespace) -> None:
     saved = {name: figure for name, figure in figures.items() if figure is not None}
     folder = output_folder(path.with_suffix(""))
     print_files([path, *save_figures(saved, folder, vector=arguments.vector)])
+
+
+def output_file(arguments: argparse.Namespace, name: str) -> Path:
+    """Return the file to write: the value of `--output`, or by default a file that is named after the first log.
+
+    Args:
+        arguments: arguments of the command.
+        name: name of the default file.
+
+    Raises:
+        InputError: if the file is not YAML, cannot be written, or was written for another log with the same name.
+    """
+    path: Path = arguments.output or Path("out/identified") / name
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
+    output_folder(path.parent)
+    # A name that is given, unlike the name of a log, belongs to the vehicle.
+    return (
+        path if arguments.output or arguments.name else reserve(path, [Origin.of_file(arguments.log[0])], is_file=True)
+    )
 
 
 def name_of(arguments: argparse.Namespace) -> str:

@@ -11,11 +11,11 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, name_of
+from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, name_of, output_file
 from drake_quad.command_line.options import bare_parser, overrides_of
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_atomically
+from drake_quad.files import write_atomically
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import PositionLaw, identify_position_law
@@ -52,9 +52,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    path = arguments.output or Path("out/identified") / f"{name_of(arguments)}_controller.yaml"
-    if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
+    path = output_file(arguments, f"{name_of(arguments)}_controller.yaml")
     overrides = overrides_of(arguments.set)
     if arguments.mass is not None:
         overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
@@ -67,7 +65,6 @@ def main(arguments: argparse.Namespace) -> None:
     except InputError as error:
         remark(str(error))
         return
-    output_folder(path.parent)
     write_atomically(path, lambda target: write_controller(layer, law, target, arguments.command))
     control = layer["control"]
     if "kind" in control:

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from drake_quad import InputError
-from drake_quad.command_line.options import add_controller, bare_parser, check_ranges, controller_of
+from drake_quad.command_line.options import add_controller, bare_parser, check_ranges, named_controllers
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
@@ -105,14 +105,12 @@ def own_controllers(specs: list[str]) -> list[UserController]:
         InputError: if a controller cannot be loaded, or two controllers have the same name.
     """
     laboratory = str(shipped_folder() / "laboratory.yaml:nominal")
-    controllers: list[UserController] = []
-    for spec in specs:
-        name, layers, overrides = controller_of(spec, laboratory)
-        name = spec if name in CONTROLLER_NAMES else name
-        if name in (each.name for each in controllers):
-            raise InputError(f"--controller {spec}: another controller is also called {name}; rename one of them")
-        controllers.append(UserController(name, layers, overrides))
-    return controllers
+    return [
+        UserController(
+            spec if each.name in CONTROLLER_NAMES else each.name, each.layers, (*each.overrides, *each.assignments)
+        )
+        for spec, each in named_controllers(specs, laboratory).items()
+    ]
 
 
 def tune(arguments: argparse.Namespace) -> None:

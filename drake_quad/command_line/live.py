@@ -37,11 +37,12 @@ def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     # Meshcat is slow to import, so it is imported after the input has been checked.
-    from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
+    from drake_quad.visualization.live import LiveFlight
 
     print_flight_remarks([scenario])
-    if not is_affected_by_wind(scenario):
-        remark("this vehicle has no drag, so wind and gusts do not move it")
+    # The sliders and the gust add wind to a scenario without wind, on which `print_flight_remarks` has no remark.
+    if not scenario.laboratory.wind and (flaw := scenario.vehicle.wind_flaw()):
+        remark(f"the sliders for wind and the gust have no effect, since {flaw}")
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = start_meshcat()
     flight = LiveFlight(scenario, meshcat, sample=sample or 0, rate=arguments.rate)

@@ -12,6 +12,7 @@ from typing import get_args
 import numpy as np
 
 from drake_quad import InputError, Scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -75,6 +76,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
+    print_flight_remarks([scenario])
     gains = mapped_gains(scenario, arguments.loop)
     axis = 0 if arguments.loop == "position" else 1
     first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
@@ -83,7 +85,7 @@ def main(arguments: argparse.Namespace) -> None:
     worst = arguments.worst or _default_worst_case(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
     figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)

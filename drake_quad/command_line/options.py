@@ -5,17 +5,21 @@ import importlib
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.default_outputs import Origin, reserve
+from drake_quad.command_line.output import remark
 from drake_quad.command_line.parser import Parser
 from drake_quad.errors import did_you_mean, listed
 from drake_quad.extras import import_extra
+from drake_quad.flight.remarks import replaced_distributions
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.files.loading import Override, load_undesigned
-from drake_quad.scenario.models import NAME
+from drake_quad.scenario.models import NAME, Mission
 from drake_quad.user_code import located
 from drake_quad.visualization.style import Vector
 from drake_quad.written_numbers import parse_float, parse_int
@@ -59,7 +63,8 @@ def parser(
         "--output",
         type=Path,
         metavar="FOLDER",
-        help=f"output folder (default: {output}/NAME with the name of the scenario)",
+        help=f"output folder (default: {output}/NAME with the name of the scenario, unless it was written for another"
+        " vehicle)",
     )
     return result
 
@@ -122,10 +127,24 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
         raise InputError(located(error)) from error
 
 
-def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """Return the output folder: the value of `--output`, or by default the folder with the name of a scenario."""
-    folder: Path = arguments.output or arguments.default_output / name
-    return folder
+def folder_of(
+    arguments: argparse.Namespace, scenario: Mission, *, name: str | None = None, others: Sequence[Origin] = ()
+) -> Path:
+    """Return the output folder: the value of `--output`, or by default a folder with the name of the scenario.
+
+    Args:
+        arguments: arguments of the command, with the FILE or FILE:NAME of the scenario.
+        scenario: scenario with all overrides.
+        name: name of the default folder; by default the name of the scenario.
+        others: inputs of the command besides the scenario.
+
+    Raises:
+        InputError: if the default folder was written for another vehicle with the same name, or for other inputs.
+    """
+    if arguments.output is not None:
+        return Path(arguments.output)
+    folder = arguments.default_output / (name or scenario.name)
+    return reserve(folder, [Origin.of_scenario(arguments.scenario, scenario), *others])
 
 
 def add_stability_limits(options: argparse.ArgumentParser, sensitivity: float, delay_margin: float) -> None:
@@ -210,7 +229,7 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
     """
     help_text = (
         "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, or a Drake system in"
-        " Python as FILE.py:CLASS"
+        " Python as FILE.py:CLASS; assignments as for --set may follow, as in 'mine.py:Mine control.position.k_p=2'"
     )
     if several is None:
         options.add_argument("--controller", metavar="FILE:NAME", help=help_text)
@@ -227,23 +246,50 @@ class NamedController(NamedTuple):
         name: short name of the controller.
         layers: scenario files that are merged over the scenario.
         overrides: overrides of fields of the scenario. Overrides by `--set` take precedence.
+        assignments: overrides that follow the name in the option. They take precedence over `--set`.
     """
 
     name: str
     layers: tuple[str, ...] = ()
     overrides: tuple[Override, ...] = ()
+    assignments: tuple[Override, ...] = ()
+
+    def load(self, spec: str, overrides: Iterable[Override], load: Callable[..., Scenario] = load_scenario) -> Scenario:
+        """Return a scenario with this controller.
+
+        Args:
+            spec: FILE or FILE:NAME of the scenario.
+            overrides: further overrides of the scenario.
+            load: function that loads the scenario.
+        """
+        return load(spec, [*self.overrides, *overrides, *self.assignments], layers=self.layers)
 
 
 def controller_of(spec: str, scenario: str) -> NamedController:
     """Return the controller that `--controller` names.
 
     Args:
-        spec: value of the option, FILE:NAME or FILE.py:CLASS.
+        spec: value of the option: FILE:NAME or FILE.py:CLASS, and optionally assignments of fields.
         scenario: scenario that will use the controller. Its feed-forward is kept for a position controller in Python.
 
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
     """
+    spec, *assignments = re.split(_ASSIGNMENTS, spec.strip())
+    found = _unchanged_controller(spec, scenario)
+    values = [f"_{path.split('.')[-1]}_{value}" for path, _, value in (each.partition("=") for each in assignments)]
+    suffix = re.sub(r"[^A-Za-z0-9.-]+", "_", "".join(values)).rstrip("_")
+    return found._replace(
+        name=found.name + suffix, assignments=tuple(overrides_of(assignments, f"--controller {spec}"))
+    )
+
+
+# Separates the name of a controller and the assignments of fields that follow it.
+_ASSIGNMENTS = r"\s+(?=[\w.]+=)"
+
+
+def _unchanged_controller(spec: str, scenario: str) -> NamedController:
+    """Return the controller that FILE:NAME or FILE.py:CLASS names, without assignments; see `controller_of`."""
     if spec.endswith(".py"):
         raise InputError(f"--controller {spec}: give the class of the controller as well, as in {spec}:CLASS")
     file, _, name = spec.rpartition(":")
@@ -274,6 +320,34 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     return NamedController(name, overrides=(Override(position, option), Override("control.network=null", option)))
 
 
+def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedController]:
+    """Return the controllers that several options `--controller` name, with different names.
+
+    A controller whose short name is taken is called by its file and its name, as in `laboratory_pd`.
+
+    Args:
+        specs: values of the options.
+        scenario: scenario that will use the controllers.
+
+    Raises:
+        InputError: if a controller is given twice or cannot be loaded, or two names still agree.
+    """
+    controllers: dict[str, NamedController] = {}
+    for spec in specs:
+        if spec in controllers:
+            raise InputError(f"--controller {spec}: is given twice")
+        names, controller = [each.name for each in controllers.values()], controller_of(spec, scenario)
+        if controller.name in names:
+            file = Path(re.split(_ASSIGNMENTS, spec)[0].rpartition(":")[0]).stem
+            controller = controller._replace(name=f"{file}_{controller.name}".lstrip("_"))
+        if controller.name in names:
+            raise InputError(
+                f"--controller {spec}: another controller is also called {controller.name}; rename one of them"
+            )
+        controllers[spec] = controller
+    return controllers
+
+
 def scenario_of(
     arguments: argparse.Namespace,
     *,
@@ -289,8 +363,31 @@ def scenario_of(
     """
     spec = getattr(arguments, "controller", None)
     controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
-    overrides = [*controller.overrides, *all_overrides_of(arguments), *further]
-    return load(arguments.scenario, overrides, layers=controller.layers)
+    own_overrides = all_overrides_of(arguments)
+    scenario = controller.load(arguments.scenario, [*own_overrides, *further], load)
+    if spec and not further:
+        remark_replaced_distributions(f"--controller {spec}", arguments.scenario, scenario, own_overrides)
+    return scenario
+
+
+def remark_replaced_distributions(
+    controller: str, spec: str, controlled: Scenario, overrides: Sequence[Override]
+) -> None:
+    """Print a remark if a controller replaces random parameters of a scenario by fixed values.
+
+    Args:
+        controller: name of the controller in the remark.
+        spec: FILE or FILE:NAME of the scenario.
+        controlled: scenario with the controller and the overrides.
+        overrides: overrides of the scenario besides those of the controller.
+    """
+    # Overrides of the control may name fields that only the new controller has.
+    fields = tuple(override.assignment.partition("=")[0].strip() for override in overrides)
+    others = [each for each, field in zip(overrides, fields, strict=True) if not field.startswith("control")]
+    with suppress(InputError):  # the scenario may be incomplete without the controller
+        replaced = replaced_distributions(load_undesigned(spec, others), controlled, ignored=fields)
+        if replaced:
+            remark(f"{controller} replaces random parameters of {spec} by fixed values: {replaced}")
 
 
 def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None) -> dict[str, Scenario]:
@@ -309,13 +406,12 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
         scenario = load_scenario(spec, overrides)
         return {scenario.name: scenario}
     scenarios: dict[str, Scenario] = {}
-    for each in arguments.controller:
-        name, layers, controller_overrides = controller_of(each, spec)
+    for each, controller in named_controllers(arguments.controller, spec).items():
+        name = controller.name
         if not re.fullmatch(NAME, name):
             raise InputError(f"--controller {each}: {name!r} cannot be the name of a folder; rename the controller")
-        if name in scenarios:
-            raise InputError(f"--controller {each}: another controller is also called {name}; rename one of them")
-        scenarios[name] = load_scenario(spec, [*controller_overrides, *overrides], layers=layers)
+        scenarios[name] = controller.load(spec, overrides)
+        remark_replaced_distributions(f"--controller {each}", spec, scenarios[name], overrides)
     return scenarios
 
 

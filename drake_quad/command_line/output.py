@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from drake_quad import Scenario
     from drake_quad.identification.flown_again.prediction import Predictions
 
 # Display factor and unit of each predicted quantity.
@@ -74,6 +75,20 @@ def print_predictions(predictions: "Predictions") -> None:
                 errors.append(predictions.better(quantity, first, second, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
     print_columns(("", "horizon", *names, f"improvement over {second} (%)", "unit"), rows)
+
+
+def flying_command(command: str, scenario: "Scenario", file: Path, *options: str) -> str:
+    """Return the text of a command that flies a scenario from its file, with the options that register its kinds.
+
+    Args:
+        command: name of the command, such as "fly".
+        scenario: scenario that the file contains.
+        file: file of the scenario.
+        options: further options.
+    """
+    from drake_quad.scenario.files.saving import registration_options
+
+    return " ".join(["drake-quad", command, str(file), *options, *filter(None, [registration_options(scenario)])])
 
 
 def print_files(files: list[Path]) -> None:

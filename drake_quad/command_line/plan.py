@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     mission = load_mission(arguments.scenario, overrides_of(arguments.set))
     plan, problem, waypoints, space = planned(mission)
-    folder = output_folder(folder_of(arguments, mission.name))
+    folder = output_folder(folder_of(arguments, mission))
     route = mission.route
     # The planner adds corners to a path around obstacles. These are not waypoints of the route, so they are left out.
     regions = (

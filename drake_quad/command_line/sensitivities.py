@@ -89,7 +89,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_of(arguments)
     check_metric(scenario, arguments.metric, differentiable_metrics(scenario))
     print_flight_remarks([scenario])
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
     sensitivities = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(sensitivities, arguments.metric)

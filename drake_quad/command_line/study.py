@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.flight_remarks import print_comparison_remarks, print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -20,7 +20,7 @@ from drake_quad.command_line.options import (
     folder_of,
     parser,
 )
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import did_you_mean, listed
 from drake_quad.scenario.correlation import correlated_pairs
@@ -102,7 +102,7 @@ def main(arguments: argparse.Namespace) -> None:
     scenarios = scenarios_of(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")
-    folder = folder_of(arguments, next(iter(scenarios.values())).name)
+    folder = folder_of(arguments, next(iter(scenarios.values())))
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()
@@ -133,7 +133,7 @@ def main(arguments: argparse.Namespace) -> None:
                 f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
             )
         method = "uncompiled" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], method, imports=python_options(arguments, name))
+        print_study(name, study, folders[name], method)
         print_rules([StoppingRule.parse(text, study.scenario) for text in arguments.until], study)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
@@ -147,6 +147,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
     print_flight_remarks(scenarios.values())
+    print_comparison_remarks(scenarios)
     for name, scenario in scenarios.items():
         if not distributions_in(scenario):
             remark(f"{name} has no distribution, so its samples differ only by wind and noise, if there are any")
@@ -161,12 +162,6 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
                 f" {did_you_mean(arguments.over, random_fields, 1) or names}"
             )
     return scenarios
-
-
-def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
-    """Return the command-line options that import the Python files of a controller and of its scenario."""
-    specs = [spec for spec in arguments.controller if spec.endswith(f".py:{name}")]
-    return [*(f"--import {path}" for path in arguments.imports), *(f"--controller {spec}" for spec in specs)]
 
 
 @contextmanager
@@ -209,7 +204,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, method: str, *, imports: Sequence[str] = ()) -> None:
+def print_study(name: str, study: Study, folder: Path, method: str) -> None:
     """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
@@ -230,9 +225,9 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
     width = max(18, *map(len, outcomes.values())) if outcomes else 0
-    options = "".join(f" {option}" for option in imports)
     for sample, outcome in outcomes.items():
-        print(f"  {outcome:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{options}")
+        command = flying_command("fly", study.scenario, folder / "scenario.yaml", f"--sample {sample}")
+        print(f"  {outcome:<{width}}  {command}")
 
 
 def print_rules(rules: Sequence[StoppingRule], study: Study) -> None:

@@ -7,6 +7,7 @@ gains of x and y.
 import argparse
 
 from drake_quad import InputError, Scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_controller,
     add_stability_limits,
@@ -65,10 +66,11 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments)
+    print_flight_remarks([scenario])
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
-    folder = output_folder(folder_of(arguments, scenario.name))
+    folder = output_folder(folder_of(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
     result = tune([scenario], knobs, limit.shares_met, budget=budget)
     tuned = with_numbers(scenario, knobs, result.numbers)

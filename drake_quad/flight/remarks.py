@@ -1,14 +1,17 @@
 """Remarks on a scenario that a user should read before using the results of its flights."""
 
+import functools
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import listed
+from drake_quad.errors import InputError, listed
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import continues_in_motion
+from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.plan import YAW_ORDERS, Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.rest import moves_at_end
@@ -16,7 +19,8 @@ from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, leaves
+from drake_quad.scenario.paths import distributions_in, joined, leaves, mappings_in
+from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 
 # A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
 # relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
@@ -25,6 +29,7 @@ _MIN_RELATIVE_DIFFERENCE = 0.2
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
+_MAX_CHANGE_LENGTH = 120  # characters of a path with its old and new value
 _MIN_STANDARD_DEVIATIONS = 5.0  # smallest reported difference, in standard deviations of the flown value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
@@ -33,16 +38,58 @@ _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
-    """Return remarks on a vehicle that differs from the nominal one, and on a route that ends in motion.
+    """Return remarks on settings that the user may not have intended.
+
+    The remarks concern implausible values, a vehicle that differs from the nominal one, settings without effect, and a
+    route that ends in motion. Remarks that depend on the plan are left out if the route cannot be planned, for example
+    because it is random.
 
     Args:
         scenario: scenario to fly, which may contain distributions.
         plan: plan to fly; by default the plan for the scenario's route.
-
-    Raises:
-        InputError: if the route cannot be planned.
     """
-    return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
+    flight = _PlannedFlight(scenario, plan)
+    return (
+        *_implausible_values(scenario),
+        *_mixed_vehicles(scenario),
+        *_inactive_settings(flight),
+        *_braking(flight),
+    )
+
+
+class _PlannedFlight:
+    """Scenario and its plan, which is computed when it is first needed.
+
+    Args:
+        scenario: scenario to fly.
+        plan: plan to fly; None to plan the scenario's route.
+    """
+
+    def __init__(self, scenario: Scenario, plan: Plan | None) -> None:
+        self.scenario, self._plan = scenario, plan
+
+    @functools.cached_property
+    def plan(self) -> Plan | None:
+        """Plan to fly; None if the route cannot be planned."""
+        if self._plan is None:
+            with suppress(InputError):
+                return plan_route(self.scenario)
+        return self._plan
+
+    @property
+    def end(self) -> float:
+        """Time at which the flight ends, s; infinite if it is not known."""
+        if self.scenario.duration is not None:
+            return self.scenario.duration
+        return math.inf if self.plan is None else float(self.plan.path.times[-1])
+
+    @property
+    def lowest_height(self) -> float:
+        """Smallest height of the reference, m; minus infinity if it is not known."""
+        if self.plan is None:
+            return -math.inf
+        path, rest_height = self.plan.path, self.plan.flown_path.waypoints[-1][2]
+        return min(float(rest_height), float(evaluate(path, sample_times(path))[2].min()))
 
 
 def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
@@ -60,8 +107,26 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
         paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
         changes = [f"{path} {_format(conditions.get(path))} (not {_format(expected.get(path))})" for path in paths]
         if changes:
-            remarks.append(f"{name} and {first} do not fly under the same conditions: {listed(changes, 4)}")
+            shown_changes = listed(changes, 4, max_length=_MAX_CHANGE_LENGTH)
+            remarks.append(f"{name} and {first} do not fly under the same conditions: {shown_changes}")
     return remarks
+
+
+def replaced_distributions(before: Scenario, after: Scenario, *, ignored: tuple[str, ...] = ()) -> str:
+    """Return a list of the distributions of a scenario that another version does not draw; empty without such fields.
+
+    Args:
+        before: scenario with the distributions.
+        after: the same scenario with, for example, another controller.
+        ignored: paths that are left out, with all fields in them.
+    """
+    drawn, values = distributions_in(after), dict(leaves(after))
+    replaced = [
+        f"{path} {_format(values.get(path))} (not {distribution})"
+        for path, distribution in distributions_in(before).items()
+        if path not in drawn and not f"{path}.".startswith(tuple([f"{each}." for each in ignored]))
+    ]
+    return listed(replaced, 4, max_length=_MAX_CHANGE_LENGTH)
 
 
 def _conditions(scenario: Scenario) -> dict[str, Any]:
@@ -138,12 +203,50 @@ def _deviation(value: Any) -> float:
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
 
 
-def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
+def _implausible_values(scenario: Scenario) -> list[str]:
+    """Return a question on each value that has probably been given in another unit."""
+    tick = scenario.laboratory.command_link.period
+    questions: dict[str, str] = {}
+    for path, mapping in mappings_in(scenario):
+        period = getattr(mapping, "period", None) or tick
+        found = {
+            joined(path, leaf_path): clause
+            for name, field in type(mapping).model_fields.items()
+            for condition in field.metadata
+            if isinstance(condition, Plausible | PlausibleDelay)
+            for leaf_path, leaf in leaves(getattr(mapping, name), name)
+            if (clause := condition.question(leaf, period))
+        }
+        # A mapping with an implausible field is also implausible as a whole.
+        questions |= found or {joined(path, inner): clause for inner, clause in mapping.questions()}
+    # A vehicle has the values of `nominal` unless it gives others.
+    return [
+        f"{path} {clause}"
+        for path, clause in questions.items()
+        if not (path.startswith("vehicle.") and questions.get(f"nominal.{path.removeprefix('vehicle.')}") == clause)
+    ]
+
+
+def _inactive_settings(flight: _PlannedFlight) -> list[str]:
+    """Return a remark on the settings that have no effect for each reason."""
+    paths: dict[str, list[str]] = {}
+    inactive: list[str] = []
+    for path, mapping in mappings_in(flight.scenario):
+        for setting in mapping.inactive_settings(flight, path):
+            # Nothing is said about the fields of a mapping that has no effect itself.
+            if not f"{setting.path}.".startswith(tuple([f"{each}." for each in inactive])):
+                inactive.append(setting.path)
+                paths.setdefault(setting.reason, []).append(setting.path)
+    return [
+        f"{listed(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
+        for reason, each in paths.items()
+    ]
+
+
+def _braking(flight: _PlannedFlight) -> list[str]:
     """Return a remark if the route ends in motion before the end of the flight, so that the reference must brake."""
-    if scenario.duration is None:
-        return []
-    plan = plan or plan_route(scenario)
-    if not continues_in_motion(scenario, plan):
+    scenario = flight.scenario
+    if scenario.duration is None or (plan := flight.plan) is None or not continues_in_motion(scenario, plan):
         return []
     end = float(plan.path.times[-1])
     motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"

@@ -3,7 +3,7 @@
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import reduce
 from operator import or_
 from types import UnionType
@@ -25,7 +25,9 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import listed, shown
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, declared_inactive_settings
 from drake_quad.scenario.limits import LARGEST, SMALLEST
+from drake_quad.scenario.user_code import import_option
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 # Pattern of the names of shared variables.
@@ -36,9 +38,15 @@ _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
 class Model(BaseModel):
-    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN."""
+    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN.
+
+    Attributes:
+        strength_fields: names of fields of which one must differ from zero, or the mapping has no effect; empty if the
+            mapping always has an effect.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
+    strength_fields: ClassVar[tuple[str, ...]] = ()
 
     def __str__(self) -> str:
         """Return the same text as `repr`."""
@@ -58,6 +66,24 @@ class Model(BaseModel):
         elif not isinstance(data, Model):
             raise refused(f"must be a mapping of fields such as {listed([*cls.model_fields], 4)}")
         return data
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight.
+
+        Args:
+            flight: properties of the flight.
+            path: path of this mapping in the scenario.
+        """
+        yield from declared_inactive_settings(self, path)
+
+    def questions(self) -> Iterator[tuple[str, str]]:
+        """Yield the path within this mapping, and a clause, for each field that is implausible beside others."""
+        return iter(())
+
+    @classmethod
+    def registration_option(cls) -> str:
+        """Return the command-line option that registers this model; empty for a model of this library."""
+        return import_option(cls)
 
     def field_error(self, demand: str, *path: str | int) -> PydanticCustomError:
         """Return a validation error about a field of this mapping, which reports the value of the field.

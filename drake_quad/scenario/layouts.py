@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.framework.elementary import sqrt
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import Position, Positive
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.vehicle.rotors import ANTICLOCKWISE, CLOCKWISE, Rotor, Rotors
@@ -52,11 +53,11 @@ class _Alternating(RotorLayout):
     """Four equal rotors, numbered clockwise from the front; neighbouring rotors turn in opposite directions."""
 
     rotor_1_turns: _Turns = Field(default="clockwise", description="direction of rotation of rotor 1, seen from above")
-    length: Positive | None = Field(
+    length: Annotated[Positive | None, PLAUSIBLE_SIZE] = Field(
         default=None,
         description="distance between the front and the rear rotors (m); length and width replace arm_length",
     )
-    width: Positive | None = Field(
+    width: Annotated[Positive | None, PLAUSIBLE_SIZE] = Field(
         default=None,
         description="distance between the right and the left rotors (m); length and width replace arm_length",
     )
@@ -112,15 +113,17 @@ class HLayout(_Alternating):
     """Rotors numbered as in an x, with a length that differs from the width."""
 
     kind: Literal["h"]
-    length: Positive = Field(description="distance between the front and the rear rotors (m)")
-    width: Positive = Field(description="distance between the right and the left rotors (m)")
+    length: Annotated[Positive, PLAUSIBLE_SIZE] = Field(
+        description="distance between the front and the rear rotors (m)"
+    )
+    width: Annotated[Positive, PLAUSIBLE_SIZE] = Field(description="distance between the right and the left rotors (m)")
     has_sides: ClassVar = True
 
 
 class RotorPlace(Model):
     """Position, direction of rotation and factors of one rotor."""
 
-    position: Position = Field(
+    position: Annotated[Position, PLAUSIBLE_SIZE] = Field(
         description="position in B relative to the origin of the layout (m), which is the centre of mass unless"
         " `centre_of_mass` is given"
     )

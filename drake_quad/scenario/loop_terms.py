@@ -1,13 +1,14 @@
 """Terms of a PID loop in addition to the proportional term, in the scenario language."""
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from drake_quad.pid.filters import Order, low_pass
 from drake_quad.pid.loop import Derivative, Integral, Terms
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive, Positives
 
 
@@ -15,22 +16,22 @@ class LoopTerms(Model):
     """Optional terms of a PID loop on three axes: integral, derivative, feed-forward and limit of the output."""
 
     k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional gains over s)")
-    integral_limit: Positives | None = Field(
+    integral_limit: Annotated[Positives | None, needs("k_i")] = Field(
         default=None, description="largest magnitude of the integral term (unit of the output); no limit if not given"
     )
-    integral_fade: Positive | None = Field(
+    integral_fade: Annotated[Positive | None, needs("k_i")] = Field(
         default=None,
         description="e₀: the integrand is multiplied by 1 - (e / e₀)², and is 0 for errors e larger than e₀"
         " (unit of the error); no such factor if not given",
     )
-    integration: IntegrationRule = "forward_euler"
+    integration: Annotated[IntegrationRule, needs("k_i")] = "forward_euler"
     k_d: Gains | None = Field(
         default=None, description="gains of the derivative of the measurement (unit of the proportional gains times s)"
     )
-    derivative_bandwidth: Positives | None = Field(
+    derivative_bandwidth: Annotated[Positives | None, needs("k_d")] = Field(
         default=None, description="bandwidth of the low-pass filter of the derivative (rad/s); no filter if not given"
     )
-    derivative_order: Order = Field(
+    derivative_order: Annotated[Order, needs("derivative_bandwidth")] = Field(
         default=2, description="order of this filter: 2 for Butterworth, 1 for a first-order lag"
     )
     k_ff: Gains | None = Field(

@@ -7,7 +7,7 @@ nominal vehicle, and the criteria by which a flight is evaluated.
 
 import math
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import (
@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError, listed, shortened
 from drake_quad.laboratory.metrics import METRICS as EVERY_METRIC
 from drake_quad.laboratory.metrics import Metrics, metrics_type
 from drake_quad.scenario.actions.action import ACTIONS
@@ -32,6 +32,7 @@ from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
@@ -40,7 +41,17 @@ from drake_quad.scenario.metrics.metric import METRICS, AnyMetric
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
 from drake_quad.scenario.paths import distributions_in, joined, keys_of
+from drake_quad.scenario.plausible import (
+    PLAUSIBLE_LAG,
+    PLAUSIBLE_SHARE,
+    PLAUSIBLE_SIZE,
+    not_in_g,
+    not_in_grams,
+    not_in_millimetres,
+    not_in_rpm,
+)
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
+from drake_quad.scenario.proportions import proportion_questions
 from drake_quad.scenario.quantities import (
     NonNegative,
     Number,
@@ -80,6 +91,14 @@ _ROTOR = _PAPER.rotors.rotor_1
 # Largest relative difference between an arm length and the arms that follow from the distances of a layout. Data sheets
 # give two or three digits.
 _ARM_TOLERANCE = 0.01
+# Largest plausible mass: five times that of the heaviest vehicles for which the language is meant.
+_PLAUSIBLE_MASS = not_in_grams(most=100.0)
+# Gravity is smallest on the Moon, 1.62 m/s², among the places where a quadrotor may be simulated.
+_PLAUSIBLE_GRAVITY = not_in_g(least=1.5, most=30.0)
+# The 31 mm propellers of a 20 g vehicle reach 50,000 rpm, 5,236 rad/s. Larger propellers are slower.
+_PLAUSIBLE_ROTOR_SPEED = not_in_rpm(most=6000.0)
+# Offset of the centre of mass. The largest vehicles have arms of less than 1 m.
+_PLAUSIBLE_OFFSET = not_in_millimetres(most=0.5)
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
@@ -87,20 +106,26 @@ _NonNegative = TypeVar("_NonNegative")
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """Airframe of a vehicle. The defaults are the values of the paper's Table I, if it gives a value."""
 
-    mass: _Positive = field_of(_PAPER, "mass", "mass m")
+    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
         _PAPER, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
     rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "moment of inertia J_r of a rotor")
     thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "thrust factor b of a rotor")
     drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "drag factor d of a rotor")
-    arm_length: _Positive = field_of(_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors")
+    arm_length: Annotated[_Positive, PLAUSIBLE_SIZE] = field_of(
+        _ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
+    )
     layout: Layout = Field(
         default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
     )
-    gravity: _Positive = field_of(_PAPER, "gravity", "gravitational acceleration g")
-    min_rotor_speed: _NonNegative = field_of(_PAPER, "min_rotor_speed", "idle speed of the rotors")
-    max_rotor_speed: _Positive = field_of(_PAPER, "max_rotor_speed", "top speed of the rotors")
+    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(_PAPER, "gravity", "gravitational acceleration g")
+    min_rotor_speed: Annotated[_NonNegative, _PLAUSIBLE_ROTOR_SPEED] = field_of(
+        _PAPER, "min_rotor_speed", "idle speed of the rotors"
+    )
+    max_rotor_speed: Annotated[_Positive, _PLAUSIBLE_ROTOR_SPEED] = field_of(
+        _PAPER, "max_rotor_speed", "top speed of the rotors"
+    )
 
     @model_serializer(mode="wrap")
     def _serialized(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -165,21 +190,27 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
             raise self.field_error(f"must produce thrust without torque: {flaw}", "layout")
         return self
 
+    def questions(self) -> Iterator[tuple[str, str]]:
+        """Yield questions on the ratios of mass, inertia, thrust and drag."""
+        yield from proportion_questions(self)
+
 
 class Vehicle(Airframe[Positive, NonNegative]):
     """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
 
-    thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False)] = Field(
+    thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False), PLAUSIBLE_SHARE] = Field(
         default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)"
     )
-    centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
+    centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False), _PLAUSIBLE_OFFSET] = Field(
         default=(0.0, 0.0),
         description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
     )
     linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
     quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
-    rotor_time_constant: Span = field_of(_PAPER, "rotor_time_constant", "time constant of the rotor speed")
-    rotor_time_constant_down: Span | None = Field(
+    rotor_time_constant: Annotated[Span, PLAUSIBLE_LAG] = field_of(
+        _PAPER, "rotor_time_constant", "time constant of the rotor speed"
+    )
+    rotor_time_constant_down: Annotated[Span | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant of the speed of rotors that slow down (s); `rotor_time_constant` if not given",
     )
@@ -187,10 +218,10 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=SpeedMotors(kind="speed"),
         description="quantity by which the motors are commanded; of the same kind as in `nominal`",
     )
-    battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+    battery_sag: Annotated[Number, bounded(least=0.0, below=1.0, is_fraction=True)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
     )
-    reaction_torque: bool = Field(
+    reaction_torque: Annotated[bool, needs("rotor_inertia")] = Field(
         default=False, description="whether accelerating rotors exert a reaction torque; the paper neglects it"
     )
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
@@ -223,6 +254,14 @@ class Vehicle(Airframe[Positive, NonNegative]):
             loads=tuple([record for name, record in numbers.items() if name not in own]),
         )
 
+    def wind_flaw(self) -> str:
+        """Return a clause that says why wind does not change the forces on the vehicle; empty if it does."""
+        effects = [name for name, effect in EFFECTS.members.items() if effect.depends_on_wind]
+        names = ["linear_drag", "quadratic_drag", *effects]
+        if can_act(tuple([getattr(self, name) for name in names])):
+            return ""
+        return f"the vehicle has no drag: {listed([f'vehicle.{name}' for name in names])} are zero or not given"
+
     def without_response(self) -> tuple[str, ...]:
         """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
@@ -242,6 +281,13 @@ class AllocationSettings(Model):
         " last",
     )
 
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as the priority if the autopilot includes the torques of the rotors."""
+        yield from super().inactive_settings(flight, path)
+        if self.priority != "roll_pitch" and flight.scenario.laboratory.autopilot.models_vehicle:
+            kind = flight.scenario.laboratory.autopilot.kind
+            yield InactiveSetting(f"{path}.priority", f"laboratory.autopilot.kind is {kind}")
+
 
 class Laboratory(Model):
     """Systems between the controllers and the vehicle."""
@@ -259,6 +305,12 @@ class Laboratory(Model):
     )
 
     _serialized = omits_defaults("sensors")
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as wind if the vehicle has no drag."""
+        yield from super().inactive_settings(flight, path)
+        if self.wind and (flaw := flight.scenario.vehicle.wind_flaw()):
+            yield InactiveSetting(f"{path}.wind", flaw)
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
@@ -334,6 +386,11 @@ class MetricWindow(Model):
             raise self.field_error(f"must be later than start, {self.start}", "end")
         return self
 
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an end of the window after the end of the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "end", flight, path)
+
 
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
@@ -344,6 +401,16 @@ class Crash(Model):
     )
     position_error: PlainPositive = Field(default=5.0, description="largest distance from the reference (m)")
     height: Real = Field(default=-0.5, description="smallest height (m)")
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a height that is too far below the reference to be reached."""
+        yield from super().inactive_settings(flight, path)
+        # A height below the default is deliberately out of reach.
+        is_strict = self.height > type(self).model_fields["height"].default
+        if is_strict and self.height < flight.lowest_height - self.position_error:
+            yield InactiveSetting(
+                f"{path}.height", f"{path}.position_error ends a flight {self.position_error:g} m below its reference"
+            )
 
 
 class Mission(Model):

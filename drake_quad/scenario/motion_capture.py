@@ -9,6 +9,13 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory import motion_capture
 from drake_quad.laboratory.motion_capture import CameraNumbers
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import needs
+from drake_quad.scenario.plausible import (
+    PLAUSIBLE_ATTITUDE_NOISE,
+    PLAUSIBLE_POSITION_NOISE,
+    PLAUSIBLE_SHARE,
+    not_in_degrees,
+)
 from drake_quad.scenario.quantities import (
     AngleNoise,
     Misalignment,
@@ -24,14 +31,21 @@ from drake_quad.scenario.quantities import (
     largest_ticks,
 )
 
+# Markers are aligned by eye at least, within 20 degrees.
+_PLAUSIBLE_MISALIGNMENT = not_in_degrees(most=0.35)
+
 
 class MotionCaptureSettings(Model):
     """Cameras that measure position and attitude, and velocity and body rates, directly or by differentiation."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
-    position_noise: NonNegative = field_of(CameraNumbers, "position_noise", "standard deviation of each coordinate")
-    attitude_noise: AngleNoise = field_of(CameraNumbers, "attitude_noise", "standard deviation of roll, pitch and yaw")
-    misalignment: Misalignment = field_of(
+    position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_of(
+        CameraNumbers, "position_noise", "standard deviation of each coordinate"
+    )
+    attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = field_of(
+        CameraNumbers, "attitude_noise", "standard deviation of roll, pitch and yaw"
+    )
+    misalignment: Annotated[Misalignment, _PLAUSIBLE_MISALIGNMENT] = field_of(
         CameraNumbers, "misalignment", "roll, pitch and yaw of the axes of the markers in B"
     )
     derivative_bandwidth: Positive | None = field_of(
@@ -40,13 +54,15 @@ class MotionCaptureSettings(Model):
         "bandwidth of the filters that compute velocity and body rates",
         rule="; if not given, velocity and body rates are measured exactly",
     )
-    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = field_of(
+    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False), PLAUSIBLE_SHARE] = field_of(
         CameraNumbers, "velocity_error", "relative error of the velocity along X, Y, Z"
     )
     velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
         CameraNumbers, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
     )
-    drift_time: Span = field_of(CameraNumbers, "drift_time", "correlation time of velocity_drift")
+    drift_time: Annotated[Span, needs("velocity_drift")] = field_of(
+        CameraNumbers, "drift_time", "correlation time of velocity_drift"
+    )
     dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frames")
 

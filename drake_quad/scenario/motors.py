@@ -6,6 +6,7 @@ from pydantic import Field, field_validator
 
 from drake_quad.scenario.distributions import Model, Real, refused
 from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Number
 from drake_quad.vehicle.motors import ThrustCurve
 
@@ -28,7 +29,7 @@ class ThrottleMotors(Model):
     curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
         description="coefficients K0, K1, K2 of the thrust (N)"
     )
-    voltage: Annotated[float, Field(gt=0.0)] | None = Field(
+    voltage: Annotated[Annotated[float, Field(gt=0.0)] | None, Plausible("V", "mV", 1e-3, most=120.0)] = Field(
         default=None,
         description="battery voltage at which the curve is valid (V); only the evaluation of logs uses it",
     )

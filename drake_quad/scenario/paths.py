@@ -71,6 +71,14 @@ def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
         yield from value.items()
 
 
+def mappings_in(value: Any, path: str = "") -> Iterator[tuple[str, Model]]:
+    """Yield the path and value of each mapping in a part of a scenario, outer mappings first."""
+    if isinstance(value, Model) and not isinstance(value, Distribution):
+        yield path, value
+    for step, part in parts_of(value):
+        yield from mappings_in(part, joined(path, step))
+
+
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the path and value of each number, distribution, text or other leaf in a part of a scenario.
 

@@ -2,7 +2,7 @@
 
 import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -12,8 +12,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandle
 from pydantic_core import CoreSchema, PydanticUndefined
 
 from drake_quad.control.integral import Integration
-from drake_quad.scenario.distributions import Distribution, Model, NumberOrDistribution, Real, refused
+from drake_quad.scenario.distributions import Distribution, NumberOrDistribution, Real, refused
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
+from drake_quad.scenario.plausible import PLAUSIBLE_DELAY, numbers_in
 
 
 def _values_of(value: NumberOrDistribution) -> tuple[float, ...] | None:
@@ -74,7 +75,12 @@ class Rule:
 
 
 def bounded(
-    *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    is_fraction: bool = False,
 ) -> Rule:
     """Return a rule that requires a number, or all values of a distribution, to be within bounds.
 
@@ -83,6 +89,7 @@ def bounded(
         least: inclusive lower bound.
         below: exclusive upper bound.
         most: inclusive upper bound.
+        is_fraction: True if a number beyond the upper bound was probably given in percent, which the message mentions.
     """
     rules = (
         ("larger than", above, 0, operator.gt),
@@ -95,7 +102,9 @@ def bounded(
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         ends = extremes(value)
         if any((end := ends[side]) is None or not holds(end, bound) for _, bound, side, holds in bounds):
-            raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds))
+            percent = is_fraction and isinstance(value, float) and 1.0 <= value <= 100.0
+            hint = f"; {value:g} % {'is' if value == 1.0 else 'are'} {0.01 * value:g}" if percent else ""
+            raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds) + hint)
         return value
 
     lower = least if above is None else math.nextafter(above, math.inf)
@@ -111,7 +120,7 @@ def radians(most: float) -> Rule:
     """
 
     def check(value: Any) -> Any:
-        large = next((number for number in _numbers_in(value) if abs(number) > most), None)
+        large = next((number for number in numbers_in(value) if abs(number) > most), None)
         if large is not None:
             raise refused(radians_demand(large, most))
         return value
@@ -129,17 +138,6 @@ def radians_demand(degrees: float, most: float) -> str:
     return (
         f"must be in radians, at most {most:.4g} in magnitude; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
     )
-
-
-def _numbers_in(value: Any) -> Iterator[float]:
-    """Yield the finite numbers in a quantity, which may be a number, a list or a distribution."""
-    if isinstance(value, Model):
-        value = value.model_dump()
-    if isinstance(value, dict | list | tuple):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _numbers_in(each)
-    elif isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
-        yield value
 
 
 def whole(*, least: int, most: int) -> Rule:
@@ -195,11 +193,11 @@ def _no_shorter_step(step: float) -> float:
 Number = NumberOrDistribution
 Positive = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SMALLEST)]
 NonNegative = Annotated[NumberOrDistribution, bounded(least=0.0)]
-Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0)]
+Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0, is_fraction=True)]
 # Relative error of a quantity. Above -1, so that the quantity does not change its sign.
 Share = Annotated[NumberOrDistribution, bounded(above=-1.0)]
 # Delay in whole periods. Fifty periods of the control link are one second by default.
-Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
+Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50), PLAUSIBLE_DELAY]
 # Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
 Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]

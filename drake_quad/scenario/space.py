@@ -8,7 +8,9 @@ from pydantic import Field, field_validator, model_validator
 
 from drake_quad.errors import InputError, InputWarning, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.limits import MAX_CORNERS, MAX_OBSTACLES, MAX_POINTS
+from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
@@ -112,15 +114,15 @@ class SpaceSettings(Model):
         description="box inside which a plan keeps the centre of mass; leaving the box in flight is not a crash",
     )
     obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
-    margin: PlainNonNegative = Field(
+    margin: Annotated[PlainNonNegative, needs("obstacles")] = Field(
         default=0.0, description="distance that a plan keeps from obstacles in addition to the radius (m)"
     )
-    radius: PlainPositive | None = Field(
+    radius: Annotated[PlainPositive | None, needs("obstacles"), PLAUSIBLE_SIZE] = Field(
         default=None,
         description="radius of the vehicle around its centre of mass (m); if not given, the distance of the farthest"
         " rotor centre in `nominal`",
     )
-    tracking: PlainNonNegative | None = Field(
+    tracking: Annotated[PlainNonNegative | None, needs("obstacles")] = Field(
         default=None,
         description="multiple (1) of the predicted RMS position error that a plan keeps from obstacles in addition to"
         " the margin; the prediction is for a hover of the nominal vehicle with the scenario's control, steady wind,"

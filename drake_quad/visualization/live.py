@@ -204,12 +204,6 @@ class LiveFlight:
             self._meshcat.SetSliderValue(label, min(shown, _MAX_SHOWN_ERROR))
 
 
-def is_affected_by_wind(scenario: Scenario) -> bool:
-    """Return whether wind exerts a force on the vehicle of a scenario."""
-    vehicle: Any = scenario.vehicle
-    return bool(vehicle.linear_drag or vehicle.quadratic_drag or vehicle.body_drag or vehicle.rotor_aerodynamics)
-
-
 def _with_failing_motor(scenario: Scenario) -> Scenario:
     """Return the scenario with a motor failure after the end of the flight, unless it already contains a failure.
 

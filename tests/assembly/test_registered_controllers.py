@@ -219,7 +219,7 @@ def test_a_saved_scenario_is_refused_until_its_controller_is_registered(tmp_path
     save_scenario(scenario, tmp_path / "mine.yaml")
     assert load_scenario(tmp_path / "mine.yaml") == scenario
     POSITION_CONTROLLERS.remove(kind)
-    with pytest.raises(InputError, match=f"control.position.kind is '{kind}', but must be one of"):
+    with pytest.raises(InputError, match=f"control.position.kind is '{kind}', which a Python file registers"):
         load_scenario(tmp_path / "mine.yaml")
     register_controller(Formula)
     assert load_scenario(tmp_path / "mine.yaml").control.position.k_p == 0.5

@@ -389,11 +389,21 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-@pytest.mark.parametrize("wind", ["[{kind: dryden}]", "[{kind: steady, velocity: [0, 0, 0]}]"])
-def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
-    arguments = ["diagrams/hover.yaml", "--set", "duration=0.5", "--set", f"laboratory.wind={wind}"]
+@pytest.mark.parametrize(
+    ("wind", "remark"),
+    [
+        ("[{kind: dryden}]", ""),
+        (
+            "[{kind: steady, velocity: [0, 0, 0]}]",
+            "remark: laboratory.wind.0 has no effect, since laboratory.wind.0.velocity is [0, 0, 0]\n",
+        ),
+    ],
+)
+def test_wind_without_a_mean_is_drawn(run, tmp_path, wind, remark):
+    changes = ("duration=0.5", "vehicle.linear_drag=0.1", f"laboratory.wind={wind}")
+    arguments = ["diagrams/hover.yaml", *(part for change in changes for part in ("--set", change))]
     result = run("fly", *arguments, "--output", tmp_path)
-    assert (result.returncode, result.stderr) == (0, "")
+    assert (result.returncode, result.stderr) == (0, remark)
 
 
 @pytest.mark.slow

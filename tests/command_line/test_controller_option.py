@@ -1,15 +1,27 @@
 """The option `--controller` accepts layers of the scenario language and Drake systems in Python."""
 
 import argparse
+import re
+import shlex
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
-from drake_quad.command_line.options import controller_of, scenario_of
+from drake_quad.command_line.options import (
+    controlled_scenarios,
+    controller_of,
+    import_file,
+    named_controllers,
+    scenario_of,
+)
 from drake_quad.command_line.sensitivities import default_fields
 from drake_quad.evaluation.claims import CONTROLLER_NAMES
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import NAME, REGISTRIES
+from drake_quad.scenario.paths import distributions_in
 
 MINE = """
 from typing import NamedTuple
@@ -48,6 +60,12 @@ def mine(tmp_path, request):
     return path
 
 
+@pytest.fixture
+def own_folder(mine, run, monkeypatch):
+    """Change to the folder of the file with controllers, after `run` has changed to the root folder."""
+    monkeypatch.chdir(mine.parent)
+
+
 def arguments(**given):
     return argparse.Namespace(**({"scenario": "hover", "set": [], "seed": None, "controller": None} | given))
 
@@ -79,8 +97,6 @@ def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities
 
 
 def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
-    from drake_quad.scenario.files.saving import save_scenario
-
     chosen = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     save_scenario(chosen, tmp_path / "saved.yaml")
     again = scenario_of(arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{mine}:Mine"))
@@ -177,6 +193,144 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert "drake_quad" not in "".join(traceback)
 
 
+def saved_and_forgotten(scenario, path):
+    """Save a scenario, remove the kinds that its Python files have registered, and return the refusal of the file."""
+    save_scenario(scenario, path)
+    for registry in REGISTRIES:
+        for name, member in [*registry.members.items()]:
+            if member.registration_option():
+                registry.remove(name)
+    with pytest.raises(InputError) as caught:
+        load_scenario(path)
+    return str(caught.value)
+
+
+@pytest.mark.usefixtures("own_folder")
+def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(run, mine, root) -> None:
+    """The command in the message is complete: with it, the saved scenario flies."""
+    for name in ("wind_shear", "ceiling_effect"):
+        import_file(root / "scripts" / f"{name}.py")
+    own_parts = scenario_of(
+        arguments(
+            scenario="hover",
+            controller=f"{mine}:Mine",
+            set=[
+                "duration=0.1",
+                "laboratory.wind=[{kind: shear, velocity: [3, 0, 0]}]",
+                "vehicle.ceiling={rotor_radius: 0.1, height: 3.0}",
+            ],
+        )
+    )
+    refusal = saved_and_forgotten(own_parts, Path("saved.yaml"))
+    assert refusal.startswith("saved.yaml:")
+    options = Path("saved.yaml").read_text(encoding="utf-8").splitlines()[0].partition("options ")[2]
+    assert f"--controller {mine.name}:Mine" in options
+    assert " a Python file registers; name the file in the command, as in drake-quad fly" in refusal
+    assert refusal.endswith(f" drake-quad fly saved.yaml {options}")
+    words = shlex.split(refusal.partition("drake-quad ")[2])
+    result = run(*words, "--output", "flown")
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_kind_of_a_registered_controller_is_refused_with_its_file_in_any_scenario(mine, tmp_path) -> None:
+    controller_of(f"{mine}:Mine", "hover")
+    (tmp_path / "written.yaml").write_text("written: {extends: hover, control: {position: {kind: own.Mine}}}", "utf-8")
+    with pytest.raises(InputError, match=r"fly \S+written.yaml --controller own.py:Mine$"):
+        load_scenario(tmp_path / "written.yaml")
+
+
+@pytest.mark.usefixtures("own_folder")
+def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(mine) -> None:
+    save_scenario(
+        scenario_of(arguments(controller=f"{mine}:Mine", set=["vehicle.battery_sag=0.1"])), Path("saved.yaml")
+    )
+    text = Path("saved.yaml").read_text(encoding="utf-8")
+    for right, wrong, words in (("kind: hover", "kind: hovr", "must be one of"), ("_sag", "_sagg", "did you mean")):
+        Path("saved.yaml").write_text(text.replace(right, wrong), "utf-8")
+        with pytest.raises(InputError, match=words):
+            load_scenario("saved.yaml")
+
+
+def test_a_scenario_of_this_library_is_saved_without_options(tmp_path) -> None:
+    save_scenario(load_scenario("robustness"), tmp_path / "saved.yaml")
+    assert (tmp_path / "saved.yaml").read_text(encoding="utf-8").startswith("robustness:\n")
+
+
+def test_controllers_with_equal_names_are_called_by_their_files_or_their_numbers(mine) -> None:
+    specs = [
+        "controllers/paper:pd", "controllers/designed/laboratory:pd", f"{mine}:Mine",
+        f"{mine}:Mine control.position.k_p=0.4", f"{mine}:Mine control.position.k_p=[1, 2] vehicle.mass=0.7",
+    ]  # fmt: skip
+    names = [each.name for each in named_controllers(specs, "hover").values()]
+    assert names == ["pd", "laboratory_pd", "Mine", "Mine_k_p_0.4", "Mine_k_p_1_2_mass_0.7"]
+    assert all(re.fullmatch(NAME, name) for name in names)
+    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
+        named_controllers(["controllers/paper:pd"] * 2, "hover")
+
+
+def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> None:
+    """They also take precedence over `--set`, which applies to all controllers."""
+    specs = [f"{mine}:Mine", f"{mine}:Mine control.position.k_p=0.4", "controllers/paper:pd control.position.k_p.0=3"]
+    first, second, third = controlled_scenarios(arguments(controller=specs)).values()
+    assert (first.control.position.k_p, second.control.position.k_p) == (0.2, 0.4)
+    assert third.control.position.k_p[0] == 3.0
+    both = arguments(controller=specs[:2], set=["control.position.k_p=0.3"])
+    assert [each.control.position.k_p for each in controlled_scenarios(both).values()] == [0.3, 0.4]
+    assert scenario_of(arguments(controller=specs[1])).control.position.k_p == 0.4
+    with pytest.raises(
+        InputError, match="--controller controllers/paper:pd control.position.k_x=3: control.position.k_x"
+    ):
+        scenario_of(arguments(controller="controllers/paper:pd control.position.k_x=3"))
+
+
+DRAWN = """
+drawn:
+  extends: laboratory:low_wind
+  vehicle:
+    mass: {normal: {mean: 0.68, standard_deviation: 0.01, min: 0.5}}
+    rotor_time_constant: {relative: {uniform: {min: 0.8, max: 1.2}}}
+  laboratory: {command_link: {loss_rate: {uniform: {min: 0.0, max: 0.05}}}}
+  control: {thrust_vectoring: {max_tilt: {uniform: {min: 0.5, max: 0.6}}}}
+heavier: {nominal: {mass: 0.7}, control: {thrust_vectoring: {max_thrust: 2.0}}}
+lossless: {laboratory: {command_link: {loss_rate: 0.0}}}
+replacing: {control: {thrust_vectoring: {max_tilt: 0.55}}, vehicle: {mass: 0.7}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("controller", "overrides", "replaced"),
+    [
+        ("drawn.yaml:heavier", [], []),
+        ("drawn.yaml:lossless", [], ["laboratory.command_link.loss_rate 0 (not uniform(0, 0.05))"]),
+        ("drawn.yaml:replacing", [], ["vehicle.mass 0.7 (not normal(", "control.thrust_vectoring.max_tilt 0.55 ("]),
+        ("drawn.yaml:replacing", ["vehicle.mass=0.69", "control.thrust_vectoring.max_tilt=0.5"], []),
+        ("drawn.yaml:lossless", ["laboratory.command_link.loss_rate={choice: [0, 0.1]}"], []),
+        ("vehicles/hummingbird", [], ["vehicle.mass 0.716 (not normal(0.68, 0.01, min=0.5))"]),
+        ("controllers/paper:pd", [], ["control.thrust_vectoring.max_tilt 0.6 (not uniform(0.5, 0.6))"]),
+        ("{mine}:Mine", ["control.position.k_p=0.75"], []),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("loads_several", [False, True])
+def test_a_distribution_is_kept_or_named_in_a_remark(
+    controller, overrides, replaced, loads_several, mine, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drawn.yaml").write_text(DRAWN, encoding="utf-8")
+    spec, drawn = controller.format(mine=mine), "drawn.yaml:drawn"
+    if loads_several:
+        (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
+    else:
+        scenario = scenario_of(arguments(scenario=drawn, controller=spec, set=overrides))
+    printed = capsys.readouterr().err
+    named = f"remark: --controller {spec} replaces random parameters of {drawn} by fixed values: "
+    assert printed.startswith(named if replaced else "")
+    assert bool(printed) == bool(replaced)
+    assert all(words in printed for words in replaced)
+    given = [override.partition("=")[0] for override in overrides]
+    for path in distributions_in(load_scenario(drawn)):
+        assert path in distributions_in(scenario) or f" {path} " in printed or path in given
+
+
 FLY_DESIGN_OR_JUDGE = (
     "fly", "study", "compare", "replay", "draw", "design", "design-lqg", "tune", "map", "sensitivities", "judge",
 )  # fmt: skip
@@ -196,7 +350,7 @@ def test_judged_controllers_need_different_names(mine) -> None:
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in CONTROLLER_NAMES
     assert CONTROLLER_NAMES["Mine"] == "Mine"
-    with pytest.raises(InputError, match="another controller is also called Mine"):
+    with pytest.raises(InputError, match=f"--controller {mine}:Mine: is given twice"):
         own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 

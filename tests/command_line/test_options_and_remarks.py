@@ -84,6 +84,22 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, fl
         assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
 
 
+@pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
+def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
+    """The scenario has a wind without an effect; the designs are replaced by an error."""
+    module = module_of(command)
+    function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
+
+    def stop(*_, **__):
+        raise InputError("stopped")
+
+    monkeypatch.setattr(module, function, stop)
+    wind = "laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"
+    with pytest.raises(InputError, match="stopped"):
+        module.main(module.options().parse_args(["hover", "--set", wind]))
+    assert "remark: laboratory.wind has no effect" in capsys.readouterr().err
+
+
 def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, flown, tmp_path):  # noqa: F811
     calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):

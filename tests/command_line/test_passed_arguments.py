@@ -112,7 +112,7 @@ def test_each_controller_is_combined_with_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="another controller is also called pd"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
         compare.scenarios_of(twice)
 
 
@@ -791,15 +791,17 @@ def test_scenarios_are_named_after_their_controllers():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="another controller is also called pd; rename one of them"):
+    with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
-def test_the_folder_is_given_by_the_option_or_named_after_the_scenario():
-    folder = argparse.Namespace(output=None, default_output=Path("out/study"))
-    assert options.folder_of(folder, "mine") == Path("out/study/mine")
+def test_the_folder_is_given_by_the_option_or_named_after_the_scenario(tmp_path):
+    folder = argparse.Namespace(output=None, default_output=tmp_path / "study", scenario="laboratory:nominal")
+    scenario = load_scenario("laboratory:nominal")
+    assert options.folder_of(folder, scenario) == tmp_path / "study" / "nominal"
+    assert options.folder_of(folder, scenario, name="pd_pid") == tmp_path / "study" / "pd_pid"
     folder.output = Path("there")
-    assert options.folder_of(folder, "mine") == Path("there")
+    assert options.folder_of(folder, scenario) == Path("there")
     assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 

@@ -184,10 +184,11 @@ def test_steady_winds_add_up():
 @pytest.mark.usefixtures("undrawn")
 def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
-    study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
+    changes = (part for field in ("duration=0.5", "vehicle.linear_drag=0.1", wind) for part in ("--set", field))
+    study = ["study", "hover", "--samples", "4", "--workers", "2", *changes]
     result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, (
+    assert result.stdout.count(" --sample 0 --import scripts/wind_shear.py\n") == 1, (
         "the output has the command that repeats a flight"
     )
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")

@@ -38,7 +38,7 @@ class FirmwareParameters(NamedTuple):
 
 def defaults_of(firmware: Firmware) -> FirmwareParameters:
     """Return the defaults of a firmware."""
-    return FirmwareParameters(firmware, _defaults(firmware), ())
+    return FirmwareParameters(firmware, {name: each.default for name, each in _declared(firmware).items()}, ())
 
 
 def read_parameters(path: Path) -> FirmwareParameters:
@@ -59,24 +59,48 @@ def read_parameters(path: Path) -> FirmwareParameters:
     else:
         values = _in_text(path, log.data)
     for firmware in ("px4", "crazyflie"):
-        defaults: dict[str, float] = _defaults(firmware)
-        given = {name: values[name] for name in defaults if name in values}
+        declared = _declared(firmware)
+        given = {name: values[name] for name in declared if name in values}
         for name, value in given.items():
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"{path}: {name} is {value}; it must be finite and not negative")
+            if flaw := declared[name].flaw(value):
+                raise InputError(f"{path}: {name} is {value:g}; it must {flaw}")
         if given:
-            if given.get("MPC_THR_HOVER") == 0.0:
-                raise InputError(f"{path}: MPC_THR_HOVER is 0; it is the thrust in hover and must be positive")
-            missing = tuple([name for name in defaults if name not in given])
-            return FirmwareParameters(firmware, defaults | given, missing)
+            missing = tuple([name for name in declared if name not in given])
+            return FirmwareParameters(firmware, {**defaults_of(firmware).values, **given}, missing)
     groups = " nor ".join(_PARAMETER_GROUPS.values())
     raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it contains neither {groups}")
 
 
+class _Declaration(NamedTuple):
+    """Declaration of a parameter of a firmware.
+
+    Attributes:
+        default: default value.
+        min: smallest value.
+        max: largest value.
+        unit: phrase on the unit for the message about a value that is out of range; empty if no unit is likely.
+    """
+
+    default: float
+    min: float = 0.0
+    max: float = math.inf
+    unit: str = ""
+
+    def flaw(self, value: float) -> str:
+        """Return the demand that a value does not meet, which follows "must"; empty if it meets all."""
+        if self.min <= value <= self.max and math.isfinite(value):
+            return ""
+        demand = "be finite and not negative" if not self.unit else f"be between {self.min:g} and {self.max:g}"
+        return f"{demand}, since it is {self.unit}" if self.unit else demand
+
+
 @functools.cache
-def _defaults(firmware: str) -> dict[str, float]:
+def _declared(firmware: str) -> dict[str, _Declaration]:
     text = files(__package__).joinpath(f"{firmware}.yaml").read_text(encoding="utf-8")
-    return {name: float(value) for name, value in YAML(typ="safe").load(text).items()}
+    return {
+        name: _Declaration(**value) if isinstance(value, dict) else _Declaration(float(value))
+        for name, value in YAML(typ="safe").load(text).items()
+    }
 
 
 def _in_text(path: Path, data: bytes) -> dict[str, float]:

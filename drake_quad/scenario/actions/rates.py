@@ -1,6 +1,6 @@
 """Thrust and body rates as an action of a policy."""
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 from pydantic_core import PydanticCustomError
@@ -12,6 +12,7 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.autopilots.autopilot import Autopilot
+from drake_quad.scenario.plausible import PLAUSIBLE_MAX_RATES
 from drake_quad.scenario.quantities import Gains, PlainPositives
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import BodyRates
@@ -22,7 +23,7 @@ class RatesAction(ThrustAction):
     """Thrust and body rates."""
 
     kind: Literal["rates"]
-    max_rates: PlainPositives = Field(
+    max_rates: Annotated[PlainPositives, PLAUSIBLE_MAX_RATES] = Field(
         default=(6.0, 6.0, 3.0), description="p, q, r that an action of 1 commands (rad/s)"
     )
     k_rate: Gains | None = Field(

@@ -1,6 +1,6 @@
 """Geometric attitude controller, in the scenario language."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.flatness import EulerSequence
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeControllerSettings
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
 from drake_quad.vehicle.parameters import Inertia
 
@@ -30,10 +31,10 @@ class GeometricAttitude(AttitudeControllerSettings):
         default=None,
         description="integral gains of roll, pitch, yaw (1/s³); no integral if not given",
     )
-    integral_limit: Positive = Field(
+    integral_limit: Annotated[Positive, needs("k_i")] = Field(
         default=50.0, description="largest angular acceleration that the integral commands on an axis (rad/s²)"
     )
-    integration: IntegrationRule = "forward_euler"
+    integration: Annotated[IntegrationRule, needs("k_i")] = "forward_euler"
     euler_sequence: EulerSequence = Field(
         default="zyx",
         description="meaning of the reference's yaw for a tilted attitude: with zyx, x_B is in the vertical plane of"

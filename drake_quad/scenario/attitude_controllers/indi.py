@@ -9,6 +9,7 @@ from drake_quad.control.incremental_attitude import IncrementalAttitudeControlle
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeControllerSettings
 from drake_quad.scenario.attitude_controllers.pd import PdAttitude
+from drake_quad.scenario.plausible import PLAUSIBLE_DELAY, PLAUSIBLE_LAG
 from drake_quad.scenario.quantities import Positive, Span
 from drake_quad.vehicle.parameters import Inertia
 
@@ -18,10 +19,10 @@ class IndiAttitude(AttitudeControllerSettings):
     """PD with incremental nonlinear dynamic inversion of the angular acceleration."""
 
     kind: Literal["indi"]
-    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+    delay_ticks: Annotated[int, Field(ge=0, le=50), PLAUSIBLE_DELAY] = Field(
         default=1, description="modelled delay from a torque to its effect, in ticks of the control (1)"
     )
-    lag: Span = Field(
+    lag: Annotated[Span, PLAUSIBLE_LAG] = Field(
         description="modelled time constant of the angular acceleration, due to rotors, cameras and filters (s)"
     )
     bandwidth: Positive = Field(

@@ -11,6 +11,7 @@ from drake_quad.pid.filters import butterworth
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.loop_terms import LoopTerms
+from drake_quad.scenario.plausible import PLAUSIBLE_ATTITUDE_NOISE, PLAUSIBLE_MAX_RATES, not_in_degrees_per_second
 from drake_quad.scenario.quantities import (
     AngleNoise,
     Gains,
@@ -30,12 +31,16 @@ from drake_quad.vehicle import autopilot
 from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules, NeglectedDrag
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
+# Uncalibrated gyroscopes have a bias of 20 °/s, 0.35 rad/s, and less noise.
+_PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(most=0.5)
+
 
 class NeglectedDragSettings(Model):
     """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
 
     lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over weight")
     time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
+    strength_fields: ClassVar = ("lean",)
 
 
 @AUTOPILOTS.member
@@ -69,7 +74,7 @@ class AttitudeAutopilotSettings(Autopilot):
         default=None,
         description="optional terms of the rate loop, whose output is an angular acceleration (rad/s²)",
     )
-    max_rates: Positives | None = Field(
+    max_rates: Annotated[Positives | None, PLAUSIBLE_MAX_RATES] = Field(
         default=None, description="largest commanded p, q, r (rad/s); no limit if not given"
     )
     yaw_weight: Annotated[Number, bounded(above=0.0, most=1.0)] | None = Field(
@@ -83,11 +88,13 @@ class AttitudeAutopilotSettings(Autopilot):
     gyroscope_bandwidth: Positive | None = Field(
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
     )
-    gyroscope_noise: NonNegative = Field(
+    gyroscope_noise: Annotated[NonNegative, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
         default=0.0, description="standard deviation of the gyroscope noise in a sample, on each axis (rad/s)"
     )
-    gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)")
-    attitude_noise: AngleNoise = Field(
+    gyroscope_bias: Annotated[Position, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
+        default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)"
+    )
+    attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
         default=0.0, description="standard deviation of the noise of roll, pitch and yaw estimated on board (rad)"
     )
     neglected_drag: NeglectedDragSettings | None = Field(

@@ -1,5 +1,6 @@
 """Identified response of autopilot and vehicle, in the scenario language."""
 
+from collections.abc import Iterator
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -8,6 +9,7 @@ from pydantic import Field
 from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting
 from drake_quad.scenario.quantities import Positives
 from drake_quad.signals import AngleRate
 from drake_quad.vehicle import responding
@@ -15,6 +17,9 @@ from drake_quad.vehicle.autopilot import ThrustAlone
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import QuadrotorNumbers
 from drake_quad.vehicle.responding import DampingRatios, NaturalFrequencies, RespondingNumbers, RespondingQuadrotor
+
+# Fields of a vehicle that affect only its attitude, which follows the identified response.
+_ATTITUDE_FIELDS = ("inertia", "rotor_inertia", "drag_factor", "arm_length", "layout", "centre_of_mass")
 
 
 @AUTOPILOTS.member
@@ -55,3 +60,12 @@ class AttitudeResponseSettings(Autopilot):
         for name in scenario.vehicle.without_response():
             demand = "must be left out: laboratory.autopilot of kind response does not model it"
             raise scenario.field_error(demand, "vehicle", name)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an inertia of the vehicle that differs from the nominal one."""
+        yield from super().inactive_settings(flight, path)
+        vehicle, nominal = flight.scenario.vehicle, flight.scenario.nominal
+        for name in _ATTITUDE_FIELDS:
+            expected = getattr(nominal, name) if hasattr(nominal, name) else type(vehicle).model_fields[name].default
+            if getattr(vehicle, name) != expected:
+                yield InactiveSetting(f"vehicle.{name}", f"{path}.kind is {self.kind}")

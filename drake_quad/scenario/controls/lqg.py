@@ -1,7 +1,7 @@
 """Linear-quadratic-Gaussian (LQG) control in the scenario language, with its models and weights."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import reduce
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -27,7 +27,14 @@ from drake_quad.process_settings import without_warnings
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import MaxThrust, MinThrust, ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.network import Network
+from drake_quad.scenario.plausible import (
+    PLAUSIBLE_ATTITUDE_NOISE,
+    PLAUSIBLE_DELAY,
+    PLAUSIBLE_LAG,
+    PLAUSIBLE_POSITION_NOISE,
+)
 from drake_quad.scenario.quantities import (
     NonNegative,
     PlainAngleNoise,
@@ -38,7 +45,7 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.setting import ControlSetting
 
-BelievedDelay = Annotated[int, Field(ge=0, le=20)]
+BelievedDelay = Annotated[int, Field(ge=0, le=20), PLAUSIBLE_DELAY]
 
 
 class ColouredNoise(Model):
@@ -68,7 +75,9 @@ class Axis(Model):
         description="spectral density of white noise on the command, for robustness to model errors (unit of the"
         " command times √s)",
     )
-    position_noise: PlainPositive = Field(description="standard deviation of the position in a frame (m)")
+    position_noise: Annotated[PlainPositive, PLAUSIBLE_POSITION_NOISE] = Field(
+        description="standard deviation of the position in a frame (m)"
+    )
     command_weight: PlainPositive = Field(
         description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
         " in m/s⁴ with torques over the link"
@@ -105,7 +114,7 @@ class Axis(Model):
 class VerticalAxis(Axis):
     """Design model from the command to the height, with its weights."""
 
-    lag: PlainSpan = Field(description="time constant of the thrust (s)")
+    lag: Annotated[PlainSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
 
     def model(self) -> ContinuousModel:
@@ -116,7 +125,7 @@ class VerticalAxis(Axis):
 class LateralAxis(Axis):
     """Design model from the command to x and to y, with its weights."""
 
-    lag: PlainSpan | None = Field(
+    lag: Annotated[PlainSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
         " attitude response includes it",
@@ -130,7 +139,9 @@ class LateralAxis(Axis):
     bias: ColouredNoise = Field(
         description="disturbing angular acceleration times gravity, white noise filtered by a first-order lag (m/s⁴)"
     )
-    attitude_noise: PlainAngleNoise = Field(description="standard deviation of roll and pitch in a frame (rad)")
+    attitude_noise: Annotated[PlainAngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
+        description="standard deviation of roll and pitch in a frame (rad)"
+    )
     name: ClassVar = "lateral"
 
     def model(self) -> ContinuousModel:
@@ -175,6 +186,16 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
+    # Names of fields that apply only to torques over the link.
+    torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as limits for torques over the link if an autopilot takes attitudes."""
+        yield from super().inactive_settings(flight, path)
+        autopilot = flight.scenario.laboratory.autopilot
+        for name in self.torque_fields if autopilot.controls_attitude else ():
+            if is_set(self, name):
+                yield InactiveSetting(f"{path}.{name}", f"laboratory.autopilot.kind is {autopilot.kind}")
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the design model or the periods do not fit the laboratory.

@@ -99,6 +99,7 @@ class MpcControl(LqgControl):
         " torques over the link",
     )
     takes_perturbation: ClassVar = True
+    torque_fields: ClassVar = ("max_snap", "tilt_weight")
 
     @model_validator(mode="after")
     def _has_no_distributions(self) -> "MpcControl":

@@ -1,6 +1,6 @@
 """Control by a trained policy, in the scenario language."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -13,6 +13,7 @@ from drake_quad.scenario.actions.action import ACTIONS, AnyAction
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AnyAttitudeController
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.learned import or_file
 from drake_quad.scenario.policies.observation import ObservationSettings
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
@@ -61,6 +62,12 @@ class PolicyControl(Control):
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
             demand = "must not contain clearance, which is infinite without obstacles in `space`"
             raise scenario.field_error(demand, "control", "observation", "signals")
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as limits of thrust vectoring if actions are not accelerations."""
+        yield from super().inactive_settings(flight, path)
+        if is_set(self, "thrust_vectoring") and not self.action.vectors_thrust:
+            yield InactiveSetting(f"{path}.thrust_vectoring", f"{path}.action.kind is {self.action.kind}")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the observation, the actuation and, if there is a network, the policy."""

@@ -10,11 +10,13 @@ from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.plausible import not_in_percent
 from drake_quad.scenario.quantities import Number, Tilt, bounded
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-MinThrust = Annotated[Number, bounded(above=0.0, below=1.0)]
-MaxThrust = Annotated[Number, bounded(above=1.0)]
+MinThrust = Annotated[Number, bounded(above=0.0, below=1.0, is_fraction=True)]
+# Racing quadrotors reach 15 times their weight.
+MaxThrust = Annotated[Number, bounded(above=1.0), not_in_percent(most=30.0)]
 
 
 class ThrustVectoringSettings(Model):

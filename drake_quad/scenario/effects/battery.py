@@ -5,19 +5,29 @@ from typing import Annotated, ClassVar
 from pydantic import model_validator
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded, extremes, field_of
 from drake_quad.vehicle.battery import Battery
+
+# Vehicles of 20 kg have at most 14 cells in series, 59 V, and 100 A h. A cell of a 20 g vehicle has 0.3 Ω.
+_PLAUSIBLE_VOLTAGE = Plausible("V", "mV", 1e-3, most=120.0)
+_PLAUSIBLE_CAPACITY = Plausible("A h", "mA h", 1e-3, most=200.0)
+_PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, most=2.0)
 
 
 @EFFECTS.member
 class BatteryEffect(VehicleEffect):
     """A battery that the rotors discharge. Its voltage falls with its charge and with the current."""
 
-    voltage: Positive = field_of(Battery, "voltage", "open-circuit voltage of the full battery")
-    empty_voltage: Positive = field_of(Battery, "empty_voltage", "open-circuit voltage of the empty battery")
-    capacity: Positive = field_of(Battery, "capacity", "charge of the full battery")
-    resistance: NonNegative = field_of(Battery, "resistance", "internal resistance")
-    efficiency: Annotated[Number, bounded(least=0.01, most=1.0)] = field_of(
+    voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
+        Battery, "voltage", "open-circuit voltage of the full battery"
+    )
+    empty_voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
+        Battery, "empty_voltage", "open-circuit voltage of the empty battery"
+    )
+    capacity: Annotated[Positive, _PLAUSIBLE_CAPACITY] = field_of(Battery, "capacity", "charge of the full battery")
+    resistance: Annotated[NonNegative, _PLAUSIBLE_RESISTANCE] = field_of(Battery, "resistance", "internal resistance")
+    efficiency: Annotated[Number, bounded(least=0.01, most=1.0, is_fraction=True)] = field_of(
         Battery, "efficiency", "mechanical power of the rotors over electrical power"
     )
     field: ClassVar = "battery"

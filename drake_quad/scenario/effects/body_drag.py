@@ -1,11 +1,12 @@
 """Body drag of the scenario language."""
 
 from functools import reduce
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, AirLoadEffect, PerAxis, VehicleEffect
+from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import Position, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.aerodynamics import BodyDrag
@@ -17,9 +18,10 @@ class BodyDragEffect(AirLoadEffect):
 
     linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
     quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
-    centre_of_pressure: Position = field_of(
+    centre_of_pressure: Annotated[Position, PLAUSIBLE_SIZE] = field_of(
         BodyDrag, "centre_of_pressure", "point at which the drag acts, x, y, z in B relative to the centre of mass"
     )
+    strength_fields: ClassVar = ("linear", "quadratic")
     field: ClassVar = "body_drag"
     meaning: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
     record: ClassVar = BodyDrag

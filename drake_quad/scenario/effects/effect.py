@@ -31,6 +31,7 @@ class VehicleEffect(Model):
         depends_on_time: True if the effect changes while a vehicle hovers.
         couples_axes: True if the effect can couple the axes of a vehicle that is symmetric without it.
         belongs_to_airframe: True if a description of another vehicle replaces the effect.
+        depends_on_wind: True if wind changes the forces of the effect.
     """
 
     field: ClassVar[str]
@@ -40,6 +41,7 @@ class VehicleEffect(Model):
     depends_on_time: ClassVar[bool]
     couples_axes: ClassVar[bool]
     belongs_to_airframe: ClassVar[bool]
+    depends_on_wind: ClassVar[bool] = False
 
     def numbers(self) -> Any:
         """Return the `record` with the numbers of the effect."""
@@ -77,6 +79,8 @@ EFFECTS = OpenFields(VehicleEffect)
 
 class AirLoadEffect(VehicleEffect):
     """Force and torque that depend on airspeed and rotor speeds; the record of the effect has a method `load`."""
+
+    depends_on_wind: ClassVar = True
 
     @abstractmethod
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:

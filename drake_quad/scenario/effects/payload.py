@@ -1,13 +1,16 @@
 """Payload of the scenario language."""
 
 import math
-from typing import ClassVar, Literal
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
@@ -17,8 +20,8 @@ from drake_quad.vehicle.payload import Payload
 class PayloadEffect(VehicleEffect):
     """A mass fixed to the vehicle that is picked up or dropped during the flight."""
 
-    mass: Positive = field_of(Payload, "mass", "mass of the payload")
-    position: Position = Field(
+    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(Payload, "mass", "mass of the payload")
+    position: Annotated[Position, PLAUSIBLE_SIZE] = Field(
         default=NO_OFFSET,
         description="centre of mass of the payload, x, y, z in B relative to the centre of mass of the empty vehicle"
         " (m)",
@@ -66,3 +69,8 @@ class PayloadEffect(VehicleEffect):
     def event_times(self) -> tuple[Row, ...]:
         """Return the time at which the payload is picked up or dropped, s."""
         return (self.time,)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an event after the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "time", flight, path)

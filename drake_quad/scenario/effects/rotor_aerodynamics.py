@@ -28,6 +28,7 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     inflow: NonNegative = field_of(
         RotorAerodynamics, "inflow", "thrust lost by a rotor, divided by speed of climb along z of B and rotor speed"
     )
+    strength_fields: ClassVar = ("lift", "climb", "drag", "inflow")
     field: ClassVar = "rotor_aerodynamics"
     meaning: ClassVar = "lift, climb, drag and inflow of the rotors; none if not given"
     record: ClassVar = RotorAerodynamics

@@ -1,11 +1,13 @@
 """Rotor failure of the scenario language."""
 
+from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from drake_quad.framework.elementary import where
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.quantities import Moment, Number, bounded, whole
 from drake_quad.signals import Row
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
@@ -17,7 +19,7 @@ class RotorFailureEffect(VehicleEffect):
 
     rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor, 1 to 4 (1)")
     time: Moment = Field(description="time of the failure (s)")
-    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0, is_fraction=True)] = Field(
         default=0.0, description="ratio of the speed after the failure to the commanded speed (1)"
     )
     field: ClassVar = "rotor_failure"
@@ -36,3 +38,8 @@ class RotorFailureEffect(VehicleEffect):
     def event_times(self) -> tuple[Row, ...]:
         """Return the time of the failure, s."""
         return (self.time,)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as an event after the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "time", flight, path)

@@ -6,17 +6,23 @@ import numpy as np
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, not_in_millimetres
 from drake_quad.scenario.quantities import Number, Positive, bounded, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
+
+# Cables are tens of metres long at most.
+_PLAUSIBLE_LENGTH = not_in_millimetres(most=100.0)
 
 
 @EFFECTS.member
 class SlungLoadEffect(VehicleEffect):
     """A point mass on a massless rod that is hinged at the centre of mass of the vehicle."""
 
-    mass: Positive = field_of(SlungLoad, "mass", "mass of the load")
-    length: Annotated[Number, bounded(least=0.01, most=LARGEST)] = field_of(SlungLoad, "length", "length of the rod")
+    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(SlungLoad, "mass", "mass of the load")
+    length: Annotated[Number, bounded(least=0.01, most=LARGEST), _PLAUSIBLE_LENGTH] = field_of(
+        SlungLoad, "length", "length of the rod"
+    )
     field: ClassVar = "slung_load"
     meaning: ClassVar = "load on a cable; none if not given, and not to be combined with a payload"
     record: ClassVar = SlungLoad

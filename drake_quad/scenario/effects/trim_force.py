@@ -15,6 +15,7 @@ class TrimForceEffect(AirLoadEffect):
     x: Number = field_of(TrimForce, "x", "force along x of B")
     y: Number = field_of(TrimForce, "y", "force along y of B")
     z: Number = field_of(TrimForce, "z", "force along z of B")
+    strength_fields: ClassVar = ("x", "y", "z")
     field: ClassVar = "trim_force"
     meaning: ClassVar = "force that is constant in the axes of B; none if not given"
     record: ClassVar = TrimForce
@@ -22,6 +23,7 @@ class TrimForceEffect(AirLoadEffect):
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = True
+    depends_on_wind: ClassVar = False
 
     def symmetric(self) -> VehicleEffect:
         """Return the component along z, with which the vehicle hovers without tilt."""

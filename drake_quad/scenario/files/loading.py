@@ -19,6 +19,7 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
 from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_vehicle, with_absolute_distributions
+from drake_quad.scenario.files.saving import saved_options
 from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, joined, steps_of
@@ -336,11 +337,39 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     if together:
         more = f", and so {'is' if len(others) == 1 else 'are'} {', '.join(str(other[-1]) for other in others)}"
     place, depth = tree.at(path)
+    if hint := _registration_hint(problem, place, path):
+        return f"{place.mark}: {_path_text(path)} {hint}"
     if depth == len(path):
         complaint = _complaint(problem, shown(place.plain()), path, model)
     else:  # the value is a default, which no file contains
         complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path, model)
     return f"{place.mark}: {_path_text(path)} {complaint}{more}"
+
+
+def _registration_hint(problem: Any, place: Tree, path: tuple[Any, ...]) -> str:
+    """Return a clause on the command that registers an unknown kind or effect; empty for other problems.
+
+    The file of the scenario names the options if `save_scenario` wrote it. Otherwise, they follow from a kind of the
+    form MODULE.CLASS, as `register_controller` names kinds. A name that is similar to a known one is a mistake.
+    """
+    context = problem.get("ctx", {})
+    match problem["type"]:
+        case "union_tag_invalid":
+            unknown, known = str(place.value), re.findall(r"'([^']*)'", context["expected_tags"])
+        case "unknown_field" if path[0] == "vehicle":
+            unknown, known = str(path[-1]), context["fields"]
+        case _:
+            return ""
+    if did_you_mean(unknown, known, 1):
+        return ""
+    source, options = place.mark.source, saved_options(place.mark.source)
+    module, _, name = place.value.rpartition(".") if isinstance(place.value, str) else ("", "", "")
+    if not options and module.isidentifier() and name.isidentifier():
+        options = f"--controller {module}.py:{name}"
+    if not options:
+        return ""
+    what = f"is {shown(place.value)}, which" if path[-1] == "kind" else "is a field that"
+    return f"{what} a Python file registers; name the file in the command, as in drake-quad fly {source} {options}"
 
 
 def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:

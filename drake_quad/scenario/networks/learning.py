@@ -9,6 +9,7 @@ from pydantic import Field
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
 from drake_quad.control.fuzzy.systems import LearningNumbers
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import can_act, needs
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded
 
 
@@ -24,6 +25,10 @@ class _Learning(Model):
     @abstractmethod
     def law(self) -> Any:
         """Return the law as a record of `drake_quad.control.fuzzy.laws`."""
+
+    def can_change_weights(self) -> bool:
+        """Return whether a weight can ever differ from zero."""
+        return True
 
     def numbers(self) -> LearningNumbers:
         """Return the parameters of the systems that learn by this law."""
@@ -42,7 +47,9 @@ class _LearningFromEither(_Learning):
         description="signal from which the network learns: s_p of eq (15) (m/s), or the whole feedback of the"
         " controller, the PD less any estimated disturbance (m/s²), for which the gains have different units",
     )
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); not used with the feedback")
+    slope: Annotated[Positive, needs("signal", value="surface")] = Field(
+        default=1.0, description="λ of eq (15) (1/s); not used with the feedback"
+    )
     deadzone: NonNegative = Field(
         default=0.0, description="magnitude of the signal below which the network does not learn (m/s)"
     )
@@ -73,6 +80,10 @@ class GradientLearning(_LearningFromEither):
     kind: Literal["gradient"]
     rate: NonNegative = Field(default=1.0, description="rate K_D p (1/s²); with 0, the network stops learning")
     reset: ClassVar = "never"
+
+    def can_change_weights(self) -> bool:
+        """Return whether the rate or the initial weight can differ from zero."""
+        return can_act((self.rate, self.initial_weight))
 
     def law(self) -> GradientLaw:
         """Return the law with a constant covariance."""

@@ -1,24 +1,30 @@
 """Fuzzy networks of the scenario language, which learn a correction of a controller's command during the flight."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
 
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part
 from drake_quad.control.fuzzy.inference import Antecedents
+from drake_quad.control.fuzzy.inputs import InputName
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.distributions import Model, refused
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
+from drake_quad.scenario.plausible import PLAUSIBLE_LAG
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, can_differ_from_zero
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
+
+# Inputs that the lead time predicts.
+_PREDICTED_INPUTS: tuple[InputName, ...] = ("x", "y", "z", "phase")
 
 
 class _Network(Model):
@@ -29,7 +35,7 @@ class _Network(Model):
     inputs: NetworkInputs = Field(
         default=NetworkInputs(error=InputSets(), error_rate=InputSets()), description="inputs of its rules"
     )
-    lead: NonNegative = Field(
+    lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
         description="time (s) by which position and phase are predicted ahead for the correction, about the time from a"
         " command to its effect",
@@ -59,6 +65,16 @@ class _Network(Model):
                 values = f"this network has {_listed(own[name])}, the learned parameters have {_listed(value)}"
                 raise self.field_error(f"must come from a network with the same {name}: {values}", "learned")
         return self
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as initial weights that learned weights replace."""
+        yield from super().inactive_settings(flight, path)
+        if is_set(self, "lead") and not {*_PREDICTED_INPUTS} & self.inputs.given.keys():
+            yield InactiveSetting(f"{path}.lead", f"{path}.inputs has none of {', '.join(_PREDICTED_INPUTS)}")
+        if self.learned is not None and is_set(self.learning, "initial_weight"):
+            yield InactiveSetting(f"{path}.learning.initial_weight", f"{path}.learned is given")
+        if self.learned is None and not self.learning.can_change_weights():
+            yield InactiveSetting(path, f"{path}.learning.rate and {path}.learning.initial_weight are 0")
 
     def antecedents(self) -> Antecedents:
         """Return the parameters of the membership functions of all inputs."""

@@ -1,12 +1,13 @@
 """PD position controller with a Kalman filter of the disturbance, in the scenario language."""
 
 import functools
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from drake_quad.control.disturbance.laws import KalmanLaw, KalmanMemory
+from drake_quad.scenario.plausible import PLAUSIBLE_POSITION_NOISE
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.position_controllers.estimating import EstimatingPosition
 from drake_quad.scenario.quantities import PlainPositive, PlainPositives, PlainSpans
@@ -17,7 +18,9 @@ class ObserverPosition(EstimatingPosition):
     """PD with a Kalman filter that estimates the disturbing acceleration from measured positions."""
 
     kind: Literal["disturbance_observer"]  # type: ignore[assignment]
-    position_noise: PlainPositive = Field(description="standard deviation of the measured position (m)")
+    position_noise: Annotated[PlainPositive, PLAUSIBLE_POSITION_NOISE] = Field(
+        description="standard deviation of the measured position (m)"
+    )
     deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
     time_constant: PlainSpans = Field(
         description="correlation time of the disturbance on X, Y, Z (s); long for a disturbance like a random walk"

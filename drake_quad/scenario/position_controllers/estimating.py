@@ -1,6 +1,7 @@
 """PD position controllers with an estimate of the disturbance, and their models of the vehicle's response."""
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -11,6 +12,8 @@ from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEs
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting
+from drake_quad.scenario.plausible import PLAUSIBLE_DELAY, PLAUSIBLE_LAG
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Positive, Span, Spans
 from drake_quad.scenario.setting import ControlSetting
@@ -21,7 +24,7 @@ class BelievedResponse(Model):
     """Model of the vehicle's response to commands in a disturbance estimator."""
 
     kind: str
-    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+    delay_ticks: Annotated[int, Field(ge=0, le=50), PLAUSIBLE_DELAY] = Field(
         default=1, description="modelled delay from a command to its effect, in ticks of the control (1)"
     )
 
@@ -43,10 +46,10 @@ class CommandedResponse(BelievedResponse):
     """Model in which the vehicle follows the commanded acceleration with a lag."""
 
     kind: Literal["commanded"]
-    lag: Spans = Field(
+    lag: Annotated[Spans, PLAUSIBLE_LAG] = Field(
         description="time constant on X, Y, Z of the measured acceleration, including cameras and their filters (s)"
     )
-    feed_forward_lag: Spans | None = Field(
+    feed_forward_lag: Annotated[Spans | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant for the fed-forward part of the command, which is not delayed by the attitude if its"
         " derivatives are also fed forward (s); `lag` if not given",
@@ -64,7 +67,7 @@ class TiltResponse(BelievedResponse):
     """Model in which the thrust follows its command with a lag and has the direction of the measured attitude."""
 
     kind: Literal["tilt"]
-    lag: Span = Field(description="time constant of the thrust (s)")
+    lag: Annotated[Span, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `TiltDisturbanceEstimator`."""
@@ -89,6 +92,12 @@ class EstimatingPosition(PdPosition):
             axis: 0, 1 or 2 for X, Y or Z.
             period: period of the control, s.
         """
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a lag of the feed-forward if nothing is fed forward."""
+        yield from super().inactive_settings(flight, path)
+        if self.feed_forward == "none" and getattr(self.response, "feed_forward_lag", None) is not None:
+            yield InactiveSetting(f"{path}.response.feed_forward_lag", f"{path}.feed_forward is none")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the PD and the disturbance estimator."""

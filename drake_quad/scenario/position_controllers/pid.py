@@ -1,12 +1,13 @@
 """PID position controller, in the scenario language."""
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.position_controllers.pd import PdPosition
 from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
@@ -19,10 +20,10 @@ class PidPosition(PdPosition):
 
     kind: Literal["pid"]  # type: ignore[assignment]
     k_i: Gains = Field(description="integral gain k_I on X, Y, Z (1/s³)")
-    integral_limit: Positive = Field(
+    integral_limit: Annotated[Positive, needs("k_i")] = Field(
         default=2.0, description="largest acceleration that the integral commands on an axis (m/s²)"
     )
-    integration: IntegrationRule = "forward_euler"
+    integration: Annotated[IntegrationRule, needs("k_i")] = "forward_euler"
     has_integral: ClassVar = True
 
     @classmethod

@@ -18,6 +18,7 @@ from drake_quad.reference.routes import Route
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.quantities import Direction, Positive
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.space.space import Space
@@ -81,7 +82,9 @@ AnyRoute = Annotated[MissionRoute, ROUTES]
 class MovingRoute(MissionRoute):
     """Route with limits on speed and acceleration."""
 
-    yaw: Direction = Field(default=0.0, description="yaw of the reference, for heading: constant (rad)")
+    yaw: Annotated[Direction, needs("heading", value="constant")] = Field(
+        default=0.0, description="yaw of the reference, for heading: constant (rad)"
+    )
     heading: Literal["constant", "along_path"] = Field(
         default="constant", description="rule for the yaw; with along_path, the yaw is the direction of the velocity"
     )

@@ -1,14 +1,19 @@
 """Accelerometer of the scenario language."""
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerNumbers
+from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, Plausible, not_in_g
 from drake_quad.scenario.quantities import NonNegative, Position, field_of
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
+
+# Uncalibrated accelerometers have a bias of 0.1 g, 1 m/s², and noise densities of 100 to 400 µg/√Hz.
+_PLAUSIBLE_BIAS = not_in_g(most=5.0, prefix="m")
+_PLAUSIBLE_DENSITY = Plausible("m/s²/√Hz", "µg/√Hz", 9.80665e-6, most=0.5)
 
 
 @SENSORS.member
@@ -16,11 +21,13 @@ class AccelerometerSettings(SensorSettings):
     """Accelerometer, which measures the specific force (without gravity) at its position, in the axes of B."""
 
     kind: Literal["accelerometer"]
-    position: Position = field_of(
+    position: Annotated[Position, PLAUSIBLE_SIZE] = field_of(
         AccelerometerNumbers, "position", "x, y and z in B relative to the origin of `layout`, like `centre_of_mass`"
     )
-    bias: Position = field_of(AccelerometerNumbers, "bias", "constant error along x, y and z")
-    noise_density: NonNegative = Field(
+    bias: Annotated[Position, _PLAUSIBLE_BIAS] = field_of(
+        AccelerometerNumbers, "bias", "constant error along x, y and z"
+    )
+    noise_density: Annotated[NonNegative, _PLAUSIBLE_DENSITY] = Field(
         default=0.0,
         description="noise density on each axis (m/s²/√Hz); the standard deviation of a reading is this number over the"
         " square root of the period",

@@ -36,6 +36,7 @@ class DrydenSource(WindSource):
         description="direction of the longitudinal axis, from X towards Y (rad); the direction of the steady wind if"
         " not given",
     )
+    strength_fields: ClassVar = ("intensity",)
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = False
 

@@ -1,12 +1,14 @@
 """Discrete gust of the scenario language."""
 
 import math
+from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.quantities import Moment, Span
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
@@ -20,7 +22,8 @@ class GustSource(BlowingSource):
     rise_time: Span = Field(description="time from zero to the peak velocity (s)")
     hold_time: Moment | None = Field(
         default=None,
-        description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C",
+        description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C, and becomes"
+        " a steady wind",
     )
     depends_on_place: ClassVar = False
     depends_on_time: ClassVar = True
@@ -30,3 +33,8 @@ class GustSource(BlowingSource):
         hold_time = math.inf if self.hold_time is None else self.hold_time
         numbers = GustNumbers(self.full_velocity(), self.start, self.rise_time, hold_time)
         return Recipe(Gust, {"period": surroundings.period}, numbers)
+
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a gust that begins after the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "start", flight, path)

@@ -14,6 +14,7 @@ from drake_quad.framework.elementary import sin_cos
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Jet
 from drake_quad.scenario.distributions import Model, refused
+from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Direction, NonNegative, Position
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import Row, VelocityW, Wind
@@ -78,14 +79,17 @@ WINDS = OpenUnion(WindSource)
 
 AnyWindSource = Annotated[WindSource, WINDS]
 
+# The strongest hurricanes have 85 m/s.
+_PLAUSIBLE_WIND = Plausible("m/s", "km/h", 1.0 / 3.6, most=85.0)
+
 
 class BlowingSource(WindSource):
     """Wind with a velocity that is given as a vector, or as a horizontal speed and a heading."""
 
-    velocity: Position | None = Field(
+    velocity: Annotated[Position | None, _PLAUSIBLE_WIND] = Field(
         default=None, description="velocity of the air in W (m/s); the peak velocity of a gust or a sine"
     )
-    speed: NonNegative | None = Field(
+    speed: Annotated[NonNegative | None, _PLAUSIBLE_WIND] = Field(
         default=None,
         description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; given with heading, in"
         " place of velocity",
@@ -93,6 +97,7 @@ class BlowingSource(WindSource):
     heading: Direction | None = Field(
         default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
     )
+    strength_fields: ClassVar = ("velocity", "speed")
 
     @model_validator(mode="after")
     def _one_motion(self) -> "BlowingSource":

@@ -13,7 +13,7 @@ from drake_quad.signals import VelocityW, Wind
 
 @WINDS.member
 class SteadySource(BlowingSource):
-    """Wind that depends on neither position nor time."""
+    """Wind that depends on neither position nor time; the full wind blows from the start of the flight on."""
 
     kind: Literal["steady"]
     depends_on_place: ClassVar = False

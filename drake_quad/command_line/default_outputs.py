@@ -1,0 +1,91 @@
+"""Default output paths, which commands reserve for their input, so that they do not overwrite results of another input.
+
+The default path follows from the name of a scenario or of a log, and two files may contain the same name. A hidden file
+in the output folder, or beside an output file, records the input for which the output was written.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_text
+from drake_quad.scenario.files.library import locate
+from drake_quad.scenario.models import Mission
+
+_RECORD_NAME = ".input"
+
+
+class Origin(NamedTuple):
+    """Input of a command.
+
+    Attributes:
+        source: absolute path of the file, followed by the name of the scenario if the file contains scenarios.
+        content: digest of the nominal vehicle of a scenario; empty for other inputs.
+    """
+
+    source: str
+    content: str = ""
+
+    @classmethod
+    def of_scenario(cls, spec: str, scenario: Mission) -> "Origin":
+        """Return the origin of a scenario.
+
+        A scenario that a command wrote to its default folder has the origin of the input of that command.
+
+        Args:
+            spec: FILE or FILE:NAME from which the scenario was loaded.
+            scenario: scenario with all overrides.
+        """
+        path = locate(spec)[0].resolve()
+        written_for = _read(path.parent / _RECORD_NAME)
+        source = written_for[0].source if written_for else f"{path}:{scenario.name}"
+        vehicle = scenario.nominal.model_dump_json().encode()
+        return cls(source, hashlib.sha256(vehicle).hexdigest())
+
+    @classmethod
+    def of_file(cls, path: Path) -> "Origin":
+        """Return the origin of a file such as a flight log."""
+        return cls(str(path.resolve()))
+
+    def differs(self, other: "Origin") -> bool:
+        """Return whether two inputs are different, and not scenarios with the same nominal vehicle.
+
+        The vehicle of a file may be edited, and different files may contain scenarios with the same vehicle.
+        """
+        return self.source != other.source and (self.content != other.content or not self.content)
+
+
+def reserve(path: Path, origins: Sequence[Origin], *, is_file: bool = False) -> Path:
+    """Return a default output path after recording the inputs for which it is written.
+
+    Args:
+        path: folder or file.
+        origins: inputs of the command, always in the same order.
+        is_file: True if the path is a file.
+
+    Raises:
+        InputError: if the output was written for other inputs, or cannot be written.
+    """
+    record = path.with_name(f".{path.name}{_RECORD_NAME}") if is_file else path / _RECORD_NAME
+    output_folder(record.parent)
+    for own, other in zip(origins, _read(record), strict=False) if path.exists() else ():
+        if own.differs(other):
+            raise InputError(f"{path} was written for {_shown(other)}, not for {_shown(own)}; choose another --output")
+    write_text(record, "".join(f"{source}\t{content}\n" for source, content in origins))
+    return path
+
+
+def _read(record: Path) -> list[Origin]:
+    """Return the recorded origins; an empty list if there is no record or it is damaged."""
+    try:
+        lines = record.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        return []
+    return [Origin(*line.rsplit("\t", 1)) for line in lines if "\t" in line]
+
+
+def _shown(origin: Origin) -> str:
+    """Return the source of an origin, relative to the working directory if it is inside this directory."""
+    return origin.source.removeprefix(f"{Path.cwd()}/")

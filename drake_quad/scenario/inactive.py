@@ -1,0 +1,137 @@
+"""Settings of a scenario that have no effect on its flight, because another setting is zero, missing or different.
+
+Each mapping of the language answers for itself. It declares in the annotation of a field which other field the field
+`needs`, and in `strength_fields` which of its fields must differ from zero. For anything else, it extends the method
+`inactive_settings`. `drake_quad.flight.remarks` collects the answers.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+
+class InactiveSetting(NamedTuple):
+    """Setting without an effect on the flight.
+
+    Attributes:
+        path: path of the field or the mapping in the scenario.
+        reason: clause that names the setting which makes this one inactive, as in `vehicle.rotor_inertia is 0`.
+    """
+
+    path: str
+    reason: str
+
+
+class FlightConditions(Protocol):
+    """Properties of a flight on which the effect of a setting can depend."""
+
+    @property
+    def scenario(self) -> Any:
+        """Scenario that is flown."""
+
+    @property
+    def end(self) -> float:
+        """Time at which the flight ends, s; infinite if it is not known."""
+
+    @property
+    def lowest_height(self) -> float:
+        """Smallest height of the reference, m; minus infinity if it is not known."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Condition under which a field has an effect, as metadata of its annotation.
+
+    Attributes:
+        fields: names of fields of the same mapping, one of which must be given and differ from zero.
+        value: value that the field must have instead; None if it must only differ from zero.
+    """
+
+    fields: tuple[str, ...]
+    value: str | None = None
+
+    def unmet(self, mapping: Any) -> tuple[str, ...]:
+        """Return the names of the fields that do not meet the condition; empty if one field meets it."""
+        values = [getattr(mapping, name) for name in self.fields]
+        is_met = self.value in values if self.value is not None else any(map(can_act, values))
+        return () if is_met else self.fields
+
+
+def needs(*fields: str, value: str | None = None) -> Needs:
+    """Return the condition that one of some fields of the mapping differs from zero, or has the given value."""
+    return Needs(fields, value)
+
+
+def can_act(value: Any) -> bool:
+    """Return whether a value of a scenario can be anything but missing, false, empty or zero.
+
+    A mapping can act if one of its `strength_fields` can, or if it has none.
+    """
+    if hasattr(value, "strength_fields"):
+        return not value.strength_fields or any(can_act(getattr(value, name)) for name in value.strength_fields)
+    if isinstance(value, tuple):
+        return any(map(can_act, value))
+    if isinstance(value, bool | int | float | Mapping):
+        return bool(value)
+    return value is not None
+
+
+def declared_inactive_settings(mapping: Any, path: str) -> Iterator[InactiveSetting]:
+    """Yield the settings of a mapping that are inactive according to its declarations.
+
+    A field counts as set if its value is not the default, because scenarios that are saved contain all fields.
+
+    Args:
+        mapping: mapping of a scenario.
+        path: path of the mapping in the scenario.
+    """
+    if not can_act(mapping):
+        yield InactiveSetting(path, _reason(mapping, mapping.strength_fields, path))
+        return
+    for name, field in type(mapping).model_fields.items():
+        for condition in field.metadata:
+            if isinstance(condition, Needs) and is_set(mapping, name) and (unmet := condition.unmet(mapping)):
+                yield InactiveSetting(f"{path}.{name}", _reason(mapping, unmet, path))
+
+
+def is_set(mapping: Any, name: str) -> bool:
+    """Return whether a field of a mapping has another value than its default."""
+    field = type(mapping).model_fields[name]
+    return bool(field.is_required() or getattr(mapping, name) != field.get_default(call_default_factory=True))
+
+
+def late_setting(mapping: Any, name: str, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+    """Yield a time of a mapping if it is always after the end of the flight.
+
+    Args:
+        mapping: mapping of a scenario.
+        name: name of the field with the time, s.
+        flight: properties of the flight.
+        path: path of the mapping in the scenario.
+    """
+    value: Any = getattr(mapping, name)
+    earliest = value if value is None or isinstance(value, float) else value.extremes()[0]
+    if earliest is not None and earliest > flight.end:
+        yield InactiveSetting(f"{path}.{name}", f"the flight ends at {flight.end:.2f} s, before {earliest:g} s")
+
+
+def _reason(mapping: Any, fields: tuple[str, ...], path: str) -> str:
+    """Return a clause with the values of the fields that make a setting inactive, without fields that are not given.
+
+    If none of them is given, the clause names all of them.
+    """
+    given = [name for name in fields if getattr(mapping, name) is not None]
+    if not given:
+        return f"{_joined(fields, path)} {'is' if len(fields) == 1 else 'are'} not given"
+    texts = {_text(getattr(mapping, name)) for name in given}
+    return f"{_joined(given, path)} {'is' if len(given) == 1 else 'are'} {texts.pop() if len(texts) == 1 else 'zero'}"
+
+
+def _joined(names: Any, path: str) -> str:
+    return " and ".join(f"{path}.{name}" for name in names)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(f"{each:g}" for each in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else "empty" if isinstance(value, Mapping) else str(value)

@@ -1,0 +1,153 @@
+"""Plausible ranges of the fields of the scenario language, and the units in which other numbers were probably given.
+
+A number outside of the plausible range is questioned, but not refused, since the language also describes unusual
+vehicles. The ranges contain the values of vehicles from 20 g to 20 kg with a margin. They are declared in the
+annotations of the fields. A mapping whose fields must be plausible together extends the method `questions`.
+`drake_quad.flight.remarks` collects the questions.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+# Standard gravity, m/s².
+_STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """Plausible range of the numbers of a field, as metadata of its annotation.
+
+    Attributes:
+        unit: unit of the field.
+        given_unit: unit in which a number outside of the range was probably given.
+        factor: number of units of the field in a unit of the other kind.
+        least: smallest plausible magnitude of a number.
+        most: largest plausible magnitude of a number, or of a parameter of its distribution.
+    """
+
+    unit: str
+    given_unit: str
+    factor: float
+    least: float = 0.0
+    most: float = math.inf
+
+    def question(self, value: Any, period: float) -> str:
+        """Return a clause that questions a number or a distribution; empty if it is plausible.
+
+        Args:
+            value: number or distribution.
+            period: period of the ticks in which the mapping of the field counts, s.
+        """
+        numbers = [*numbers_in(value)]
+        # A distribution may have a small standard deviation.
+        small = [number for number in numbers if isinstance(value, float) and abs(number) < self.least]
+        wrong = [*small, *(number for number in numbers if abs(number) > self.most)]
+        return self._clause(wrong[0]) if wrong else ""
+
+    def _clause(self, number: float) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        converted = f"{number:g} {self.given_unit} {'is' if number == 1.0 else 'are'} {number * self.factor:.4g}{unit}"
+        return f"is {number:g}{unit}, which is implausible; {converted}"
+
+
+@dataclass(frozen=True)
+class PlausibleDelay:
+    """Plausible range of a delay in ticks, as metadata of its annotation; it may have been given in ms.
+
+    Attributes:
+        most: largest plausible delay, s.
+    """
+
+    most: float
+
+    def question(self, value: Any, period: float) -> str:
+        """Return a clause that questions a number of ticks; empty if it is plausible. See `Plausible.question`."""
+        ticks = max(numbers_in(value), default=0.0)
+        if ticks * period <= self.most:
+            return ""
+        return (
+            f"is {ticks:g}, a delay of {ticks * period:g} s, which is implausible; it is counted in periods of"
+            f" {period:g} s, of which {ticks:g} ms are {1e-3 * ticks / period:.2g}"
+        )
+
+
+def not_in_milliseconds(*, most: float) -> Plausible:
+    """Return the range of a time in s that may have been given in ms."""
+    return Plausible("s", "ms", 1e-3, most=most)
+
+
+def not_in_millimetres(*, most: float) -> Plausible:
+    """Return the range of a length in m that may have been given in mm."""
+    return Plausible("m", "mm", 1e-3, most=most)
+
+
+def not_in_grams(*, most: float) -> Plausible:
+    """Return the range of a mass in kg that may have been given in g."""
+    return Plausible("kg", "g", 1e-3, most=most)
+
+
+def not_in_percent(*, most: float) -> Plausible:
+    """Return the range of a fraction that may have been given in percent."""
+    return Plausible("", "%", 1e-2, most=most)
+
+
+def not_in_degrees(*, most: float) -> Plausible:
+    """Return the range of an angle in rad that may have been given in degrees."""
+    return Plausible("rad", "degrees", math.radians(1.0), most=most)
+
+
+def not_in_degrees_per_second(*, most: float) -> Plausible:
+    """Return the range of a rate in rad/s that may have been given in degrees per second."""
+    return Plausible("rad/s", "°/s", math.radians(1.0), most=most)
+
+
+def not_in_rpm(*, most: float) -> Plausible:
+    """Return the range of a rotor speed in rad/s that may have been given in revolutions per minute."""
+    return Plausible("rad/s", "rpm", math.tau / 60.0, most=most)
+
+
+def not_in_g(*, least: float = 0.0, most: float = math.inf, prefix: str = "") -> Plausible:
+    """Return the range of an acceleration in m/s² that may have been given in multiples of the standard gravity.
+
+    Args:
+        least: smallest plausible magnitude, m/s².
+        most: largest plausible magnitude, m/s².
+        prefix: prefix of the unit g, "m" for thousandths.
+    """
+    return Plausible("m/s²", f"{prefix}g", _STANDARD_GRAVITY * (1e-3 if prefix else 1.0), least, most)
+
+
+PLAUSIBLE_DELAY = PlausibleDelay(most=0.3)
+"""Range of delays. Mobile networks have 0.1 s, and few vehicles are stable with 0.2 s."""
+PLAUSIBLE_SHARE = not_in_percent(most=1.0)
+"""Range of relative errors. With an error of more than 100 %, a quantity is no longer the same."""
+PLAUSIBLE_LAG = not_in_milliseconds(most=2.0)
+"""Range of the lags of rotors, thrust and attitude. The rotors of 20 kg vehicles have about 0.3 s."""
+PLAUSIBLE_POSITION_NOISE = not_in_millimetres(most=0.3)
+"""Range of the noise of a position. Motion capture has 1 mm, and satellite navigation with corrections 20 mm."""
+PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(most=0.2)
+"""Range of the noise of an attitude. Even attitudes from magnetometers have only a few degrees, 0.1 rad."""
+PLAUSIBLE_SIZE = not_in_millimetres(most=3.0)
+"""Range of distances within a vehicle. The arms of 20 kg quadrotors are shorter than 1 m."""
+PLAUSIBLE_LOAD = not_in_grams(most=30.0)
+"""Range of the mass of a load. A vehicle of 20 kg carries about its own mass."""
+PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(most=60.0)
+"""Range of the largest body rates. Firmware of racing quadrotors allows at most 2,000 °/s, 35 rad/s."""
+
+
+def numbers_in(value: Any) -> Iterator[float]:
+    """Yield the finite numbers in a quantity, which may be a number, a list or a distribution.
+
+    The correlations of a normal distribution, which do not have the unit of the quantity, are left out.
+    """
+    if hasattr(value, "model_dump"):
+        value = value.model_dump()
+    if isinstance(value, dict):
+        value = [each for name, each in value.items() if name != "shared"]
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from numbers_in(each)
+    elif isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        yield value

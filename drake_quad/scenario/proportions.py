@@ -1,0 +1,73 @@
+"""Questions on a nominal vehicle whose fields are not plausible together, as if one of them had another unit."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from drake_quad.scenario.layouts import arms_of, rotors_of
+
+# Largest plausible ratio of the thrust of all rotors to the weight. Racing quadrotors have about 15.
+_MAX_THRUST_RATIO = 30.0
+# Plausible ratios of a radius of gyration to the arm length. A vehicle whose whole mass is at the ends of the arms has
+# 1 about the vertical axis; the shipped vehicles have 0.3 to 0.8.
+_GYRATION_RATIOS = (0.1, 3.0)
+_TYPICAL_GYRATION_RATIO = 0.5
+# Plausible ratios of the drag factor to the thrust factor, m. The shipped vehicles have 8 to 17 % of the diameter of
+# their propellers, and propellers have diameters of 30 mm to 0.8 m.
+_DRAG_RATIOS = (3e-4, 0.3)
+# Largest plausible ratio of the moment of inertia of a rotor to that of the vehicle about the vertical axis.
+_MAX_ROTOR_INERTIA_RATIO = 0.5
+_RPM = math.tau / 60.0  # rad/s
+# Other units of moments of inertia, kg m².
+_INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
+
+
+def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
+    """Yield the field and a question about it for each ratio of a nominal vehicle that is not plausible."""
+    arm = arms_of(nominal)[1]
+    clauses = {axis: _inertia_clause(moment, nominal.mass, arm) for axis, moment in enumerate(nominal.inertia)}
+    for axis, clause in clauses.items():
+        if clause:
+            yield f"inertia.{axis}", clause
+            break
+    if nominal.rotor_inertia > _MAX_ROTOR_INERTIA_RATIO * nominal.inertia[2]:
+        yield "rotor_inertia", f"is {nominal.rotor_inertia:g} kg m², which is implausible beside inertia.2"
+    thrust, field, unit = _max_thrust(nominal)
+    ratio = thrust / (nominal.mass * nominal.gravity)
+    if ratio > _MAX_THRUST_RATIO:
+        clause = f"lets the rotors carry {ratio:.3g} times the weight, which is implausible; check its unit ({unit})"
+        if field == "max_rotor_speed" and 1.0 < ratio * _RPM**2 < _MAX_THRUST_RATIO:
+            clause += f": {nominal.max_rotor_speed:g} rpm are {nominal.max_rotor_speed * _RPM:.4g} rad/s"
+        yield field, clause
+    low, high = _DRAG_RATIOS
+    for rotor in dict.fromkeys(rotors_of(nominal)):
+        distance = rotor.drag_factor / rotor.thrust_factor
+        if not low <= distance <= high:
+            yield (
+                "drag_factor",
+                f"is {distance:.3g} m times the thrust factor, which is implausible; check the units of drag_factor"
+                " (N m s²) and thrust_factor (N s²)",
+            )
+            return
+
+
+def _max_thrust(nominal: Any) -> tuple[float, str, str]:
+    """Return the largest thrust of all rotors, N, and the field that determines it, with its unit."""
+    curve = nominal.motors.thrust_curve()
+    if curve is not None:
+        return 4.0 * sum(curve), "motors.curve", "N, at a throttle from 0 to 1"
+    thrust = sum(rotor.thrust_factor for rotor in rotors_of(nominal)) * nominal.max_rotor_speed**2
+    return thrust, "max_rotor_speed", "rad/s"
+
+
+def _inertia_clause(moment: float, mass: float, arm: float) -> str:
+    """Return a question on a moment of inertia, kg m², of a vehicle with a mass, kg, and an arm length, m."""
+    low, high = _GYRATION_RATIOS
+    gyration = math.sqrt(moment / mass)
+    if low * arm <= gyration <= high * arm:
+        return ""
+    clause = f"is {moment:g} kg m², which is implausible for a mass of {mass:g} kg and arms of {arm:.3g} m"
+    typical = mass * (_TYPICAL_GYRATION_RATIO * arm) ** 2
+    unit, factor = min(_INERTIA_UNITS.items(), key=lambda each: abs(math.log(moment * each[1] / typical)))
+    is_plausible = low * arm <= math.sqrt(moment * factor / mass) <= high * arm
+    return f"{clause}; {moment:g} {unit} are {moment * factor:.4g} kg m²" if is_plausible else clause

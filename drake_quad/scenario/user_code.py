@@ -1,0 +1,26 @@
+"""Command-line options that register the kinds of a scenario which are defined in Python files of the user."""
+
+import shlex
+import sys
+from pathlib import Path
+
+_LIBRARY = __name__.partition(".")[0]
+
+
+def file_of(defined: type) -> str:
+    """Return the path of the user's file that defines a class, quoted for a shell; empty for a class of this library.
+
+    The path is relative if the file is inside the working directory. The path is also empty if the class is not
+    defined in a file.
+    """
+    file = getattr(sys.modules.get(defined.__module__), "__file__", None)
+    if file is None or defined.__module__.partition(".")[0] == _LIBRARY:
+        return ""
+    path, folder = Path(file).resolve(), Path.cwd()
+    return shlex.quote(str(path.relative_to(folder) if path.is_relative_to(folder) else path))
+
+
+def import_option(defined: type) -> str:
+    """Return the option `--import FILE.py` with the file that defines a class; empty for a class of this library."""
+    file = file_of(defined)
+    return f"--import {file}" if file else ""
