@@ -17,7 +17,7 @@ from drake_quad.command_line.main import COMMANDS, module_of
         (["map", "--k-p", "-1", "2", "--quik"], "drake-quad map has no option --quik; did you mean --quick?"),
         (["fly", "--zzz"], "drake-quad fly has no option --zzz; `drake-quad fly --help` describes all arguments"),
         (["fly", "hover", "2"], "drake-quad fly does not take the argument '2'; `drake-quad fly --help` describes"),
-        (["study", "--metric", "rmsee"], "there is no value of --metric called 'rmsee'; did you mean rmse or rmse_z?"),
+        (["study", "--metric", "rmsee"], "--metric rmsee: is not a metric of robustness; did you mean rmse?"),
         (["fly", "--vector", "tiff"], "there is no value of --vector called 'tiff'; there are pdf, svg"),
         (["completion", "bsh"], "there is no shell called 'bsh'; did you mean bash"),
         (["study", "--samples"], "--samples: expected one argument"),
