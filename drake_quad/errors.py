@@ -18,7 +18,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(shortened(message, _MAX_MESSAGE_LENGTH))
+        super().__init__(shorten_text(message, _MAX_MESSAGE_LENGTH))
 
 
 class InputWarning(UserWarning):
@@ -28,7 +28,7 @@ class InputWarning(UserWarning):
     """
 
 
-def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = None) -> int:
+def check_integer(value: Any, name: str, *, minimum: int, maximum: int | None = None) -> int:
     """Return an argument as an int, after checking that it is a whole number within bounds.
 
     Args:
@@ -42,7 +42,7 @@ def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = N
     """
     bounds = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise InputError(f"{name} is {shown(value)}, but must be a whole number, {bounds}")
+        raise InputError(f"{name} is {short_repr(value)}, but must be a whole number, {bounds}")
     number = int(value)
     if number < minimum or (maximum is not None and number > maximum):
         raise InputError(f"{name} is {number}, but must be {bounds}")
@@ -63,7 +63,7 @@ def not_connected(port: str, system: Any) -> InputError:
     return InputError(f"the input port `{port}` of {place} is not connected; connect it, or fix its value")
 
 
-def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
+def lookup(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """Return the entry of a table with a given name.
 
     Args:
@@ -76,8 +76,8 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     """
     if name in table:
         return table[name]
-    hint = did_you_mean(name, table) or f"there are {listed([*table], 40) or 'none'}"
-    raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
+    hint = did_you_mean(name, table) or f"there are {join_names([*table], 40) or 'none'}"
+    raise InputError(f"there is no {kind} called {short_repr(name)}; {hint}")
 
 
 def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2, *, similarity: float = 0.6) -> str:
@@ -96,7 +96,7 @@ def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2, *, s
     return f"did you mean {' or '.join(close)}?" if close else ""
 
 
-def shortened(text: str, max_length: int = 60) -> str:
+def shorten_text(text: str, max_length: int = 60) -> str:
     """Return a text for a message: unprintable characters are escaped, and the middle of a long text is left out.
 
     Args:
@@ -112,16 +112,16 @@ def shortened(text: str, max_length: int = 60) -> str:
     )
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """Return the shortened `repr` of a value for a message."""
-    return shortened(repr(value))
+    return shorten_text(repr(value))
 
 
-def listed(names: list[str], max_names: int = 8, *, max_length: int = 60) -> str:
+def join_names(names: list[str], max_names: int = 8, *, max_length: int = 60) -> str:
     """Return names separated by commas for a message: the first `max_names`, and the number of further names.
 
     A name with more than `max_length` characters is shortened.
     """
     num_others = len(names) - max_names
     others = [f"and {num_others} more"] if num_others > 0 else []
-    return ", ".join([shortened(name, max_length) for name in names[:max_names]] + others)
+    return ", ".join([shorten_text(name, max_length) for name in names[:max_names]] + others)

@@ -11,9 +11,9 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from drake_quad.errors import InputError, shortened, shown
+from drake_quad.errors import InputError, short_repr, shorten_text
+from drake_quad.number_parsing import parse_float
 from drake_quad.process_settings import without_warnings
-from drake_quad.written_numbers import parse_float
 
 
 def output_folder(path: Path) -> Path:
@@ -28,7 +28,7 @@ def output_folder(path: Path) -> Path:
             pass
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise InputError(f"cannot write to the output folder {shortened(str(path), 120)}: {reason}") from None
+        raise InputError(f"cannot write to the output folder {shorten_text(str(path), 120)}: {reason}") from None
     return path
 
 
@@ -134,7 +134,7 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
         raise ValueError(f"is too large: its arrays have more than {max_bytes:,} bytes")
     repeated = [name for i, name in enumerate(names) if name in names[:i]]
     if repeated:
-        raise ValueError(f"contains two arrays named {shown(repeated[0])}")
+        raise ValueError(f"contains two arrays named {short_repr(repeated[0])}")
     return arrays
 
 

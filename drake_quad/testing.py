@@ -13,7 +13,7 @@ from drake_quad.assembly.registered_controllers import COMMANDS
 from drake_quad.assembly.user_systems import PORTS
 from drake_quad.compilation.blocks import block_of
 from drake_quad.compilation.compile_diagram import compile_diagram
-from drake_quad.errors import did_you_mean, listed
+from drake_quad.errors import did_you_mean, join_names
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.signals import SIGNALS
 
@@ -109,7 +109,7 @@ def _check_names(system: Any) -> None:
     for name in [each for each in (*inputs, *outputs) if each not in SIGNALS]:
         question = did_you_mean(name, SIGNALS, 1, similarity=_MISSPELT)
         if is_controller and name in inputs:
-            question = did_you_mean(name, SIGNALS, 1) or f"they connect {listed([*PORTS['control'].inputs])}"
+            question = did_you_mean(name, SIGNALS, 1) or f"they connect {join_names([*PORTS['control'].inputs])}"
         assert not question, f"names: flights connect no port called `{name}`; {question}"
 
 

@@ -30,7 +30,7 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
-from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, Timing, plan_path
+from drake_quad.reference.planner import FixedTimes, MinimumSnapTiming, MinimumTimeTiming, Timing, plan_path
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes.waypoints import WaypointRoute
 from drake_quad.space.around import plan_around
@@ -150,7 +150,7 @@ def print_plain_python(repetitions: int) -> None:
     sizes = (1, 1024)
     for compiled in (True, False):
         steppers = [
-            Stepper(scenario, size, compiled=compiled, own=UserSystems(position_controller=PlainPython(size)))
+            Stepper(scenario, size, compiled=compiled, user_systems=UserSystems(position_controller=PlainPython(size)))
             for size in sizes
         ]
         costs = interleaved(steppers, repetitions)
@@ -275,28 +275,28 @@ class StudyTime(NamedTuple):
 
     Attributes:
         seconds: time from the call to the result, s.
-        flown: simulated time of all vehicles, s.
+        simulated_time: simulated time of all vehicles, s.
     """
 
     seconds: float
-    flown: float
+    simulated_time: float
 
     @property
     def cost(self) -> float:
         """Computing time per simulated second, s."""
-        return self.seconds / self.flown
+        return self.seconds / self.simulated_time
 
     def marginal_cost(self, shorter: "StudyTime") -> float:
         """Return the additional computing time per additional simulated second, compared with a shorter study, s."""
-        return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
+        return (self.seconds - shorter.seconds) / (self.simulated_time - shorter.simulated_time)
 
 
 def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
     """Fly a study into a temporary folder, and return its computing time."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
-        return StudyTime(time.perf_counter() - began, flown)
+        simulated_time = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).simulated_time
+        return StudyTime(time.perf_counter() - began, simulated_time)
 
 
 def print_planning(repetitions: int) -> None:
@@ -321,14 +321,16 @@ class Stepper:
         scenario: scenario of the flight, of which each vehicle is a sample.
         num_vehicles: number of vehicles.
         compiled: whether the diagram is compiled.
-        own: user-defined systems that replace parts of the loop.
+        user_systems: user-defined systems that replace parts of the loop.
     """
 
     def __init__(
-        self, scenario: Scenario, num_vehicles: int, *, compiled: bool, own: UserSystems = UserSystems()
+        self, scenario: Scenario, num_vehicles: int, *, compiled: bool, user_systems: UserSystems = UserSystems()
     ) -> None:
         self._batch, plan = Batch.draw(scenario, range(num_vehicles)), plan_route(scenario)
-        self._simulation = simulate_fleet(self._batch, plan, own=own, record=num_vehicles == 1, compiled=compiled)
+        self._simulation = simulate_fleet(
+            self._batch, plan, user_systems=user_systems, record=num_vehicles == 1, compiled=compiled
+        )
         self._duration = flight_duration(scenario, plan) if num_vehicles == 1 else 1.0
 
     def cost(self) -> float:
@@ -360,16 +362,18 @@ def planning_work() -> dict[str, Callable[[], object]]:
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
     # Times shorter than those of the fastest minimum-snap path activate the limits and the walls.
-    tight_times = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
+    tight_times = FixedTimes(tuple(0.97 * plan_path(hallways, MinimumTimeTiming()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {
         "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(
             hallways, tight_times
         ),
-        "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.waypoints), LeastSnap(60.0)),
-        "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, Shortest()),
-        "three legs around 20 obstacles, shortest": through_forest(Shortest()),
-        "three legs around 20 obstacles, least snap in 30 s": through_forest(LeastSnap(30.0)),
+        "times of 20 segments, least snap in 60 s": lambda: plan_path(
+            PathProblem(course.waypoints), MinimumSnapTiming(60.0)
+        ),
+        "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, MinimumTimeTiming()),
+        "three legs around 20 obstacles, shortest": through_forest(MinimumTimeTiming()),
+        "three legs around 20 obstacles, least snap in 30 s": through_forest(MinimumSnapTiming(30.0)),
     }
 
 

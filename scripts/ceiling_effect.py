@@ -34,13 +34,13 @@ class CeilingEffect(AirLoadEffect):
     rotor_radius: NonNegative = Field(description="R (m)")
     height: Number = Field(default=2.0, description="z of the ceiling in W (m)")
     field: ClassVar = "ceiling"
-    meaning: ClassVar = "above the vehicle, if any"
+    description: ClassVar = "above the vehicle, if any"
     record: ClassVar = Ceiling
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = True  # the controller ignores the gain, so the vehicle rises
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = False
 
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return 0, since the load depends on the height and not on the speed."""
         return 0.0

@@ -9,12 +9,12 @@ SHEET = "crazyswarm2:sheet_100"
 
 record = read_log(Path(__file__).parent.parent / "tests/data/crazyflie/crazyswarm2/log100.xz")
 sheet = load_undesigned(SHEET)
-result = identify([record], sheet, held_out_share=1.0 / 3.0)
+result = identify([record], sheet, held_out_fraction=1.0 / 3.0)
 print(result.estimates)
 
 # In the last third of the flight, predictions start from logged states and use logged commands. The fit also used this
 # part of the log.
-predictions = predict(record, {"identified": result.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
+predictions = predict(record, {"identified": result.vehicle, "sheet": sheet}, nominal=sheet, final_fraction=1.0 / 3.0)
 for horizon in (0.1, 0.2, 0.5):
     error = predictions.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
     improvement = predictions.better("position", "identified", "sheet", horizon).percent()
@@ -25,6 +25,6 @@ Path("out").mkdir(exist_ok=True)
 path = write_vehicle(Path("out/identified.yaml"), "identified", result.estimates, base=SHEET)
 comparison = compare_with_log(record, load_scenario(path), samples=400)
 median, low, _ = comparison.interval("rmse")
-print(f"RMSE of the log {100.0 * comparison.flown_figures.rmse[-1]:.2f} cm")
+print(f"RMSE of the log {100.0 * comparison.logged_statistics.rmse[-1]:.2f} cm")
 print(f"RMSE of 400 simulations: median {100.0 * median[-1]:.2f} cm, 2.5 % quantile {100.0 * low[-1]:.2f} cm")
 print(f"crashed simulations: {comparison.crashes}")

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
-from drake_quad.statistics.estimates import share_interval
+from drake_quad.statistics.estimates import proportion_interval
 
 UNCERTAIN = {
     "vehicle.mass": {"normal": {"mean": 0.68, "standard_deviation": 0.03, "min": 0.5}},  # kg
@@ -22,7 +22,7 @@ if __name__ == "__main__":  # worker processes import this file
     study = run_monte_carlo(scenario, num_samples=1000, seed=1)
     crashed, rmse = study.metrics.crashed > 0, study.metrics.rmse
     print(f"RMSE without crashes: {mean_interval(rmse[~crashed]).text(unit='cm', size=0.01)}")
-    print(f"crashes: {share_interval(int(crashed.sum()), len(crashed)).percent()}")
+    print(f"crashes: {proportion_interval(int(crashed.sum()), len(crashed)).percent()}")
     worst = int(np.argmax(np.where(crashed, -np.inf, rmse)))
     flight = simulate(scenario, seed=1, sample=worst, compiled=True)  # repeats a single sample
     print(f"sample {worst}: {flight.scenario.vehicle.mass:.3f} kg, {100.0 * flight.metrics.rmse:.2f} cm")

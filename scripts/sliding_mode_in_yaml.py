@@ -15,7 +15,7 @@ from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import Acceleration, Reference, State
 
 
-class SlidingNumbers(NamedTuple):
+class SlidingParameters(NamedTuple):
     """Slope λ (1/s) of the sliding surface, gain K (m/s²), and width φ (m/s) of the boundary layer."""
 
     slope: PerAxis
@@ -23,13 +23,13 @@ class SlidingNumbers(NamedTuple):
     width: PerAxis
 
 
-def sliding_law(measurement: State, reference: Reference, numbers: SlidingNumbers) -> Acceleration:
+def sliding_law(measurement: State, reference: Reference, parameters: SlidingParameters) -> Acceleration:
     """Return a_r + λ ė + K sat(s / φ) with s = ė + λ e (J.-J. Slotine and W. Li, Applied Nonlinear Control, 7.2)."""
     ones = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))  # the errors do not depend on gains
     errors = pd_law(measurement, reference, ones, "tracking_error", feeds_forward=True)
     return Acceleration._make(
         a + slope * rate + gain * maximum(minimum((rate + slope * error) / width, 1.0), -1.0)
-        for a, error, rate, slope, gain, width in zip(errors.feed_forward, errors.error, errors.error_rate, *numbers)
+        for a, error, rate, slope, gain, width in zip(errors.feed_forward, errors.error, errors.error_rate, *parameters)
     )
 
 
@@ -37,9 +37,9 @@ def sliding_law(measurement: State, reference: Reference, numbers: SlidingNumber
 class SlidingMode(FleetSystem):
     """Sliding mode with a boundary layer."""
 
-    def declare(self, *, numbers: SlidingNumbers) -> None:
+    def declare(self, *, parameters: SlidingParameters) -> None:
         """Declare the system."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         self.output("acceleration_command", sliding_law, self.input("measurement"), self.input("reference"), parameter)
 
 
@@ -56,5 +56,5 @@ class SlidingPosition(PositionController):
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipe for a `SlidingMode`."""
-        numbers = [PerAxis(*each) for each in (self.slope, self.gain, self.width)]
-        return {"position": Recipe(SlidingMode, {}, SlidingNumbers(*numbers))}
+        parameters = [PerAxis(*each) for each in (self.slope, self.gain, self.width)]
+        return {"position": Recipe(SlidingMode, {}, SlidingParameters(*parameters))}

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import build_vehicle, load_scenario, plan_route
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 
@@ -53,7 +53,7 @@ log = LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=0.
 simulator = Simulator(builder.Build())
 simulator.get_mutable_context().SetContinuousState(states[:, 0] + [0.0, 0.5, *14 * [0.0]])
 simulator.AdvanceTo(HORIZON)
-flown = log.FindLog(simulator.get_context())
-errors = flown.data()[:3] - plan.reference().vector_values(flown.sample_times())[:3]
-for time, distance in zip(flown.sample_times()[::100], np.linalg.norm(errors, axis=0)[::100], strict=True):
+state_log = log.FindLog(simulator.get_context())
+errors = state_log.data()[:3] - plan.reference().vector_values(state_log.sample_times())[:3]
+for time, distance in zip(state_log.sample_times()[::100], np.linalg.norm(errors, axis=0)[::100], strict=True):
     print(f"{time:.0f} s: {100.0 * distance:.3f} cm from the reference")

@@ -19,8 +19,8 @@ if __name__ == "__main__":  # worker processes import this file
         print(f"{name}: RMSE {100.0 * flight.metrics.rmse:.1f} cm, peak {100.0 * flight.metrics.peak_error:.1f} cm")
         plt.plot(flight.time, 100.0 * flight.euclidean_error, label=name)
         studies[name] = run_monte_carlo(scenario, num_samples=200, seed=1)  # seed of wind and noise
-    share = compare_studies(studies["PD and T2FNN"], studies["PD"]).ratio
-    print(f"error with the network, relative to the PD: {share.percent()}")
+    fraction = compare_studies(studies["PD and T2FNN"], studies["PD"]).ratio
+    print(f"error with the network, relative to the PD: {fraction.percent()}")
     plt.gca().set(xlabel="time (s)", ylabel="position error (cm)")
     plt.legend()
     Path("out").mkdir(exist_ok=True)

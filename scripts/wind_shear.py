@@ -15,7 +15,7 @@ from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundi
 from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
 
 
-class ShearNumbers(NamedTuple):
+class ShearParameters(NamedTuple):
     """Parameters of the power law, with the wind velocity at the reference height."""
 
     velocity: Wind
@@ -23,7 +23,7 @@ class ShearNumbers(NamedTuple):
     exponent: Number
 
 
-def shear_wind(state: State, shear: ShearNumbers) -> Wind:
+def shear_wind(state: State, shear: ShearParameters) -> Wind:
     """Return the wind velocity v (z / h)^a at the height of a vehicle."""
     factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # infinite derivative at 0 m
     return Wind._make(factor * part for part in shear.velocity)
@@ -33,7 +33,7 @@ def shear_wind(state: State, shear: ShearNumbers) -> Wind:
 class ShearWind(FleetSystem):
     """Wind that grows with height."""
 
-    def declare(self, *, period: float = 0.01, numbers: ShearNumbers) -> None:
+    def declare(self, *, period: float = 0.01, parameters: ShearParameters) -> None:
         state, shear = self.input("state"), self.parameter("shear", lambda shear: shear)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(shear_wind, state, shear, writes=[wind])
@@ -48,7 +48,7 @@ class ShearSource(BlowingSource):
     kind: Literal["shear"]
     reference_height: Positive = Field(default=10.0, description="height at which the velocity is given (m)")
     exponent: NonNegative = Field(default=0.143, description="exponent of the power law (1); 1/7 over open land")
-    depends_on_place: ClassVar = True
+    depends_on_position: ClassVar = True
     depends_on_time: ClassVar = False
 
     def max_speed(self) -> VelocityW:
@@ -56,5 +56,5 @@ class ShearSource(BlowingSource):
         return super().max_speed() * 10.0**self.exponent
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        numbers = ShearNumbers(self.full_velocity(), self.reference_height, self.exponent)
-        return Recipe(ShearWind, {"period": surroundings.period}, numbers)
+        parameters = ShearParameters(self.full_velocity(), self.reference_height, self.exponent)
+        return Recipe(ShearWind, {"period": surroundings.period}, parameters)

@@ -7,43 +7,43 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.attitude import AttitudeController, AttitudeParameters
 from drake_quad.control.cascade import build_cascade
-from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorParameters
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw, KalmanMemory
 from drake_quad.control.disturbance.response import AxisCommand
-from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorParameters
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
-from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
+from drake_quad.control.fuzzy.set_learning import AdaptationParameters, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
+    FuzzyRulesParameters,
     Lead,
-    LearningNumbers,
-    RulesNumbers,
+    LearningParameters,
     WeightLearning,
     build_fuzzy_network,
 )
 from drake_quad.control.geometric import (
     GeometricAttitudeController,
     IntegratingAttitudeController,
-    IntegratingAttitudeNumbers,
+    IntegratingAttitudeParameters,
 )
-from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeParameters
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
 from drake_quad.control.lqg.design import AxisLoop, Regulator
-from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.laws import LqgParameters, TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor, Preview
 from drake_quad.control.mpc.system import PredictiveProgramme
-from drake_quad.control.pid_cascade.numbers import (
-    AccelerationNumbers,
-    CascadeNumbers,
+from drake_quad.control.pid_cascade.parameters import (
+    AccelerationParameters,
+    CascadeParameters,
     CascadeRules,
     PidLoopGains,
-    TiltNumbers,
+    TiltParameters,
 )
 from drake_quad.control.pid_cascade.system import PidCascade
 from drake_quad.control.policy.actions import (
@@ -57,35 +57,35 @@ from drake_quad.control.policy.actions import (
 from drake_quad.control.policy.actuation import (
     AccelerationActuation,
     AttitudeActuation,
-    RatesFromTheGround,
-    RatesOnBoard,
+    OffboardRateActuation,
+    OnboardRateActuation,
     RotorSpeedActuation,
 )
 from drake_quad.control.policy.network import Dense, Gru, Network
-from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec
+from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec
 from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Matrix
 from drake_quad.geometry.per_axis import PerAngle, PerAxis
-from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.command_link import CommandLink, LinkParameters
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
+from drake_quad.laboratory.motion_capture import CameraParameters, MotionCapture, VelocityDrift, VelocityError
 from drake_quad.laboratory.sensors.accelerometer import (
     ACCELEROMETER,
-    AccelerometerNumbers,
+    AccelerometerParameters,
     SensorPosition,
     SpecificForce,
 )
 from drake_quad.laboratory.sensors.sensor import Sensor, build_sensors
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceParameters
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
-from drake_quad.laboratory.wind.gust import Gust, GustNumbers
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
 from drake_quad.pid.filters import butterworth, first_order
 from drake_quad.pid.loop import Derivative, Integral, Terms
@@ -103,14 +103,21 @@ from drake_quad.vehicle.aerodynamics import (
     RotorAerodynamics,
 )
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.attitude_response import (
+    AttitudeResponse,
+    AttitudeResponseConfig,
+    AttitudeResponseQuadrotor,
+    DampingRatios,
+    NaturalFrequencies,
+)
 from drake_quad.vehicle.autopilot import (
     AttitudeAutopilot,
-    AutopilotNumbers,
+    AutopilotParameters,
     Gyroscope,
     LoopAxisTerms,
     LoopGains,
     LoopRules,
-    ThrustAlone,
+    ThrustOnly,
 )
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
@@ -118,14 +125,7 @@ from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.motors import SpinDown, ThrottleAllocation, ThrottleModel, ThrustCurve
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.payload import Payload, PayloadPosition
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
-    AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
-    RespondingNumbers,
-    RespondingQuadrotor,
-)
+from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -135,32 +135,32 @@ class Example(NamedTuple):
 
     Attributes:
         system: class of the system.
-        numbers: parameters of the system, all different, nonzero and finite; None if the system has none.
+        parameters: parameters of the system, all different, nonzero and finite; None if the system has none.
         structure: arguments of the constructor that determine the ports and events.
         num_vehicles: number N of vehicles.
         has_all_ports: whether the example has all ports that its class can have.
     """
 
     system: Any
-    numbers: Any = None
+    parameters: Any = None
     structure: Mapping[str, Any] = MappingProxyType({})
     num_vehicles: int = 1
     has_all_ports: bool = True
 
     def make(self) -> Any:
-        return self.make_with(self.numbers)
+        return self.make_with(self.parameters)
 
-    def make_with(self, numbers: Any) -> Any:
+    def make_with(self, parameters: Any) -> Any:
         """Return the system with given numbers."""
-        given = {} if numbers is None else {"numbers": numbers}
+        given = {} if parameters is None else {"parameters": parameters}
         return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
 
     @property
     def flat_numbers(self) -> list[Any]:
         """Numbers of the example in a flat list."""
-        if self.numbers is None or isinstance(self.numbers, Samples):
+        if self.parameters is None or isinstance(self.parameters, Samples):
             return []
-        return layout_of(type(self.numbers), self.numbers).flatten(self.numbers)
+        return layout_of(type(self.parameters), self.parameters).flatten(self.parameters)
 
     @property
     def is_compiled(self) -> bool:
@@ -170,23 +170,23 @@ class Example(NamedTuple):
     @property
     def other_numbers(self) -> Any:
         """Numbers that differ from the example's numbers, and between vehicles."""
-        if self.numbers is None:
+        if self.parameters is None:
             return None
-        if isinstance(self.numbers, Samples):
-            return Samples(self.numbers.seed + 1, [sample + 10 for sample in self.numbers.numbers])
-        layout = layout_of(type(self.numbers), self.numbers)
+        if isinstance(self.parameters, Samples):
+            return Samples(self.parameters.seed + 1, [sample + 10 for sample in self.parameters.indices])
+        layout = layout_of(type(self.parameters), self.parameters)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
         # Every row has its own factor, so the ratios of two rows also differ.
-        rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.numbers))]
+        rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.parameters))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
-INCREMENTAL = IncrementalAttitudeNumbers(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
+ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+INCREMENTAL = IncrementalAttitudeParameters(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
 AXIS_LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
 START_POSITION = PerAxis(0.3, -0.2, 1.1)
-KALMAN_ESTIMATOR = EstimatorNumbers(
+KALMAN_ESTIMATOR = EstimatorParameters(
     (
         KalmanLaw(0.4, KalmanMemory(0.31, 2.2, 5.1)),
         KalmanLaw(0.5, KalmanMemory(0.33, 2.4, 5.3)),
@@ -196,15 +196,15 @@ KALMAN_ESTIMATOR = EstimatorNumbers(
     4.1,
     START_POSITION,
 )
-ADAPTIVE_ESTIMATOR = EstimatorNumbers(
+ADAPTIVE_ESTIMATOR = EstimatorParameters(
     (AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), AXIS_LAGS, 4.2, START_POSITION
 )
-INCREMENTAL_ESTIMATOR = EstimatorNumbers(
+INCREMENTAL_ESTIMATOR = EstimatorParameters(
     (IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), AXIS_LAGS, 4.3, START_POSITION
 )
-TILT_ESTIMATOR = TiltEstimatorNumbers(ADAPTIVE_ESTIMATOR.laws, 0.06, 9.79, 4.4, START_POSITION)
-VECTORING = VectoringNumbers(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
-VEHICLE = QuadrotorNumbers(
+TILT_ESTIMATOR = TiltEstimatorParameters(ADAPTIVE_ESTIMATOR.laws, 0.06, 9.79, 4.4, START_POSITION)
+VECTORING = VectoringParameters(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
+VEHICLE = QuadrotorConfig(
     QuadrotorParameters(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
@@ -224,7 +224,7 @@ VEHICLE = QuadrotorNumbers(
         centre_of_mass=CentreOfMass(-0.003, 0.008),
     ),
     RotorFaults(0.01, 5.0, SpeedFactors(0.9, 0.8, 0.7, 0.6)),
-    Place(1.0, 2.0, 3.0, 0.4),
+    HoverPose(1.0, 2.0, 3.0, 0.4),
 )
 EFFECTS = Effects(
     BodyDrag(LinearDrag(0.11, 0.12, 0.13), QuadraticDrag(0.021, 0.022, 0.023), CentreOfPressure(0.031, 0.032, 0.033)),
@@ -247,13 +247,13 @@ VEHICLE_WITH_PAYLOAD = VEHICLE._replace(
         payload=Payload(0.17, PayloadPosition(0.034, 0.035, 0.036), Inertia(1.1e-4, 1.2e-4, 1.3e-4), 0.9, 1.9)
     )
 )
-TURBULENCE = TurbulenceNumbers(Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), 0.7)
+TURBULENCE = TurbulenceParameters(Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), 0.7)
 JETS = (
     Jet(Outlet(0.5, -2.0, 1.0), Direction(0.6, 0.64, 0.48), 6.0, 0.7, 0.2),
     Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
 )
-GUST = GustNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
-CAMERAS = CameraNumbers(
+GUST = GustParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
+CAMERAS = CameraParameters(
     1e-3,
     4e-3,
     0.1,
@@ -264,9 +264,9 @@ CAMERAS = CameraNumbers(
     VelocityDrift(0.03, 0.02, 0.01),
     0.4,
 )
-LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
-TARGET_LINK = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
-AUTOPILOT = AutopilotNumbers(
+LINK = LinkParameters(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
+TARGET_LINK = LinkParameters(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+AUTOPILOT = AutopilotParameters(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),
     Inertia(0.0065, 0.0085, 0.0126),
@@ -306,23 +306,23 @@ PID_AUTOPILOT = AUTOPILOT._replace(
 PX4_AUTOPILOT = AUTOPILOT._replace(
     rate=LoopAxisTerms(*map(_with_first_order_filter, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
 )
-TILT_CASCADE = CascadeNumbers(
+TILT_CASCADE = CascadeParameters(
     PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
     PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
     0.3,
     0.7,
     9.79,
-    TiltNumbers(6.1, 2.2, 11.0),
+    TiltParameters(6.1, 2.2, 11.0),
 )
-ACCELERATION_CASCADE = CascadeNumbers(
+ACCELERATION_CASCADE = CascadeParameters(
     PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
     PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_with_first_order_filter, _terms(0.6)))),
     0.9,
     0.71,
     9.78,
-    AccelerationNumbers(0.8, 1.2, 0.7, 0.5, 0.6, 2.1, 11.5, 3.3),
+    AccelerationParameters(0.8, 1.2, 0.7, 0.5, 0.6, 2.1, 11.5, 3.3),
 )
-RESPONDING_VEHICLE = RespondingNumbers(
+ATTITUDE_RESPONSE_VEHICLE = AttitudeResponseConfig(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
 ANTECEDENTS = Antecedents(
@@ -349,7 +349,7 @@ ALL_CAMERA_ERRORS = {
     "drifts": True,
     "longest_latency": 2,
 }
-ACCELEROMETER_NUMBERS = AccelerometerNumbers(
+ACCELEROMETER_NUMBERS = AccelerometerParameters(
     SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0
 )
 ACCELEROMETER_STRUCTURE = {"name": "accelerometer", "law": ACCELEROMETER}
@@ -368,7 +368,7 @@ SPEEDS = SpeedScale(
         Wrench(4.4e-5, 7.3e-6, 1.7e-6, -1.8e-6),
     ),
 )
-OBSERVATION_NUMBERS = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
+OBSERVATION_NUMBERS = ObservationParameters(290.0, (0.1, -0.2, 0.3))
 OBSERVATION_SPEC = ObservationSpec(
     ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
 )
@@ -404,16 +404,16 @@ def _loop(kind, measured, delay, seed) -> AxisLoop:
     return AxisLoop(A, rows(), L, rows(), tuple(rng.uniform(0.1, 0.3, delay).tolist()), 1.7 + 0.1 * seed)
 
 
-NOMINAL_THRUST = ThrustNumbers(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
-TORQUE_LQG = LqgNumbers(
+NOMINAL_THRUST = ThrustParameters(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
+TORQUE_LQG = LqgParameters(
     _loop(TorqueChain, 2, 2, 1),
     _loop(VerticalChain, 1, 2, 2),
     NOMINAL_THRUST,
-    TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 400.0, 0.09),
+    TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 400.0, 0.09),
     None,
 )
-TARGET_LQG = LqgNumbers(
-    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), NOMINAL_THRUST, None, TargetNumbers(0.2, 0.03)
+TARGET_LQG = LqgParameters(
+    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), NOMINAL_THRUST, None, TargetParameters(0.2, 0.03)
 )
 
 
@@ -427,7 +427,7 @@ def _regulator(loop: AxisLoop) -> Regulator:
 
 
 MPC_STRUCTURE: dict[str, Any] = {
-    "believed": TORQUE_LQG,
+    "nominal": TORQUE_LQG,
     "lateral": _regulator(TORQUE_LQG.lateral),
     "vertical": _regulator(TORQUE_LQG.vertical),
     "preview": (
@@ -456,8 +456,8 @@ FLEET_SYSTEMS = [
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
     Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
-    Example(RatesFromTheGround, RATES, num_vehicles=2),
-    Example(RatesOnBoard, RATES, num_vehicles=2),
+    Example(OffboardRateActuation, RATES, num_vehicles=2),
+    Example(OnboardRateActuation, RATES, num_vehicles=2),
     Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
     Example(Observation, OBSERVATION_NUMBERS, OBSERVATION_STRUCTURE, num_vehicles=2),
     Example(Observation, OBSERVATION_NUMBERS, HEADING_OBSERVATION, has_all_ports=False),
@@ -474,10 +474,10 @@ FLEET_SYSTEMS = [
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, RulesNumbers((ANTECEDENTS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
+    Example(FuzzyRules, FuzzyRulesParameters((ANTECEDENTS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(
         FuzzyRules,
-        RulesNumbers((CIRCULAR_ANTECEDENTS,)),
+        FuzzyRulesParameters((CIRCULAR_ANTECEDENTS,)),
         {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)},
         has_all_ports=False,
     ),
@@ -486,13 +486,13 @@ FLEET_SYSTEMS = [
     Example(Gust, GUST),
     Example(IncrementalAttitudeController, INCREMENTAL, {"delay_ticks": 1}),
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
-    Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
+    Example(SineWind, SineParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), {"integration": "backward_euler"}),
-    Example(IntegratingAttitudeController, IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
+    Example(IntegratingAttitudeController, IntegratingAttitudeParameters(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
     Example(
         IntegratingAttitudeController,
-        IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
+        IntegratingAttitudeParameters(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
         {"period": 0.01, "integration": "backward_euler", "transports": False},
         num_vehicles=2,
     ),
@@ -517,7 +517,7 @@ FLEET_SYSTEMS = [
     Example(PidCascade, ACCELERATION_CASCADE),
     Example(PidCascade, ACCELERATION_CASCADE, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
     Example(PredictiveProgramme, structure=MPC_STRUCTURE, num_vehicles=2),
-    Example(PredictiveProgramme, structure={**MPC_STRUCTURE, "believed": TARGET_LQG, **TARGET_REGULATORS}),
+    Example(PredictiveProgramme, structure={**MPC_STRUCTURE, "nominal": TARGET_LQG, **TARGET_REGULATORS}),
     Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
     Example(Quadrotor, VEHICLE, {"faulty": True}, has_all_ports=False),
     Example(Quadrotor, VEHICLE_WITH_EFFECTS, {"faulty": True, "effects": VEHICLE_WITH_EFFECTS.effects.names}),
@@ -543,13 +543,18 @@ FLEET_SYSTEMS = [
         num_vehicles=2,
         has_all_ports=False,
     ),
-    Example(RespondingQuadrotor, RESPONDING_VEHICLE, {"faulty": True}),
+    Example(AttitudeResponseQuadrotor, ATTITUDE_RESPONSE_VEHICLE, {"faulty": True}),
     Example(
-        RespondingQuadrotor,
-        RESPONDING_VEHICLE._replace(vehicle=RESPONDING_VEHICLE.vehicle._replace(effects=GROUND_EFFECT)),
+        AttitudeResponseQuadrotor,
+        ATTITUDE_RESPONSE_VEHICLE._replace(vehicle=ATTITUDE_RESPONSE_VEHICLE.vehicle._replace(effects=GROUND_EFFECT)),
         {"effects": ("ground_effect",)},
     ),
-    Example(RespondingQuadrotor, RESPONDING_VEHICLE, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
+    Example(
+        AttitudeResponseQuadrotor,
+        ATTITUDE_RESPONSE_VEHICLE,
+        {"time_step": 0.0, "kinematics": "small_angle"},
+        num_vehicles=2,
+    ),
     Example(
         Sensor, ACCELEROMETER_NUMBERS, {**ACCELEROMETER_STRUCTURE, "noisy": True, "longest_latency": 2}, num_vehicles=2
     ),
@@ -560,7 +565,7 @@ FLEET_SYSTEMS = [
         ThrottleAllocation,
         ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
     ),
-    Example(ThrustAlone),
+    Example(ThrustOnly),
     Example(ThrustVectoring, VECTORING),
     Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
     Example(ThrustVectoring, VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
@@ -568,61 +573,65 @@ FLEET_SYSTEMS = [
     Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, num_vehicles=2),
     Example(
         WeightLearning,
-        LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
+        LearningParameters(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
         {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0), "leads": True},
         num_vehicles=2,
     ),
     Example(
         SetLearning,
-        AdaptationNumbers(
+        AdaptationParameters(
             (ANTECEDENTS, ANTECEDENTS._replace(a1=1.7)),
             AdaptationRates(0.3, 0.2, 0.1),
-            LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05),
+            LearningParameters(1.4, GradientLaw(0.4), LIMITS, 0.05),
         ),
         {"axes": ("x", "z")},
         num_vehicles=2,
     ),
-    Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), has_all_ports=False),
-    Example(WeightLearning, LearningNumbers(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, has_all_ports=False),
+    Example(WeightLearning, LearningParameters(1.4, GradientLaw(0.4), LIMITS, 0.05), has_all_ports=False),
+    Example(
+        WeightLearning, LearningParameters(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, has_all_ports=False
+    ),
 ]
 
 
 def _policy_control() -> Any:
     spec = ObservationSpec(("position_error", "body_rates"))
     return build_policy_control(
-        observation=Observation(spec=spec, num_actions=4, numbers=ObservationNumbers(290.0, (0.1, 0.2, 0.3, 0.4))),
+        observation=Observation(
+            spec=spec, num_actions=4, parameters=ObservationParameters(290.0, (0.1, 0.2, 0.3, 0.4))
+        ),
         policy=Policy(network=_network_of(6, 4)),
-        actuation=RatesFromTheGround(numbers=RATES),
+        actuation=OffboardRateActuation(parameters=RATES),
     )
 
 
 def _cascade() -> Any:
     return build_cascade(
-        position=build_position_controller(ProportionalDerivative(numbers=GAINS)),
-        thrust_vectoring=ThrustVectoring(numbers=VECTORING),
-        attitude=AttitudeController(numbers=ATTITUDE),
+        position=build_position_controller(ProportionalDerivative(parameters=GAINS)),
+        thrust_vectoring=ThrustVectoring(parameters=VECTORING),
+        attitude=AttitudeController(parameters=ATTITUDE),
         feed_forward="snap",
     )
 
 
 def _corrected_pid() -> Any:
     """Return a PID with all ports, for an integral and a correction."""
-    integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
-    return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
+    integral = IntegralCorrection(parameters=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
+    return build_position_controller(ProportionalDerivative(parameters=GAINS), integral=integral, takes_correction=True)
 
 
 def _network() -> Any:
-    learning = LearningNumbers(initial_weight=0.5)
+    learning = LearningParameters(initial_weight=0.5)
     return build_fuzzy_network(
         rules=FuzzyRules(num_vehicles=2, leads=True),
-        learning=WeightLearning(num_vehicles=2, leads=True, numbers=learning),
+        learning=WeightLearning(num_vehicles=2, leads=True, parameters=learning),
     )
 
 
 def _sources() -> dict[str, Any]:
     return {
-        "dryden_0": DrydenTurbulence(num_vehicles=2, numbers=TURBULENCE),
-        "fans": Fans(num_vehicles=2, numbers=JETS),
+        "dryden_0": DrydenTurbulence(num_vehicles=2, parameters=TURBULENCE),
+        "fans": Fans(num_vehicles=2, parameters=JETS),
     }
 
 
@@ -633,7 +642,7 @@ def _wind() -> Any:
 
 def _sensors() -> Any:
     sensors = {
-        "accelerometer": Sensor(num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, numbers=ACCELEROMETER_NUMBERS)
+        "accelerometer": Sensor(num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, parameters=ACCELEROMETER_NUMBERS)
     }
     streams = random_streams(sensors, StreamKind.NOISE)
     return build_sensors(sensors, streams=streams, available=ACCELEROMETER.reads)
@@ -643,8 +652,8 @@ def _laboratory() -> Any:
     return build_laboratory(
         vehicle=Quadrotor(num_vehicles=2),
         allocation=Allocation(num_vehicles=2),
-        motion_capture=MotionCapture(num_vehicles=2, **ALL_CAMERA_ERRORS, numbers=CAMERAS),
-        command_link=CommandLink(num_vehicles=2, **LOSSY_LINK, numbers=LINK),
+        motion_capture=MotionCapture(num_vehicles=2, **ALL_CAMERA_ERRORS, parameters=CAMERAS),
+        command_link=CommandLink(num_vehicles=2, **LOSSY_LINK, parameters=LINK),
         wind=_sources(),
         samples=SAMPLES,
     )

@@ -23,7 +23,7 @@ def assert_flights_alike(found, expected):
     for name, values in expected.signals.items():
         assert_alike(found[name], values, name)
     assert_metrics_alike(found.metrics, expected.metrics)
-    assert found.touched == expected.touched
+    assert found.obstacle_hit == expected.obstacle_hit
 
 
 def assert_metrics_alike(found, expected):

@@ -181,13 +181,13 @@ def shared_fits(tmp_path_factory, monkeypatch):
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
 
-    def shared(given, scenario, share):
+    def shared(given, scenario, fraction):
         values = [value for log in given.records for value in vars(log).values()]
         logged = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
-        key = repr((logged, given[1:], scenario.model_dump_json(), share))
+        key = repr((logged, given[1:], scenario.model_dump_json(), fraction))
         path = folder / f"fit_{hashlib.sha256(key.encode()).hexdigest()}.pickle"
         if not path.exists():
-            result = fit(given, scenario, share)
+            result = fit(given, scenario, fraction)
             write_atomically(path, lambda target: target.write_bytes(pickle.dumps(result)))
         return pickle.loads(path.read_bytes())
 

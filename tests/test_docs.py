@@ -300,7 +300,7 @@ def test_the_page_of_systems_lists_the_observations_of_policies():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("| signal | rows | description |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
-    assert rows == [(name, str(signal.rows or ""), signal.meaning) for name, signal in OBSERVABLE_SIGNALS.items()]
+    assert rows == [(name, str(signal.rows or ""), signal.description) for name, signal in OBSERVABLE_SIGNALS.items()]
 
 
 def test_the_page_of_systems_lists_the_signals():

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from drake_quad.errors import InputError, listed, shortened, shown, whole_number
+from drake_quad.errors import InputError, check_integer, join_names, short_repr, shorten_text
 
 
 @pytest.mark.parametrize("text", ["a\nb", "\x1b[31mred", "a\0b", "\u2028", "\ud800", "\ufeff"])
@@ -28,11 +28,11 @@ def test_the_middle_of_a_long_message_is_left_out():
 
 
 def test_long_values_texts_and_lists_are_shortened():
-    assert shortened("a" * 60) == "a" * 60
-    assert shortened("a" * 50 + "b" * 50) == "a" * 38 + "..." + "b" * 19
-    assert len(shown(list(range(10_000)))) == 60
-    assert listed([f"n{i}" for i in range(8)]).endswith("n6, n7")
-    assert listed([f"n{i}" for i in range(10)]).endswith("n7, and 2 more")
+    assert shorten_text("a" * 60) == "a" * 60
+    assert shorten_text("a" * 50 + "b" * 50) == "a" * 38 + "..." + "b" * 19
+    assert len(short_repr(list(range(10_000)))) == 60
+    assert join_names([f"n{i}" for i in range(8)]).endswith("n6, n7")
+    assert join_names([f"n{i}" for i in range(10)]).endswith("n7, and 2 more")
 
 
 def test_a_message_survives_pickling():
@@ -42,7 +42,7 @@ def test_a_message_survives_pickling():
 
 @pytest.mark.parametrize("value", [3, np.int64(3), 5])
 def test_whole_numbers_within_their_bounds_are_accepted(value):
-    assert whole_number(value, "count", minimum=3, maximum=5) == value
+    assert check_integer(value, "count", minimum=3, maximum=5) == value
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_whole_numbers_within_their_bounds_are_accepted(value):
 )
 def test_other_numbers_are_refused(value, most, words):
     with pytest.raises(InputError, match=f"^{words}$"):
-        whole_number(value, "count", minimum=3, maximum=most)
+        check_integer(value, "count", minimum=3, maximum=most)

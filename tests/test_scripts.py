@@ -230,8 +230,8 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path
     text, _ = run_script("monte_carlo_study.py")
     rmse, low, high = numbers(r"RMSE without crashes: # cm \[#, #\]", text)
     assert 3.0 < low < rmse < high < 5.0
-    share, least, most = numbers(r"crashes: # % \[#, #\]", text)
-    assert 0.0 < least < share < most < 2.0
+    fraction, least, most = numbers(r"crashes: # % \[#, #\]", text)
+    assert 0.0 < least < fraction < most < 2.0
     _, mass, worst = numbers("sample #: # kg, # cm", text)
     assert 0.5 < mass < 0.8
     assert worst > 10.0 * rmse
@@ -242,9 +242,9 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path
 def test_the_network_halves_the_error_of_the_pd_in_low_wind(run_script, tmp_path):
     text, _ = run_script("type2_network_beside_pd.py")
     (alone,), (learning,) = numbers("PD: RMSE # cm", text), numbers("T2FNN: RMSE # cm", text)
-    share, low, high = numbers(r"relative to the PD: # % \[#, #\]", text)
-    assert low < share < high < 60.0
-    assert share == pytest.approx(100.0 * learning / alone, abs=1.0)
+    fraction, low, high = numbers(r"relative to the PD: # % \[#, #\]", text)
+    assert low < fraction < high < 60.0
+    assert fraction == pytest.approx(100.0 * learning / alone, abs=1.0)
     assert (tmp_path / "out" / "type2_network_beside_pd.png").exists()
 
 
@@ -305,9 +305,9 @@ def test_a_custom_regulator_is_compared_with_the_built_in_controller(run_script)
     assert high - low < 0.1
     other, least, most = numbers(r"RMSE, indi: # cm \[#, #\]", text)
     assert 3.0 < least < other < most < 4.0
-    share, least, most = numbers(r"ratio of the errors: # \[#, #\]", text)
-    assert least <= share <= most
-    assert share == pytest.approx(custom / other, abs=0.02)
+    fraction, least, most = numbers(r"ratio of the errors: # \[#, #\]", text)
+    assert least <= fraction <= most
+    assert fraction == pytest.approx(custom / other, abs=0.02)
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def ports_of(system):
 def test_a_constructor_has_the_signature_of_its_declaration(example):
     """Otherwise help() and editors would show `*args, **kwargs`."""
     signature = inspect.signature(example.system)
-    given = {} if example.numbers is None else {"numbers": example.numbers}
+    given = {} if example.parameters is None else {"parameters": example.parameters}
     bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **given)
     bound.apply_defaults()
     assert ports_of(example.system(**bound.arguments)) == ports_of(example.make())
@@ -132,17 +132,17 @@ def test_values_are_equal_with_and_without_derivatives(documented, make):
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
     rng = np.random.default_rng(0)
     for i in range(system.num_input_ports()):
-        numbers = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
+        parameters = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
         for each, context in zip((system, converted), contexts, strict=True):
-            each.get_input_port(i).FixValue(context, numbers)
+            each.get_input_port(i).FixValue(context, parameters)
     for context in contexts:
         context.SetTime(1.2)
     if not isinstance(system, Diagram) and system.GetUniquePeriodicDiscreteUpdateAttribute():
         groups = range(contexts[0].num_discrete_state_groups())
         before = [rng.uniform(0.1, 0.9, contexts[0].get_discrete_state(group).size()) for group in groups]
         for context in contexts:
-            for group, numbers in zip(groups, before, strict=True):
-                context.SetDiscreteState(group, numbers)
+            for group, parameters in zip(groups, before, strict=True):
+                context.SetDiscreteState(group, parameters)
         after = [
             each.EvalUniquePeriodicDiscreteUpdate(context)
             for each, context in zip((system, converted), contexts, strict=True)
@@ -156,9 +156,9 @@ def test_values_are_equal_with_and_without_derivatives(documented, make):
         assert_equal_values(outputs[1], outputs[0])
 
 
-def assert_equal_values(with_derivatives, numbers):
+def assert_equal_values(with_derivatives, parameters):
     values = [getattr(value, "value", lambda value=value: value)() for value in with_derivatives]
-    np.testing.assert_allclose(values, numbers, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(values, parameters, rtol=1e-12, atol=1e-12)
 
 
 def overwrite(context):
@@ -179,12 +179,12 @@ def overwrite(context):
 @examples
 def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbers(example):
     """All parameters and states of all vehicles are overwritten before the reset, and compared after it."""
-    numbers = example.other_numbers
-    system, other = example.make(), example.make_with(numbers)
+    parameters = example.other_numbers
+    system, other = example.make(), example.make_with(parameters)
     context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
     overwrite(context)
     context.SetTime(3.0)
-    system.reset(context, numbers)
+    system.reset(context, parameters)
     for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
         np.testing.assert_array_equal(actual, desired)
     # The system itself does not change.
@@ -197,9 +197,9 @@ def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbe
 @examples
 def test_every_parameter_depends_on_the_numbers_of_an_example(example):
     """Otherwise the test of resets could miss a parameter that is not reset."""
-    both = example.numbers, example.other_numbers
-    contexts = [example.make_with(numbers).CreateDefaultContext() for numbers in both]
-    assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.numbers)
+    both = example.parameters, example.other_numbers
+    contexts = [example.make_with(parameters).CreateDefaultContext() for parameters in both]
+    assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.parameters)
     for i in range(contexts[0].num_numeric_parameter_groups()):
         first, second = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
         assert (first != second).all()
@@ -287,17 +287,19 @@ def loop_period(system, argument):
 def test_defaults_agree_with_the_scenario_language(example):
     """The constructor of a system has the same defaults as the scenario language."""
     system = example.system
-    parameters = inspect.signature(system.declare).parameters.values()
-    defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
+    declared = inspect.signature(system.declare).parameters.values()
+    defaults = {each.name: each.default for each in declared if each.default is not inspect.Parameter.empty}
     for name in ("period", "tick", "time_step"):
         if name in defaults:
             assert defaults[name] == loop_period(system, name), name
     for value in defaults.values():
         if hasattr(value, "_field_defaults") and value._field_defaults.keys() == {*value._fields}:
             assert value == type(value)()
-    required = {each.name for each in parameters} - {"self", *defaults}
-    numbers = example.numbers._replace(numbers=(5,)) if system is NoiseSource else example.numbers
-    assert system(**{name: {"numbers": numbers, **example.structure}[name] for name in required}).num_vehicles == 1
+    required = {each.name for each in declared} - {"self", *defaults}
+    parameters = example.parameters._replace(indices=(5,)) if system is NoiseSource else example.parameters
+    assert (
+        system(**{name: {"parameters": parameters, **example.structure}[name] for name in required}).num_vehicles == 1
+    )
 
 
 @examples

@@ -10,11 +10,11 @@ from drake_quad.command_line.running import run
 
 import pytest
 
-from drake_quad.errors import InputError, entry
-from drake_quad.framework.formulas import traced
+from drake_quad.errors import InputError, lookup
+from drake_quad.framework.formulas import trace_formula
 from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Listing
-from drake_quad.scenario.files.reading import opened
+from drake_quad.scenario.files.reading import open_source
 from drake_quad.signals import Row
 from drake_quad.user_code import located, user_frames, user_traceback
 
@@ -59,7 +59,7 @@ def error_of(function, *arguments):
 
 def test_an_error_that_this_package_raises_from_another_is_located_in_the_user_s_code(mine):
     row = layout_of(Row)
-    error = error_of(traced, mine.law, [Listing().row(0, 0)], [row])
+    error = error_of(trace_formula, mine.law, [Listing().row(0, 0)], [row])
     assert [(frame.name, frame.line) for frame in user_frames(error)] == [
         ("law", "return inner(x)"),
         ("inner", "return np.clip(x, 0.0, 1.0)"),
@@ -84,7 +84,7 @@ def test_wrong_input_in_the_user_s_code_is_located_without_a_type(mine):
 
 def test_a_program_that_calls_this_package_is_not_user_code(mine):
     """Only code that this package calls is; the program is above the first frame of this package."""
-    error = error_of(entry, {}, "a", "name")
+    error = error_of(lookup, {}, "a", "name")
     assert user_frames(error) == []
     assert user_traceback(error) == ""
     assert located(error) == "there is no name called 'a'; there are none"
@@ -93,7 +93,7 @@ def test_a_program_that_calls_this_package_is_not_user_code(mine):
 
 def test_the_body_of_a_with_statement_of_a_program_is_not_user_code():
     def body():
-        with opened(Path(__file__)):
+        with open_source(Path(__file__)):
             raise KeyError("a")
 
     assert located(error_of(body)) == "KeyError: 'a'"
@@ -122,7 +122,7 @@ def test_errors_that_refer_to_each_other_in_a_circle_have_no_user_frames():
 
 
 class Table(dict):
-    """Table whose look-up runs the user's code, called by `entry` of this package."""
+    """Table whose look-up runs the user's code, called by `lookup` of this package."""
 
     def __init__(self, function):
         super().__init__()
@@ -135,7 +135,7 @@ class Table(dict):
 def entry_of(function):
     """Let this package call a function."""
     try:
-        entry(Table(function), "name", "name")
+        lookup(Table(function), "name", "name")
     except Exception as error:
         # The look-up itself is a part of the program.
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.name == "__contains__"]

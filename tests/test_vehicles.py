@@ -28,7 +28,7 @@ def test_every_vehicle_is_simulated_here_or_compared_with_real_flights():
 
 # Largest accepted fraction of 200 samples that crash. The limit is wide for a Crazyflie without onboard attitude
 # control, whose rotors lag by 80 to 220 ms behind commands that a radio link delays by 20 to 60 ms.
-MAX_CRASH_SHARE = {
+MAX_CRASH_FRACTION = {
     "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
     "hummingbird": 0.005,
@@ -38,10 +38,10 @@ MAX_CRASH_SHARE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MAX_CRASH_SHARE)
+@pytest.mark.parametrize("name", MAX_CRASH_FRACTION)
 def test_a_vehicle_rarely_crashes_in_its_bad_day_scenario(name):
     metrics = run_monte_carlo(load_scenario(f"bad_day:{name}"), 200, num_workers=1).metrics
-    assert metrics.crashed.mean() <= MAX_CRASH_SHARE[name]
+    assert metrics.crashed.mean() <= MAX_CRASH_FRACTION[name]
 
 
 def test_every_vehicle_except_the_paper_s_has_a_bad_day_scenario():

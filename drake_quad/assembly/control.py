@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
@@ -17,7 +17,7 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
     """Return the properties of a scenario on which its control depends, given the plan that is flown."""
     laboratory = scenario.laboratory
     return ControlSetting(
-        believed=nominal_parameters(scenario),
+        nominal=nominal_parameters(scenario),
         plan=plan,
         tick=laboratory.command_link.period,
         frame=laboratory.motion_capture.period,
@@ -27,24 +27,24 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
     )
 
 
-def control_recipes(batch: Batch, plan: Plan, own: UserSystems = UserSystems()) -> dict[str, Recipe]:
+def control_recipes(batch: Batch, plan: Plan, user_systems: UserSystems = UserSystems()) -> dict[str, Recipe]:
     """Return the recipes for the systems of a control, by their paths in its diagram.
 
     Args:
         batch: batch that is flown.
         plan: plan that is flown.
-        own: user's systems, which replace systems of the control. Replaced systems have no recipes.
+        user_systems: user's systems, which replace systems of the control. Replaced systems have no recipes.
     """
-    if own.control is not None:
+    if user_systems.control is not None:
         return {}
     user_system_paths = batch.scenario.control.user_system_paths
-    replaced_paths = tuple([start for name in own.given for start in user_system_paths.get(name, ())])
+    replaced_paths = tuple([start for name in user_systems.specified for start in user_system_paths.get(name, ())])
     recipes: dict[str, Recipe] = batch.fleet_scenario.control.recipes(control_setting(batch.scenario, plan))
     return {path: recipe for path, recipe in recipes.items() if not path.startswith(replaced_paths)}
 
 
 def build_control(
-    scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, own: UserSystems = UserSystems()
+    scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, user_systems: UserSystems = UserSystems()
 ) -> Diagram:
     """Build the control of a scenario.
 
@@ -52,15 +52,15 @@ def build_control(
         scenario: scenario with the control.
         recipes: recipes for the systems of the control, from `control_recipes`.
         num_vehicles: number of vehicles N.
-        own: user's systems, which replace systems of the control.
+        user_systems: user's systems, which replace systems of the control.
 
     Raises:
         InputError: if the user gives a position controller, but the control is not a cascade.
     """
     control = scenario.control
-    if own.position_controller is not None and "position_controller" not in control.user_system_paths:
+    if user_systems.position_controller is not None and "position_controller" not in control.user_system_paths:
         raise InputError(
             f"control of {scenario.name} is of kind {control.kind}, which has no position_controller to replace; use a"
             " cascade"
         )
-    return control.build({path: recipe.build(num_vehicles) for path, recipe in recipes.items()}, own.given)
+    return control.build({path: recipe.build(num_vehicles) for path, recipe in recipes.items()}, user_systems.specified)

@@ -11,8 +11,8 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Surroundings, Window
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import window_end, window_start
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -27,7 +27,7 @@ from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
 # Largest ratio of the time step to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to
 # 2.78.
@@ -62,7 +62,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 
 
 def build_laboratory_of(
-    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, own_wind: Any = None
+    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, user_wind: Any = None
 ) -> Diagram:
     """Build a laboratory from recipes.
 
@@ -71,15 +71,15 @@ def build_laboratory_of(
         num_vehicles: number of vehicles N.
         samples: source of the random numbers: samples of a study, None for Drake's random sources, or `Exported` for
             input ports.
-        own_wind: user's source of wind, in addition to the sources in the recipes.
+        user_wind: user's source of wind, in addition to the sources in the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     sources, sensors = (
         {path.removeprefix(prefix): systems.pop(path) for path in recipes if path.startswith(prefix)}
         for prefix in (_WIND_PREFIX, _SENSORS_PREFIX)
     )
-    if own_wind is not None:
-        sources["own"] = own_wind
+    if user_wind is not None:
+        sources["own"] = user_wind
     return build_laboratory(**systems, wind=sources, sensors=sensors, samples=samples)
 
 
@@ -110,14 +110,14 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
 
 
 def _allocation(scenario: Scenario) -> Recipe:
-    believed, curve = nominal_parameters(scenario), scenario.nominal.motors.thrust_curve()
+    nominal, curve = nominal_parameters(scenario), scenario.nominal.motors.thrust_curve()
     structure = {
         "paired": scenario.nominal.layout.is_paired,
         "priority": scenario.laboratory.allocation.priority,
     }
     if curve is None:
-        return Recipe(Allocation, structure, RotorModel.of(believed))
-    return Recipe(ThrottleAllocation, structure, ThrottleModel.of(believed, curve))
+        return Recipe(Allocation, structure, RotorModel.of(nominal))
+    return Recipe(ThrottleAllocation, structure, ThrottleModel.of(nominal, curve))
 
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
@@ -127,7 +127,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         InputError: if the rotors of a drawn vehicle cannot produce every torque.
     """
     vehicle = scenario.vehicle
-    effects = fleet.vehicle.effect_numbers()
+    effects = fleet.vehicle.effect_parameters()
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
@@ -141,10 +141,10 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
             f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
         )
     x, y, z = map(float, plan.waypoints[0])
-    start = Place(x, y, z, plan.initial_yaw)
-    place, motion = scenario.initial.place(fleet.initial, start), scenario.initial.motion(fleet.initial)
-    numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects, motion)
-    return fleet.laboratory.autopilot.vehicle_recipe(structure, numbers)
+    start = HoverPose(x, y, z, plan.initial_yaw)
+    pose, motion = scenario.initial.place(fleet.initial, start), scenario.initial.motion(fleet.initial)
+    config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
+    return fleet.laboratory.autopilot.vehicle_recipe(structure, config)
 
 
 def jump_times(batch: Batch) -> tuple[float, ...]:
@@ -160,7 +160,7 @@ def jump_times(batch: Batch) -> tuple[float, ...]:
 
 
 def _faults(fleet: Any, duration: float) -> RotorFaults:
-    faults = RotorFaults() if fleet.rotor_failure is None else fleet.rotor_failure.numbers()
+    faults = RotorFaults() if fleet.rotor_failure is None else fleet.rotor_failure.parameters()
     return faults._replace(battery_sag=fleet.battery_sag / duration)
 
 
@@ -170,7 +170,7 @@ def _check_step(fleet: Any) -> None:
     airspeed = speed(steady_wind(sources)) + sum(source.max_speed() for source in sources)
     drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
     effects = vehicle.effects()
-    steepest = sum(effect.max_slope(vehicle, airspeed) for effect in effects.values())
+    steepest = sum(effect.max_damping(vehicle, airspeed) for effect in effects.values())
     rates = {
         "drag with a time constant of {time:.2g} s": (drag + steepest) / vehicle.mass,
         **{
@@ -196,8 +196,8 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
         fleet: link of a `Batch.fleet_scenario`.
         yaw: yaw of the initial hover, rad.
     """
-    link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
-    command, weight = scenario.laboratory.autopilot.command, believed.mass * believed.gravity
+    link, nominal = scenario.laboratory.command_link, nominal_parameters(scenario)
+    command, weight = scenario.laboratory.autopilot.command, nominal.mass * nominal.gravity
     hover: dict[str, Wrench | AttitudeTarget] = {
         "wrench": Wrench(weight, 0.0, 0.0, 0.0),
         "attitude_target": AttitudeTarget(weight, 0.0, 0.0, yaw, 0.0, 0.0, 0.0),
@@ -207,25 +207,25 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system."""
-    written, believed = scenario.laboratory.autopilot, nominal_parameters(scenario)
-    follows_attitude = not scenario.control.commands_rates_alone()
-    return fleet.recipes(believed, written=written, follows_attitude=follows_attitude)
+    settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
+    follows_attitude = not scenario.control.commands_rates_only()
+    return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     """Return the recipes for the wind of a scenario, by the names of the systems."""
     by_kind: dict[type[WindSource], list[Any]] = {}
-    for written, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
-        by_kind.setdefault(type(written), []).append(source)
+    for settings, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
+        by_kind.setdefault(type(settings), []).append(source)
     surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
     # The order is fixed, since it determines the rounding of the sum of all winds and the order in drawings.
-    for kind in sorted(by_kind, key=lambda kind: kind.depends_on_place):
+    for kind in sorted(by_kind, key=lambda kind: kind.depends_on_position):
         recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes
 
 
 def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     """Return the recipes for the sensors of a scenario, by the names of their ports."""
-    written, flown = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
-    return {name: sensor.recipe(flown[name], fleet.vehicle) for name, sensor in written.items()}
+    settings, drawn = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
+    return {name: sensor.recipe(drawn[name], fleet.vehicle) for name, sensor in settings.items()}

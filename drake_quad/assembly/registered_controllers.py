@@ -3,7 +3,7 @@
 In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode` of a position controller, or of
 a whole control if the system has the output port of a control. Scenarios use this kind like the kinds of this library,
 so that all commands and functions can fly it. If the system is a `FleetSystem` that declares a record of parameters
-with defaults, as in `def declare(self, *, numbers=Gains())`, these parameters are fields of the kind.
+with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
 
 A kind is known only after its module was imported. A scenario never imports a module.
 """
@@ -79,7 +79,7 @@ class RegisteredControl(_UserSystemSettings, Control):
         """Return the recipe for the system."""
         return {"system": _recipe(self)}
 
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return a diagram around the system, with its ports."""
         system, builder = systems["system"], DiagramBuilder()
         builder.AddNamedSystem("system", system)
@@ -116,13 +116,13 @@ def register_controller(system: Any) -> str:
     kind = system.__name__ if system.__module__ == "__main__" else f"{system.__module__}.{system.__name__}"
     if _registered(kind, system) is not None:
         return kind
-    place, command = _place_of(_built(system, 1))
-    settings: Any = RegisteredControl if place == "control" else RegisteredPositionController
+    role, command = _role_of(_built(system, 1))
+    settings: Any = RegisteredControl if role == "control" else RegisteredPositionController
     for num_vehicles in (1, 2) if _takes_number(system) else (1,):
-        own = UserSystems(**{place: _built(system, num_vehicles)})
-        check_user_systems(own, num_vehicles, command=command, sensors=SENSORS.members)
-    numbers = _default_numbers(system)
-    fields = {} if numbers is None else numbers._asdict()
+        user_systems = UserSystems(**{role: _built(system, num_vehicles)})
+        check_user_systems(user_systems, num_vehicles, command=command, sensors=SENSORS.members)
+    parameters = _default_parameters(system)
+    fields = {} if parameters is None else parameters._asdict()
     annotations: dict[str, Any] = {"kind": Literal[kind], "system": ClassVar[type], **dict.fromkeys(fields, Number)}
     model: Any = type(settings)(
         f"{system.__name__}Settings",
@@ -135,7 +135,7 @@ def register_controller(system: Any) -> str:
             **{name: Field(default=value, description="parameter of the controller") for name, value in fields.items()},
         },
     )
-    (CONTROLS if place == "control" else POSITION_CONTROLLERS).member(model)
+    (CONTROLS if role == "control" else POSITION_CONTROLLERS).member(model)
     return kind
 
 
@@ -153,7 +153,7 @@ def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, 
     }
 
 
-def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
+def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
     """Return an object of a class; if the constructor does not take a number of vehicles, it is for one vehicle.
 
     Raises:
@@ -165,7 +165,7 @@ def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
             f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
         )
     try:
-        return system(num_vehicles=num_vehicles, **numbers) if takes_number else system(**numbers)
+        return system(num_vehicles=num_vehicles, **parameters) if takes_number else system(**parameters)
     except TypeError as error:
         raise InputError(
             f"{system.__name__} cannot be built: {error}; the constructor of a controller must work without"
@@ -181,7 +181,7 @@ def _takes_number(system: type) -> bool:
         return False
 
 
-def _place_of(system: Any) -> tuple[str, str]:
+def _role_of(system: Any) -> tuple[str, str]:
     """Return the part of the loop that a system replaces, and its command over the link.
 
     Raises:
@@ -201,11 +201,11 @@ def _place_of(system: Any) -> tuple[str, str]:
     return "control", command
 
 
-def _default_numbers(system: Any) -> Any:
+def _default_parameters(system: Any) -> Any:
     """Return the default record of the parameters that a `FleetSystem` declares; None if they are not plain numbers."""
     if not hasattr(system, "declare"):
         return None
-    parameter = inspect.signature(system.declare).parameters.get("numbers")
+    parameter = inspect.signature(system.declare).parameters.get("parameters")
     default: Any = None if parameter is None else parameter.default
     flat = hasattr(default, "_fields") and all(isinstance(value, float | int) for value in default)
     return default if flat else None
@@ -213,10 +213,10 @@ def _default_numbers(system: Any) -> Any:
 
 def _recipe(settings: Any) -> Recipe:
     """Return the recipe for the system of a registered kind."""
-    numbers = _default_numbers(settings.system)
-    if numbers is not None:
-        numbers = type(numbers)(*(getattr(settings, name) for name in numbers._fields))
-    return Recipe(partial(_built, settings.system), {}, numbers)
+    parameters = _default_parameters(settings.system)
+    if parameters is not None:
+        parameters = type(parameters)(*(getattr(settings, name) for name in parameters._fields))
+    return Recipe(partial(_built, settings.system), {}, parameters)
 
 
 def _registered(kind: str, system: type) -> Any:

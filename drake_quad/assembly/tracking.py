@@ -17,7 +17,7 @@ from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, l
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.metrics import definitions_of
@@ -43,7 +43,7 @@ def build_fleet_diagram(
     batch: Batch,
     plan: Plan,
     *,
-    own: UserSystems = UserSystems(),
+    user_systems: UserSystems = UserSystems(),
     record: bool = False,
     drake_random: bool = False,
     injects: bool = False,
@@ -55,7 +55,7 @@ def build_fleet_diagram(
     Args:
         batch: batch that is flown.
         plan: plan that is flown.
-        own: user's systems for the same number of vehicles, which the diagram will own.
+        user_systems: user's systems for the same number of vehicles, which the diagram will own.
         record: True to add a recorder of all signals, sampled at every tick of the control.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
@@ -70,8 +70,10 @@ def build_fleet_diagram(
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
-    check_user_systems(own, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.named_sensors)
-    if scenario.control.lacks_policy() and not open_action and own.policy is None:
+    check_user_systems(
+        user_systems, num_vehicles, command=command, rows=rows, sensors=scenario.laboratory.named_sensors
+    )
+    if scenario.control.lacks_policy() and not open_action and user_systems.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing; give the file of a network")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))
@@ -79,12 +81,12 @@ def build_fleet_diagram(
     reference = builder.AddNamedSystem(
         "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.ahead())
     )
-    control = own.control
+    control = user_systems.control
     if control is None:
-        control = build_control(scenario, control_recipes(batch, plan, own), num_vehicles, own)
+        control = build_control(scenario, control_recipes(batch, plan, user_systems), num_vehicles, user_systems)
     builder.AddNamedSystem("control", control)
-    own_wind = _sampled(own.wind, scenario)
-    laboratory = build_laboratory_of(recipes, num_vehicles, samples, own_wind=own_wind)
+    user_wind = _sampled(user_systems.wind, scenario)
+    laboratory = build_laboratory_of(recipes, num_vehicles, samples, user_wind=user_wind)
     builder.AddNamedSystem("laboratory", laboratory)
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
@@ -146,12 +148,12 @@ def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str
         for signal in definitions[name].signals:
             if signal not in signals:
                 raise InputError(
-                    f"{path} needs the signal {signal}, but the signals of {scenario.name} are {listed([*signals])}"
+                    f"{path} needs the signal {signal}, but the signals of {scenario.name} are {join_names([*signals])}"
                 )
 
 
 def reset_fleet(
-    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
+    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems()
 ) -> None:
     """Reset a context to the default context that the diagram would have if it were built for another batch.
 
@@ -160,7 +162,7 @@ def reset_fleet(
         context: context of the diagram.
         batch: new batch.
         plan: plan that is flown.
-        own: user's systems in the diagram, which do not depend on the batch.
+        user_systems: user's systems in the diagram, which do not depend on the batch.
 
     Raises:
         InputError: if the time step of the vehicle is too long.
@@ -174,12 +176,12 @@ def reset_fleet(
         if isinstance(system, NoiseSource):
             system.reset(system.GetMyMutableContextFromRoot(context), _samples(batch))
     control = diagram.GetSubsystemByName("control")
-    for path, recipe in control_recipes(batch, plan, own).items():
+    for path, recipe in control_recipes(batch, plan, user_systems).items():
         recipe.reset(control, path, context)
 
 
-def set_fleet_numbers(
-    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
+def set_fleet_parameters(
+    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems()
 ) -> None:
     """Set the numeric parameters of the systems of a diagram for another batch; the states do not change.
 
@@ -188,18 +190,18 @@ def set_fleet_numbers(
         context: context of the diagram.
         batch: batch that determines the parameters.
         plan: plan that is flown.
-        own: user's systems in the diagram, whose parameters do not change.
+        user_systems: user's systems in the diagram, whose parameters do not change.
     """
     recipes = {
         "laboratory": laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan)),
-        "control": control_recipes(batch, plan, own),
+        "control": control_recipes(batch, plan, user_systems),
     }
     for name, own_recipes in recipes.items():
         part = diagram.GetSubsystemByName(name)
         for path, recipe in own_recipes.items():
             system = subsystem(part, path.split("."))
             if isinstance(system, FleetSystem):
-                system.set_numbers(system.GetMyMutableContextFromRoot(context), recipe.numbers)
+                system.set_parameters(system.GetMyMutableContextFromRoot(context), recipe.parameters)
 
 
 def _samples(batch: Batch) -> Samples:

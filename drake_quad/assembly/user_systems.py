@@ -32,7 +32,7 @@ class UserSystems(NamedTuple):
     policy: Any = None
 
     @property
-    def given(self) -> dict[str, Any]:
+    def specified(self) -> dict[str, Any]:
         """Systems that the user gives, by attribute name."""
         return {name: system for name, system in self._asdict().items() if system is not None}
 
@@ -44,7 +44,7 @@ class UserSystems(NamedTuple):
                 return a Drake system.
         """
         systems = {}
-        for name, make in self.given.items():
+        for name, make in self.specified.items():
             takes_a_number = _takes_a_number(make)
             system = make(num_vehicles) if takes_a_number else None
             if not _is_system(system):  # None is rejected here, since it would select the scenario's own system
@@ -114,7 +114,7 @@ def check_user_systems(
         raise InputError(
             "a policy requires a scenario with control of kind policy, and must not be given together with a control"
         )
-    for name, system in systems.given.items():
+    for name, system in systems.specified.items():
         ports = PORTS[name]
         if name == "control":
             ports = ports._replace(inputs=(*ports.inputs, *sensors), output=command)

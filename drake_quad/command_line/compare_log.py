@@ -20,21 +20,21 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
-from drake_quad.errors import listed
+from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
-from drake_quad.identification.flown_again.comparison import (
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_file import nominal_estimates
+from drake_quad.identification.validation.comparison import (
     AXES,
     DEFAULT_REST,
     LogComparison,
     compare_with_log,
-    side_by_side,
+    flights_to_compare,
 )
-from drake_quad.identification.flown_again.prediction import predict
-from drake_quad.identification.logs.reading import read_log
-from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.results.vehicle_file import believed_estimates
+from drake_quad.identification.validation.prediction import predict
 from drake_quad.reports.results import write_rows
-from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import Override, has_control, load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in
@@ -110,15 +110,15 @@ def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
     vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     if distributions_in(vehicle):
         remark("the predictions use the medians of the vehicle's random parameters")
-    believed = believed_estimates(vehicle)
-    if believed and record.rotor_speed_command is None and record.motor_command is None:
+    nominal = nominal_estimates(vehicle)
+    if nominal and record.rotor_speed_command is None and record.motor_command is None:
         remark(
             f"the logged thrust and torque are converted to rotor commands with `nominal` of {vehicle.name}, which has"
-            f" identified values ({listed(believed)}); the prediction is wrong unless the firmware assumed these values"
-            " in the flight; the file that identify writes without --nominal has the values of the firmware"
+            f" identified values ({join_names(nominal)}); the prediction is wrong unless the firmware assumed these"
+            " values in the flight; the file that identify writes without --nominal has the values of the firmware"
         )
     print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
-    print_predictions(predict(record, {vehicle.name: middle_of(vehicle)}))
+    print_predictions(predict(record, {vehicle.name: median_scenario(vehicle)}))
 
 
 def print_comparison(comparison: LogComparison) -> None:
@@ -136,14 +136,14 @@ def print_comparison(comparison: LogComparison) -> None:
 
 def verdict(comparison: LogComparison) -> str:
     """Return a sentence that compares the measured and the predicted RMSE of the position."""
-    flown = comparison.flown_figures.rmse[-1]
+    logged_rmse = comparison.logged_statistics.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
-        return f"The measured RMSE is {100.0 * flown:.2f} cm. All simulated flights have an RMSE of {predicted}."
+        return f"The measured RMSE is {100.0 * logged_rmse:.2f} cm. All simulated flights have an RMSE of {predicted}."
     where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
     return (
-        f"The measured RMSE, {100.0 * flown:.2f} cm, is {where} the 95 % interval of {flights:,} simulated flights,"
-        f" whose median is {predicted}."
+        f"The measured RMSE, {100.0 * logged_rmse:.2f} cm, is {where} the 95 % interval of {flights:,} simulated"
+        f" flights, whose median is {predicted}."
     )
 
 
@@ -157,14 +157,14 @@ def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse
     rows = []
     for statistic in _STATISTICS:
         median, low, high = comparison.interval(statistic)
-        values = {"flown": getattr(comparison.flown_figures, statistic), "median": median, "low": low, "high": high}
+        values = {"flown": getattr(comparison.logged_statistics, statistic), "median": median, "low": low, "high": high}
         for i, axis in enumerate(AXES):
             metres = {f"{name} (m)": f"{end[i]:.6g}" for name, end in values.items()}
             rows.append({"error": statistic, "axis": axis, **metres})
     return [
         write_rows(folder / "errors.csv", rows),
         *save_figures({"comparison": plot_log_comparison(comparison)}, folder, vector=arguments.vector),
-        save_replay(side_by_side(comparison), folder / "replay.html"),
+        save_replay(flights_to_compare(comparison), folder / "replay.html"),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(comparison.scenario, path)),
     ]
 
@@ -172,10 +172,10 @@ def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse
 def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for statistic, name in _STATISTICS.items():
-        flown, within = getattr(comparison.flown_figures, statistic), comparison.within(statistic)
+        logged, within = getattr(comparison.logged_statistics, statistic), comparison.within(statistic)
         for i, axis in enumerate(AXES):
             position = ("yes" if within[i] else "no") if comparison.varies else "–"
-            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _predicted(comparison, statistic, i), position))
+            rows.append((name, axis, f"{100.0 * logged[i]:.2f}", _predicted(comparison, statistic, i), position))
     return rows
 
 

@@ -37,15 +37,15 @@ from drake_quad.design.cascade import (
     with_integrals,
 )
 from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
-from drake_quad.errors import listed
+from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.modes import modes
-from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import load_undesigned, model_of
 from drake_quad.scenario.files.saving import save_scenario
-from drake_quad.scenario.hovering import as_believed
+from drake_quad.scenario.hovering import nominal_hover
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
@@ -56,7 +56,7 @@ _MAX_MODE_FREQUENCY = 60.0
 # Order in which the loops of the ground station are printed.
 _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID use by default.
-_DEFAULT_INTEGRAL_SHARE = 0.15
+_DEFAULT_INTEGRAL_FRACTION = 0.15
 _MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
 _RANGES = {
     "phase-margin": (0.0, 180.0),
@@ -122,17 +122,17 @@ def main(arguments: argparse.Namespace) -> None:
     # The integral gains of a PID are designed even without the option `--integral`.
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
-        integral = _DEFAULT_INTEGRAL_SHARE
+        integral = _DEFAULT_INTEGRAL_FRACTION
     has_distributions = bool(distributions_in(scenario))
     if has_distributions:
         remark("the gains are designed for the median of each distribution")
-    design = design_cascade(middle_of(scenario), loop_options, on_board=arguments.on_board, integral=integral)
+    design = design_cascade(median_scenario(scenario), loop_options, on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
     for sentence in design_remarks(design, designed):
         remark(sentence)
-    loop = closed_loop(as_believed(middle_of(designed)))
+    loop = closed_loop(nominal_hover(median_scenario(designed)))
     folder = output_folder(folder_of(arguments, scenario))
     files = [
         write_atomically(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
@@ -154,13 +154,13 @@ def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
     limited = [axis for axis in _AXIS_ORDER if axis in design.loops and SLOWER_POLE in design.loops[axis].limits]
     if limited and designed.laboratory.autopilot.controls_attitude:
         remarks.append(
-            f"a slow pole of the loops on board limits {listed(limited)}, and not a margin, as an integral on board can"
-            " cause; --method lqr has no such limit and may give a faster loop"
+            f"a slow pole of the loops on board limits {join_names(limited)}, and not a margin, as an integral on board"
+            " can cause; --method lqr has no such limit and may give a faster loop"
         )
     autopilot: Any = designed.laboratory.autopilot
     terms = (autopilot.attitude_terms, autopilot.rate_terms) if design.on_board else ()
     integrates = designed.cascade.position.has_integral or any(each is not None and each.k_i for each in terms)
-    offset = hover_offset(middle_of(designed)) if design.on_board and not integrates else 0.0
+    offset = hover_offset(median_scenario(designed)) if design.on_board and not integrates else 0.0
     if offset > _MIN_REMARKED_OFFSET:
         remarks.append(
             f"the vehicle will hover {100.0 * offset:.0f} cm beside its reference, because its centre of mass is not in"
@@ -217,7 +217,7 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         type=float,
         metavar="SHARE",
         help="design a PID for the position, whose integral gains use this fraction of the phase margin (default:"
-        f" {_DEFAULT_INTEGRAL_SHARE:g} if the scenario has a PID, otherwise no integral)",
+        f" {_DEFAULT_INTEGRAL_FRACTION:g} if the scenario has a PID, otherwise no integral)",
     )
     options.add_argument(
         "--loop",

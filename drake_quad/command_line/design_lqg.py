@@ -23,7 +23,7 @@ from drake_quad.command_line.output import flying_command, print_columns, print_
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
-from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
@@ -70,7 +70,7 @@ def main(arguments: argparse.Namespace) -> None:
     ]
     print_plants(design)
     print()
-    print_margins(link_margins(middle_of(designed)))
+    print_margins(link_margins(median_scenario(designed)))
     print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
     print(f"  {flying_command('study', designed, files[1], '--samples 32')}")
     print_files(files)

@@ -17,29 +17,29 @@ from drake_quad import InputError, Scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.options import add_vector, bare_parser, overrides_of
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
-from drake_quad.errors import shown
+from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
-from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
-from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
+from drake_quad.identification.hover import delay_by_correlation, hover_means, white_noise
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_file import write_vehicle
-from drake_quad.identification.windows import airborne
+from drake_quad.identification.validation.prediction import Predictions, concatenate_predictions, predict
+from drake_quad.identification.windows import airborne_mask
+from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
-from drake_quad.written_numbers import parse_float
 
 # Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
 _MAX_WIND = 100.0  # m/s, the limit of scenarios
-_HELD_OUT_SHARE = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
+_HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
 
 def options() -> argparse.ArgumentParser:
@@ -91,7 +91,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_logs(records)
     print_hover(records, float(base.vehicle.mass * base.vehicle.gravity))
     print(f"the initial vehicle is {vehicle}")
-    identification = identify(records, base, held_out_share=_HELD_OUT_SHARE)
+    identification = identify(records, base, held_out_fraction=_HELD_OUT_FRACTION)
     print_estimates(identification)
     print_flights(identification)
     print_score(identification)
@@ -102,7 +102,7 @@ def main(arguments: argparse.Namespace) -> None:
         remark(sentence)
     assignments = [override.assignment for override in overrides]
     motors = identification.vehicle.vehicle.motors
-    file_options = {"base": vehicle, "nominal": arguments.nominal, "given": assignments}
+    file_options = {"base": vehicle, "nominal": arguments.nominal, "overrides": assignments}
     write_vehicle(path, name, identification.estimates, **file_options, voltage=getattr(motors, "voltage", None))
     figures = {
         "fit": plots.plot_fit(identification),
@@ -140,7 +140,9 @@ def name_of(arguments: argparse.Namespace) -> str:
     """Return the name of the vehicle."""
     if arguments.name is not None:
         if not re.fullmatch(NAME, arguments.name):
-            raise InputError(f"--name {shown(arguments.name)}: a name consists of letters, digits, '_', '.' and '-'")
+            raise InputError(
+                f"--name {short_repr(arguments.name)}: a name consists of letters, digits, '_', '.' and '-'"
+            )
         return str(arguments.name)
     source = arguments.output or arguments.log[0]
     return re.sub(r"[^\w.-]", "_", source.name.partition(".")[0]) or "identified"
@@ -163,7 +165,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):
             raise InputError(
-                f"--wind {shown(text)}: must be three numbers between -{_MAX_WIND:g} and {_MAX_WIND:g} m/s, as in"
+                f"--wind {short_repr(text)}: must be three numbers between -{_MAX_WIND:g} and {_MAX_WIND:g} m/s, as in"
                 " -8.5,0,0"
             )
         if record.wind is not None:
@@ -194,7 +196,7 @@ def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
     onboard = {"attitude", "attitude_command"} <= signals and not signals & {"motor_command", "rotor_speed_command"}
     example, commands = _AUTOPILOT_EXAMPLE if onboard else _ROTORS_EXAMPLE
     raise InputError(
-        f"the log {shown(records[0].name)} does not name its vehicle; give an initial vehicle by --vehicle,"
+        f"the log {short_repr(records[0].name)} does not name its vehicle; give an initial vehicle by --vehicle,"
         f" such as {example}, {commands}, and its measured mass by --mass"
     )
 
@@ -218,7 +220,7 @@ def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
 def throttles(records: list[FlightRecord]) -> np.ndarray | None:
     """Return the throttles that were commanded in flight in all logs, (n,); None if the logs contain none."""
     commands = [
-        command[airborne(record)].ravel()
+        command[airborne_mask(record)].ravel()
         for record in records
         for command in (record.motor_command, record.thrust_share)
         if command is not None
@@ -229,7 +231,9 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
 def predict_held_out(records: list[FlightRecord], identification: Identification, base: Scenario) -> Predictions:
     """Predict the held-out ends of the flights by the vehicle from the training set, and by the initial vehicle."""
     vehicles = {"identified": identification.training_vehicle or identification.vehicle, base.name: base}
-    return joined([predict(record, vehicles, believed=base, share=_HELD_OUT_SHARE) for record in records])
+    return concatenate_predictions(
+        [predict(record, vehicles, nominal=base, final_fraction=_HELD_OUT_FRACTION) for record in records]
+    )
 
 
 def print_logs(records: list[FlightRecord]) -> None:
@@ -257,10 +261,10 @@ def print_estimates(identification: Identification) -> None:
         if name in estimates.not_identified:
             continue
         explained = estimates.explained.get(name)
-        share = (
+        fraction = (
             ""
-            if explained is None or explained.share < 5e-4
-            else f"{100.0 * explained.share:.1f} % of {explained.output}"
+            if explained is None or explained.fraction < 5e-4
+            else f"{100.0 * explained.fraction:.1f} % of {explained.output}"
         )
         new_flight_text = spread_text(new_flight_half_width) if varies else "–"
         rows.append(
@@ -270,7 +274,7 @@ def print_estimates(identification: Identification) -> None:
                 "" if unit == "1" else unit,
                 new_flight_text,
                 coverage_text(identification, name),
-                share,
+                fraction,
             )
         )
     print(
@@ -279,7 +283,7 @@ def print_estimates(identification: Identification) -> None:
     )
     print_columns(("parameter", "value", "unit", "new flight", "within", "explained variance"), rows)
     if identification.delay is not None:
-        delay = plus_minus(1e3 * identification.delay.value, 1e3 * identification.delay.reach)
+        delay = plus_minus(1e3 * identification.delay.value, 1e3 * identification.delay.half_width)
         print(f"delay from a command to the measurement of its effect: {delay} ms")
     for name, why in estimates.not_identified.items():
         print(f"not identified: {name}: {why}")
@@ -298,16 +302,18 @@ def coverage_text(identification: Identification, name: str) -> str:
     if name not in identification.held_out:
         return ""
     errors = identification.held_out[name]
-    return f"{errors.covered} of {len(errors.errors)}"
+    return f"{errors.num_covered} of {len(errors.errors)}"
 
 
 def print_flights(identification: Identification) -> None:
     """Print the deviations of each flight: its thrust relative to the mean, and its additional mean forces."""
     rows = []
     for flight in identification.flights:
-        thrust = "–" if flight.thrust is None else plus_minus(100.0 * flight.thrust.value, 100.0 * flight.thrust.reach)
+        thrust = (
+            "–" if flight.thrust is None else plus_minus(100.0 * flight.thrust.value, 100.0 * flight.thrust.half_width)
+        )
         forces = (flight.forces.get(f"{kind}_force.{axis}") for kind in ("trim", "wind") for axis in "xy")
-        rows.append((flight.name, thrust, *("–" if f is None else plus_minus(f.value, f.reach) for f in forces)))
+        rows.append((flight.name, thrust, *("–" if f is None else plus_minus(f.value, f.half_width) for f in forces)))
     if any(set(row[1:]) != {"–"} for row in rows):
         print("deviations of each flight: thrust relative to the mean over all flights, and additional mean forces")
         print_columns(("flight", "thrust, %", "trim x, N", "trim y, N", "wind x, N", "wind y, N"), rows)
@@ -340,19 +346,21 @@ def print_hover(records: list[FlightRecord], weight: float) -> None:
     for record in records:
         for noise in white_noise(record):
             sizes = (f"{np.sqrt(np.mean(each**2)):.2g}" for each in (noise.at_rest, noise.in_flight))
-            rest, flown = ("–" if size == "nan" else size for size in sizes)
-            rows.append((f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, flown, noise.unit))
+            rest, in_flight = ("–" if size == "nan" else size for size in sizes)
+            rows.append(
+                (f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, in_flight, noise.unit)
+            )
     print_columns(("", "at rest", "in flight", ""), rows)
     for record in records:
-        for name, spread in trim(record, weight).items():
-            print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
+        for name, spread in hover_means(record, weight).items():
+            print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.half_width)} {spread.unit}")
         delay = delay_by_correlation(record)
         if delay is not None:
             print(f"{record.name}: delay of the attitude behind its command, by correlation: {1e3 * delay:.0f} ms")
 
 
-def variance_text(share: float) -> str:
+def variance_text(fraction: float) -> str:
     """Return the explained fraction of the variance as text."""
-    if not math.isfinite(share):
+    if not math.isfinite(fraction):
         return "–"
-    return f"{100.0 * share:.1f} %" if share > 0.0 else "none"
+    return f"{100.0 * fraction:.1f} %" if fraction > 0.0 else "none"

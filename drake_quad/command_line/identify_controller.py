@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> None:
 def print_law(law: PositionLaw) -> None:
     """Print the estimates of a position law, and the parameters that the logs do not identify."""
     rows = [
-        (" and ".join(axis.axes), name.replace("_", " "), plus_minus(spread.value, spread.reach), unit)
+        (" and ".join(axis.axes), name.replace("_", " "), plus_minus(spread.value, spread.half_width), unit)
         for axis in law.axes
         for name, spread in axis.gains.items()
         for unit in ["" if spread.unit == "1" else spread.unit]
@@ -110,7 +110,7 @@ def write_controller(layer: dict[str, Any], law: PositionLaw, path: Path, comman
     yaml.width = 110
     delays = [
         f"# {' and '.join(axis.axes)}: delay from the measurement to the command"
-        f" {plus_minus(1e3 * axis.gains['delay'].value, 1e3 * axis.gains['delay'].reach)} ms\n"
+        f" {plus_minus(1e3 * axis.gains['delay'].value, 1e3 * axis.gains['delay'].half_width)} ms\n"
         for axis in law.axes
         if "delay" in axis.gains
     ]

@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> None:
     sizes = QUICK if arguments.quick else EvaluationSizes(samples=arguments.samples)
     families = arguments.family or [*FAMILIES]
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
-    own_entries = own_controllers(arguments.controller)
+    user_entries = user_controllers(arguments.controller)
     start_time = time.monotonic()
     for name in families:
         missing = missing_designs(shipped_folder(), name)
@@ -88,7 +88,13 @@ def main(arguments: argparse.Namespace) -> None:
             remark(f"the family {name} has no design of {', '.join(missing)}, so these controllers are left out")
     with progress_bar("flying") as progress:
         evaluation = fly_evaluation(
-            shipped_folder(), families, sizes, folder, only=arguments.only, own=own_entries, progress=progress
+            shipped_folder(),
+            families,
+            sizes,
+            folder,
+            only=arguments.only,
+            user_controllers=user_entries,
+            progress=progress,
         )
     files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, evaluation)]
     print_errors(evaluation)
@@ -96,7 +102,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
 
 
-def own_controllers(specs: list[str]) -> list[UserController]:
+def user_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers that `--controller` names.
 
     If a designed controller has the same short name, the full name of the user's controller is used.

@@ -119,13 +119,13 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
     """Return the map of the gains for one scenario, from its linear model and from simulated flights."""
     linear = linear_map(scenario, loop, k_p, k_d)
-    flown = simulated_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
-    return MapPanel(title, linear, flown)
+    simulated = simulated_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
+    return MapPanel(title, linear, simulated)
 
 
 def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
     """Print the fraction of stable gains, the fraction of gains without a crash, and the best pair of gains."""
-    rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
+    rmse = np.where(panel.simulated.crashed | ~panel.linear.stable, np.inf, panel.simulated.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     best = "all flights with stable gains crashed"
     if np.isfinite(rmse[row, column]):
@@ -136,7 +136,7 @@ def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.nd
         )
     print(
         f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
-        f" {100.0 * (~panel.flown.crashed).mean():.0f} % do not crash; {best}"
+        f" {100.0 * (~panel.simulated.crashed).mean():.0f} % do not crash; {best}"
     )
 
 
@@ -144,13 +144,13 @@ def write_map(path: Path, panels: list[MapPanel], gains: MappedGains, k_p: np.nd
     """Write a CSV file with a row for each pair of gains, and return its path."""
     rows, columns = np.meshgrid(k_p, k_d, indexing="ij")
     table = dict(zip(gains.labels, (rows.ravel(), columns.ravel()), strict=True))
-    for title, linear, flown in panels:
+    for title, linear, simulated in panels:
         table |= {
             f"{title}: stable": linear.stable.ravel().astype(int),
             f"{title}: damping": linear.damping.ravel(),
             f"{title}: delay margin (s)": linear.delay.ravel(),
-            f"{title}: RMSE (m)": np.ravel(flown.rmse),
-            f"{title}: crash time (s)": np.ravel(flown.crash_time),
+            f"{title}: RMSE (m)": np.ravel(simulated.rmse),
+            f"{title}: crash time (s)": np.ravel(simulated.crash_time),
         }
     return write_table(path, table, digits=6)
 

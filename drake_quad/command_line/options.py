@@ -14,15 +14,15 @@ from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.output import remark
 from drake_quad.command_line.parser import Parser
-from drake_quad.errors import did_you_mean, listed
+from drake_quad.errors import did_you_mean, join_names
 from drake_quad.extras import import_extra
 from drake_quad.flight.remarks import replaced_distributions
 from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.number_parsing import parse_float, parse_int
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME, Mission
 from drake_quad.user_code import located
 from drake_quad.visualization.style import Vector
-from drake_quad.written_numbers import parse_float, parse_int
 
 
 def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
@@ -92,8 +92,8 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
 class _Import(argparse.Action):
     """Action that imports a Python file while the options are parsed, before any scenario is loaded."""
 
-    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
-        path = Path(given[0])
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *values: Any) -> None:
+        path = Path(values[0])
         namespace.imports = [*namespace.imports, path]
         try:
             import_file(path)
@@ -196,7 +196,7 @@ def check_metric(scenario: Scenario, name: str, allowed: Sequence[str] | None = 
     """Raise InputError if a name from `--metric` is not the name of an allowed metric; by default all are allowed."""
     names = [*definitions_of(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
-        known = did_you_mean(name, names, 1) or f"choose one of {listed(names)}"
+        known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
         raise InputError(f"--metric {name}: is not a metric of {scenario.name}; {known}")
 
 

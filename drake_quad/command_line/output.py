@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from drake_quad import Scenario
-    from drake_quad.identification.flown_again.prediction import Predictions
+    from drake_quad.identification.validation.prediction import Predictions
 
 # Display factor and unit of each predicted quantity.
 _DISPLAY_UNITS = {

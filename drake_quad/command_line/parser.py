@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
-from drake_quad.errors import InputError, did_you_mean, entry, shortened, shown
+from drake_quad.errors import InputError, did_you_mean, lookup, short_repr, shorten_text
 
 
 class Parser(argparse.ArgumentParser):
@@ -45,9 +45,9 @@ class Parser(argparse.ArgumentParser):
         for argument in sorted(unknown, key=lambda each: not each.startswith("-")):
             name, advice = argument.partition("=")[0], f"`{self.prog} --help` describes all arguments"
             if not name.startswith("-"):
-                self.error(f"{self.prog} does not take the argument {shown(argument)}; {advice}")
+                self.error(f"{self.prog} does not take the argument {short_repr(argument)}; {advice}")
             question = did_you_mean(name, self._option_string_actions, 1)
-            self.error(f"{self.prog} has no option {shortened(name)}; {question or advice}")
+            self.error(f"{self.prog} has no option {shorten_text(name)}; {question or advice}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Exit with a sentence that contains the nearest choice if an argument is none of its choices."""
@@ -55,6 +55,6 @@ class Parser(argparse.ArgumentParser):
             return
         kind = f"value of {action.option_strings[-1]}" if action.option_strings else action.dest
         try:
-            entry({str(choice): choice for choice in action.choices}, str(value), kind)
+            lookup({str(choice): choice for choice in action.choices}, str(value), kind)
         except InputError as error:
             self.error(str(error))

@@ -9,8 +9,8 @@ from drake_quad.command_line.options import add_vector, folder_of, overrides_of,
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
 from drake_quad.flight.mission import planned
-from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.active_constraints import ActiveConstraint, active_constraints
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
@@ -62,7 +62,7 @@ def main(arguments: argparse.Namespace) -> None:
         rows.append(
             ("smallest distance", f"{approach.distance:.3f}", f"m from {approach.obstacle}, at {approach.time:.2f} s")
         )
-        rows.append(("clearance", f"{space.clearance:.3f}", f"m: {space.clearance_in_words}"))
+        rows.append(("clearance", f"{space.clearance:.3f}", f"m: {space.clearance_text}"))
     print_table(rows)
     print(
         "active limits:", binding_summary(active_constraints(plan.path, limits, problem.corridors if problem else ()))
@@ -107,7 +107,7 @@ def binding_summary(constraints: list[ActiveConstraint]) -> str:
     """Return the active constraints of a path as text, each with the segments on which it is active."""
     segments_by_constraint: dict[str, set[int]] = {}
     for constraint in constraints:
-        segments_by_constraint.setdefault(f"{constraint.what} {constraint.where}".strip(), set()).add(
+        segments_by_constraint.setdefault(f"{constraint.quantity} {constraint.location}".strip(), set()).add(
             constraint.segment
         )
     parts = [

@@ -10,7 +10,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.replication.experiment import QUICK, ExperimentSizes, fly_experiment
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.report import CAPTIONS, findings_of, write_report
 from drake_quad.replication.results import read_experiment
 from drake_quad.replication.table_ii import TableEntry, number_or_dash, percent_or_dash

@@ -22,7 +22,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
-from drake_quad.errors import did_you_mean, listed
+from drake_quad.errors import did_you_mean, join_names
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_pool
@@ -106,7 +106,7 @@ def main(arguments: argparse.Namespace) -> None:
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()
-    with open_executor(arguments) as crew:
+    with open_executor(arguments) as pool:
         for name, scenario in scenarios.items():
             with progress_bar(name, unit=" flights", mininterval=0.2) as progress:
                 studies[name] = run_monte_carlo(
@@ -116,7 +116,7 @@ def main(arguments: argparse.Namespace) -> None:
                     resume=arguments.resume,
                     num_workers=arguments.workers,
                     batch_size=arguments.batch,
-                    executor=crew,
+                    executor=pool,
                     compiled=not arguments.wired,
                     until=arguments.until,
                     progress=progress,
@@ -156,7 +156,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
         check_metric(scenario, arguments.metric)
         random_fields = [*distributions_in(scenario)]
         if arguments.over is not None and arguments.over not in random_fields:
-            names = f"its random parameters are: {listed(random_fields) or 'none'}"
+            names = f"its random parameters are: {join_names(random_fields) or 'none'}"
             raise InputError(
                 f"--over {arguments.over}: is not a random parameter of {name};"
                 f" {did_you_mean(arguments.over, random_fields, 1) or names}"
@@ -173,8 +173,8 @@ def open_executor(arguments: argparse.Namespace) -> Iterator[WorkerPool]:
     elif arguments.time_limit is not None:
         raise InputError("--time-limit works for processes on this machine only; leave it out with --cluster")
     else:
-        with dask_pool(arguments.cluster, arguments.workers) as crew:
-            yield crew
+        with dask_pool(arguments.cluster, arguments.workers) as pool:
+            yield pool
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
@@ -260,9 +260,9 @@ def print_summary(summary: Summary) -> None:
 
 def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
     """Print the simulation speed of the studies, including the start of the workers."""
-    flown = sum(study.flown_time for study in studies.values())
-    if flown > 0.0:
-        print(f"simulation speed: {flown / seconds:,.0f} vehicle-seconds per second")
+    simulated_time = sum(study.simulated_time for study in studies.values())
+    if simulated_time > 0.0:
+        print(f"simulation speed: {simulated_time / seconds:,.0f} vehicle-seconds per second")
     else:
         print("all samples had already been flown")
 

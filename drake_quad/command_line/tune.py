@@ -72,12 +72,12 @@ def main(arguments: argparse.Namespace) -> None:
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(folder_of(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
-    result = tune([scenario], knobs, limit.shares_met, budget=budget)
-    tuned = with_numbers(scenario, knobs, result.numbers)
+    result = tune([scenario], knobs, limit.limit_fractions, budget=budget)
+    tuned = with_numbers(scenario, knobs, result.values)
     file = write_atomically(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
         (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
-        for knob, number in zip(knobs, result.numbers, strict=True)
+        for knob, number in zip(knobs, result.values, strict=True)
     ]
     test_samples = range(budget.samples, budget.samples + _NUM_TEST_SAMPLES)
     rows.append(
@@ -90,8 +90,10 @@ def main(arguments: argparse.Namespace) -> None:
     print_columns(("", "before", "tuned"), rows)
     print()
     print_margins(link_margins(tuned))
-    if result.share < 1.0:
-        print(f"\nno candidate keeps the limits; the best candidate meets {100.0 * result.share:.0f} % of them")
+    if result.limit_fraction < 1.0:
+        print(
+            f"\nno candidate keeps the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"
+        )
     print_files([file])
 
 

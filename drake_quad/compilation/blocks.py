@@ -27,7 +27,7 @@ from drake_quad.compilation.trace import BlockView, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import REQUIRED, Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, hashable_key, traced
+from drake_quad.framework.formulas import TIME, TickOf, hashable_key, trace_formula
 from drake_quad.framework.records import ABSENT
 
 
@@ -191,7 +191,7 @@ def _results(computation: Computation, view: BlockView) -> list[Rows]:
                 values.append(view.argument(read))
             case _:
                 values.append(view.argument(read) if read is TIME else read)
-    returned = iter(traced(computation.formula, values, computation.results))
+    returned = iter(trace_formula(computation.formula, values, computation.results))
     present = [layout for layout in computation.results if layout is not ABSENT]
     return [[next(returned) for _ in range(layout.num_rows)] for layout in present]
 

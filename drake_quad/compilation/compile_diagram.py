@@ -7,8 +7,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.compilation.blocks import block_of, has_vectors, reason_not_compilable
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
+from drake_quad.compilation.placeholder import SystemPlaceholder, has_state
 from drake_quad.compilation.program import Program
-from drake_quad.compilation.stand_in import StandIn, has_state
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import INTERPRETED
@@ -51,7 +51,7 @@ def compile_diagram(
         )
     program = Program(diagram)
     for path, system in program.uncompiled.items():
-        if not isinstance(system, StandIn):
+        if not isinstance(system, SystemPlaceholder):
             _check_uncompiled(path, system)
     core = CompiledSystem(program, ticks=ticks, tick=tick, record=record)
     builder = DiagramBuilder()
@@ -59,7 +59,7 @@ def compile_diagram(
     uncompiled = {}
     for path, system in program.uncompiled.items():
         uncompiled[path] = builder.AddNamedSystem(
-            path, system.system if isinstance(system, StandIn) else StandIn(system)
+            path, system.system if isinstance(system, SystemPlaceholder) else SystemPlaceholder(system)
         )
     for source in program.row_ranges.inputs:
         if isinstance(source, Port):
@@ -89,12 +89,12 @@ def compiled_part(diagram: Diagram) -> CompiledSystem:
 
 
 def as_compilable(system: Any) -> Any:
-    """Return the system if it can be compiled, else a `StandIn` for use in a diagram that will be compiled.
+    """Return the system if it can be compiled, else a `SystemPlaceholder` for use in a diagram that will be compiled.
 
     In the compiled diagram, the stand-in is replaced with the system.
     """
     leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
-    return system if all(map(block_of, leaves)) else StandIn(system)
+    return system if all(map(block_of, leaves)) else SystemPlaceholder(system)
 
 
 def _connect_uncompiled(

@@ -12,7 +12,7 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import ExportedPort, Port
 from drake_quad.compilation.trace import ROUNDING
-from drake_quad.errors import InputError, entry, not_connected
+from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Largest number of cached tables of shared numbers. Further tables are computed again in each flight.
@@ -110,7 +110,7 @@ class CompiledSystem(LeafSystem):
             path: path of the FleetSystem in the diagram, with dots between names.
             name: name of the group.
         """
-        group = entry(self._system(path).states, name, "group of the state")
+        group = lookup(self._system(path).states, name, "group of the state")
         rows = self._rows(
             context.get_discrete_state(self._state).value(), self.program.row_ranges.states[path, int(group.index)]
         )
@@ -118,7 +118,7 @@ class CompiledSystem(LeafSystem):
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
         """Return a copy of the record of a FleetSystem's parameter; the arguments are as in `get_state`."""
-        parameter = entry(self._system(path).parameters, name, "parameter")
+        parameter = lookup(self._system(path).parameters, name, "parameter")
         row_range = self.program.row_ranges.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), row_range))
 

@@ -14,8 +14,8 @@ from drake_quad.compilation.blocks import Block, BlockUpdate, block_of
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.loop import Loop
 from drake_quad.compilation.parts import PartSizes
-from drake_quad.compilation.shared_numbers import SharedNumbers
-from drake_quad.compilation.stand_in import has_state, original_system
+from drake_quad.compilation.placeholder import has_state, wrapped_system
+from drake_quad.compilation.shared_values import SharedValues
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.compilation.trace import ROUNDING, RowRanges, Trace
 from drake_quad.errors import InputError
@@ -43,7 +43,7 @@ class Event(NamedTuple):
     """
 
     loop: Loop
-    shared: SharedNumbers
+    shared: SharedValues
     instants: int
     inputs: frozenset[Port | ExportedPort]
 
@@ -109,7 +109,7 @@ class Program:
     @property
     def uncompiled_have_state(self) -> bool:
         """True if a system that is not compiled has a state."""
-        return any(has_state(original_system(system)) for system in self.uncompiled.values())
+        return any(has_state(wrapped_system(system)) for system in self.uncompiled.values())
 
     def updates(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, BlockUpdate]]:
         """Return all updates at an instant, each with the path of its block.
@@ -236,7 +236,7 @@ class Program:
 
     def tick_loop(
         self, instants: int, logged_ports: tuple[Port, ...], monitor: str
-    ) -> tuple[ClockedLoop, SharedNumbers]:
+    ) -> tuple[ClockedLoop, SharedValues]:
         """Return the machine code of a tick for vehicles with individual clocks, and the shared numbers of its table.
 
         At the end of a tick, the log contains the rows of the ports, followed by the rows of the next state of a
@@ -267,7 +267,7 @@ class Program:
     @_cached
     def _tick_loop(
         self, instants: int, logged_ports: tuple[Port, ...], monitor: str
-    ) -> tuple[ClockedLoop, SharedNumbers]:
+    ) -> tuple[ClockedLoop, SharedValues]:
         trace, shared = self._trace(instants)
         trace.advance(self.updates(0), first=True)
         self._trace_until(trace, 0, instants)
@@ -290,7 +290,7 @@ class Program:
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 
-    def table(self, shared: SharedNumbers, times: np.ndarray) -> np.ndarray:
+    def table(self, shared: SharedValues, times: np.ndarray) -> np.ndarray:
         """Return the (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
         # Each call creates new contexts, so that threads that share a diagram do not change each other's time.
         contexts: dict[str, Context] = {}
@@ -317,12 +317,12 @@ class Program:
         row_ranges = tuple([tuple(each.items()) for each in self.row_ranges])
         return blocks, uncompiled, outputs, row_ranges, self.num_vehicles == 1
 
-    def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
-        shared = SharedNumbers()
+    def _trace(self, instants: int) -> tuple[Trace, SharedValues]:
+        shared = SharedValues()
         trace = Trace(self.topology, self.blocks, self.row_ranges, base=self.base, instants=instants, shared=shared)
         return trace, shared
 
-    def _event(self, trace: Trace, shared: SharedNumbers, instants: int, logged: Sequence[Any]) -> Event:
+    def _event(self, trace: Trace, shared: SharedValues, instants: int, logged: Sequence[Any]) -> Event:
         loop = Loop(
             trace.listing,
             trace.changes(),

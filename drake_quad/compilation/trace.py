@@ -7,7 +7,7 @@ state.
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, SharedNumbers
+from drake_quad.compilation.shared_values import TIME_VALUE, SharedValues, SharedValueSource
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import not_connected
 from drake_quad.framework.elementary import untyped, where
@@ -61,7 +61,7 @@ class Trace:
         *,
         base: float,
         instants: int,
-        shared: SharedNumbers,
+        shared: SharedValues,
     ) -> None:
         self.listing, self.instant, self.inputs = Listing(), 0, set[Port | ExportedPort]()
         self._topology, self._blocks, self._row_ranges = topology, blocks, row_ranges
@@ -111,7 +111,7 @@ class Trace:
             for row, value in enumerate(rows)
         }
 
-    def shared(self, number: str | NumberSource = TIME_NUMBER) -> Symbol:
+    def shared(self, number: str | SharedValueSource = TIME_VALUE) -> Symbol:
         """Return a number that all vehicles share at the current instant: the time (s), or an element of a port."""
         return self.listing.shared(self._shared.column(self.instant, number))
 
@@ -205,4 +205,4 @@ class BlockView(NamedTuple):
 
     def source(self, output: int, element: int) -> Any:
         """Return an element of an output port of the block that depends only on time."""
-        return self.trace.shared(NumberSource(self.path, output, element))
+        return self.trace.shared(SharedValueSource(self.path, output, element))

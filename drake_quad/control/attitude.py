@@ -11,7 +11,7 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantit
 MomentOfInertia = Annotated[Row, Quantity("kg m²", "B")]
 
 
-class AttitudeNumbers(NamedTuple):
+class AttitudeParameters(NamedTuple):
     """Gains of an attitude controller, and moments of inertia of the nominal vehicle.
 
     Attributes:
@@ -59,10 +59,10 @@ def attitude_law(
     attitude: Attitude,
     rates: BodyRates,
     acceleration: AngularAcceleration,
-    numbers: AttitudeNumbers,
+    parameters: AttitudeParameters,
 ) -> Torque:
     """Return the torque of an `AttitudeController`; the arguments are as in `pd_angular_acceleration`."""
-    k_p, k_d, *inertia = numbers
+    k_p, k_d, *inertia = parameters
     commanded = pd_angular_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
     return torque_of(commanded, rates, *inertia)
 
@@ -71,14 +71,14 @@ def attitude_inputs(system: FleetSystem) -> tuple[Any, Any, Any, Any, Any]:
     """Declare the input ports and the parameter of an attitude controller.
 
     Returns:
-        Measurement, attitude, body rates, angular acceleration (zero if not connected), and the parameter `numbers`.
+        Measurement, attitude, body rates, angular acceleration (zero if not connected), and the parameter `parameters`.
     """
     return (
         system.input("measurement"),
         system.input("attitude_command"),
         system.input("body_rate_command"),
         system.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0)),
-        system.parameter("numbers", lambda numbers: numbers),
+        system.parameter("parameters", lambda parameters: parameters),
     )
 
 
@@ -101,13 +101,13 @@ class AttitudeController(FleetSystem):
     minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is multiplied
     by the moments of inertia, so that the gains apply to a double integrator and do not depend on the vehicle.
 
-    The only parameter of the context is `numbers`.
+    The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
-        numbers: gains, and the inertia of the nominal vehicle.
+        parameters: gains, and the inertia of the nominal vehicle.
     """
 
-    def declare(self, *, numbers: AttitudeNumbers) -> None:
+    def declare(self, *, parameters: AttitudeParameters) -> None:
         """Declare ports, states and parameters."""
         self.output("torque", attitude_law, *attitude_inputs(self))

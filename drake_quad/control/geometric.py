@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs
+from drake_quad.control.attitude import AttitudeParameters, attitude_inputs
 from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -12,7 +12,7 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, State, Torque
 
 
-class IntegratingAttitudeNumbers(NamedTuple):
+class IntegratingAttitudeParameters(NamedTuple):
     """Parameters of an `IntegratingAttitudeController`.
 
     Attributes:
@@ -21,7 +21,7 @@ class IntegratingAttitudeNumbers(NamedTuple):
         limit: largest absolute value of the integral on each axis.
     """
 
-    attitude: AttitudeNumbers
+    attitude: AttitudeParameters
     k_i: PerAngle
     limit: BodyAccelerationB
 
@@ -46,7 +46,7 @@ def geometric_law(
     attitude: Attitude,
     rates: BodyRates,
     acceleration: AngularAcceleration,
-    numbers: AttitudeNumbers,
+    parameters: AttitudeParameters,
     transports: bool = True,
     integral: AngularAcceleration | None = None,
 ) -> Torque:
@@ -57,11 +57,11 @@ def geometric_law(
         attitude: commanded attitude.
         rates: commanded body rates along the axes of the commanded attitude.
         acceleration: commanded angular acceleration along the same axes.
-        numbers: gains and inertia.
+        parameters: gains and inertia.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
         integral: integral that is subtracted from the angular acceleration; None without an integral.
     """
-    k_p, k_d, *inertia = numbers
+    k_p, k_d, *inertia = parameters
     target_axes = _target_axes(measurement, attitude)
     error = _rotation_error(target_axes)
     measured_rates = Vector(measurement.p, measurement.q, measurement.r)
@@ -89,7 +89,7 @@ def integrating_law(
     attitude: Attitude,
     rates: BodyRates,
     acceleration: AngularAcceleration,
-    numbers: IntegratingAttitudeNumbers,
+    parameters: IntegratingAttitudeParameters,
     transports: bool = True,
     period: float = 0.0,
 ) -> Torque:
@@ -98,22 +98,22 @@ def integrating_law(
     If the period (s) is not zero, the integral includes the error of this tick.
     """
     if period > 0.0:
-        integral = integrated_rotation(integral, measurement, attitude, numbers, period)
-    return geometric_law(measurement, attitude, rates, acceleration, numbers.attitude, transports, integral)
+        integral = integrated_rotation(integral, measurement, attitude, parameters, period)
+    return geometric_law(measurement, attitude, rates, acceleration, parameters.attitude, transports, integral)
 
 
 def integrated_rotation(
     integral: AngularAcceleration,
     measurement: State,
     attitude: Attitude,
-    numbers: IntegratingAttitudeNumbers,
+    parameters: IntegratingAttitudeParameters,
     period: float,
 ) -> AngularAcceleration:
     """Return the integral after adding the rotation error of one tick of the given period (s)."""
     error = _rotation_error(_target_axes(measurement, attitude))
     return AngularAcceleration._make(
-        maximum(minimum(before + period * k_i * e, numbers.limit), -numbers.limit)
-        for before, k_i, e in zip(integral, numbers.k_i, error, strict=True)
+        maximum(minimum(before + period * k_i * e, parameters.limit), -parameters.limit)
+        for before, k_i, e in zip(integral, parameters.k_i, error, strict=True)
     )
 
 
@@ -144,15 +144,15 @@ class GeometricAttitudeController(FleetSystem):
     pitch and yaw. The transport term with Ω̂ accounts for the rotation of the body relative to the commanded axes. It
     can be omitted, as in the Crazyflie's firmware.
 
-    The only parameter of the context is `numbers`.
+    The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
-        numbers: gains, and the inertia of the nominal vehicle.
+        parameters: gains, and the inertia of the nominal vehicle.
     """
 
-    def declare(self, *, transports: bool = True, numbers: AttitudeNumbers) -> None:
+    def declare(self, *, transports: bool = True, parameters: AttitudeParameters) -> None:
         """Declare ports, states and parameters."""
         self.output("torque", geometric_law, *attitude_inputs(self), transports)
 
@@ -179,14 +179,14 @@ class IntegratingAttitudeController(FleetSystem):
     F. Goodarzi, D. Lee and T. Lee, "Geometric nonlinear PID control of a quadrotor UAV on SE(3)", ECC 2013, integrate
     e_Ω + c e_R. The Crazyflie's firmware integrates e_R by backward Euler, without a limit.
 
-    The only state is `integral`; the only parameter of the context is `numbers`.
+    The only state is `integral`; the only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
-        numbers: gains, and the inertia of the nominal vehicle.
+        parameters: gains, and the inertia of the nominal vehicle.
     """
 
     def declare(
@@ -195,7 +195,7 @@ class IntegratingAttitudeController(FleetSystem):
         period: float = 0.02,
         integration: Integration = "forward_euler",
         transports: bool = True,
-        numbers: IntegratingAttitudeNumbers,
+        parameters: IntegratingAttitudeParameters,
     ) -> None:
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)

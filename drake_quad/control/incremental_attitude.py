@@ -3,7 +3,7 @@
 import operator
 from typing import Any, NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, pd_angular_acceleration
+from drake_quad.control.attitude import AttitudeParameters, attitude_inputs, pd_angular_acceleration
 from drake_quad.control.disturbance.estimator import ZERO_COMMANDS, estimate, predict, shift_delay_line
 from drake_quad.control.disturbance.laws import AxisMeasurement, IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
@@ -12,7 +12,7 @@ from drake_quad.geometry.kinematics import torque_of
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
 
 
-class IncrementalAttitudeNumbers(NamedTuple):
+class IncrementalAttitudeParameters(NamedTuple):
     """Parameters of an `IncrementalAttitudeController`.
 
     Attributes:
@@ -22,7 +22,7 @@ class IncrementalAttitudeNumbers(NamedTuple):
         limit: largest angular acceleration that is compensated on each axis.
     """
 
-    attitude: AttitudeNumbers
+    attitude: AttitudeParameters
     law: IncrementalLaw
     lag: Time
     limit: BodyAccelerationB
@@ -33,11 +33,11 @@ def _corrected_command(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[
 
     The arguments are as in `incremental_torque`.
     """
-    measurement, attitude, rates, acceleration, numbers, period = arguments
-    gains = numbers.attitude
+    measurement, attitude, rates, acceleration, parameters, period = arguments
+    gains = parameters.attitude
     # The law differentiates only the body rates and does not use the angles.
     measured = tuple([AxisMeasurement(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
-    corrected, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
+    corrected, disturbance = estimate(memory, measured, (parameters.law,) * 3, parameters.limit, period)
     total = pd_angular_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
     return corrected, AngularAcceleration._make(map(operator.sub, total, disturbance))
 
@@ -48,7 +48,7 @@ def incremental_torque(
     attitude: Attitude,
     rates: BodyRates,
     acceleration: AngularAcceleration,
-    numbers: IncrementalAttitudeNumbers,
+    parameters: IncrementalAttitudeParameters,
     period: float,
 ) -> Torque:
     """Return the torque of an `IncrementalAttitudeController`.
@@ -59,28 +59,28 @@ def incremental_torque(
         attitude: commanded attitude.
         rates: commanded body rates.
         acceleration: commanded angular acceleration.
-        numbers: gains, inertia and filter.
+        parameters: gains, inertia and filter.
         period: tick period, s.
     """
-    _, commanded = _corrected_command(memory, measurement, attitude, rates, acceleration, numbers, period)
-    _, _, *inertia = numbers.attitude
+    _, commanded = _corrected_command(memory, measurement, attitude, rates, acceleration, parameters, period)
+    _, _, *inertia = parameters.attitude
     return torque_of(commanded, rates, *inertia)
 
 
 def next_incremental_memory(
     memory: tuple[Any, ...],
     following: tuple[AxisCommand, ...],
-    under_way: tuple[tuple[Row, ...], ...],
+    in_transit: tuple[tuple[Row, ...], ...],
     *arguments: Any,
 ) -> Any:
     """Return the next states: memory of the law, modelled response and, with a delay, commands in transit."""
-    *_, numbers, period = arguments
+    *_, parameters, period = arguments
     corrected, commanded = _corrected_command(memory, *arguments)
-    arrived, on_the_way = shift_delay_line(tuple(commanded), under_way)
+    arrived, next_in_transit = shift_delay_line(tuple(commanded), in_transit)
     commands = tuple([AxisCommand(each, 0.0) for each in arrived])
-    lags = (AxisCommand(numbers.lag, numbers.lag),) * 3
-    after, following = predict(corrected, following, commands, (numbers.law,) * 3, lags, period)
-    return after, following, on_the_way
+    lags = (AxisCommand(parameters.lag, parameters.lag),) * 3
+    after, following = predict(corrected, following, commands, (parameters.law,) * 3, lags, period)
+    return after, following, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
@@ -108,22 +108,22 @@ class IncrementalAttitudeController(FleetSystem):
     micro air vehicles", JGCD 39, 2016.
 
     The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
-    `commands_under_way`, the commands in the delay line. The only parameter of the context is `numbers`.
+    `commands_in_transit`, the commands in the delay line. The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a torque command to its effect, in whole ticks.
-        numbers: gains, inertia and filter.
+        parameters: gains, inertia and filter.
     """
 
-    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: IncrementalAttitudeNumbers) -> None:
+    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: IncrementalAttitudeParameters) -> None:
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
-        memory = self.state("memory", lambda numbers: (numbers.law.at_rest(0.0),) * 3)
+        memory = self.state("memory", lambda parameters: (parameters.law.at_rest(0.0),) * 3)
         following = self.state("following", lambda _: ZERO_COMMANDS)
-        under_way = self.state("commands_under_way", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
+        in_transit = self.state("commands_in_transit", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
         reads = measurement, attitude, rates, acceleration, parameter, period
-        writes = memory, following, under_way
+        writes = memory, following, in_transit
         self.update(period, next_incremental_memory, *writes, *reads, writes=writes)
         self.output("torque", incremental_torque, memory, *reads)

@@ -28,7 +28,9 @@ class IntegralGains(NamedTuple):
     limit: Annotated[Row, Quantity("m/s²")]
 
 
-def integrated(correction: Acceleration, error: PositionError, gains: IntegralGains, period: float) -> Acceleration:
+def integrate_correction(
+    correction: Acceleration, error: PositionError, gains: IntegralGains, period: float
+) -> Acceleration:
     """Return the correction after adding the position error of one tick of the given period (s)."""
     return Acceleration._make(
         maximum(minimum(before - period * k_i * e, gains.limit), -gains.limit)
@@ -57,18 +59,18 @@ class IntegralCorrection(FleetSystem):
         num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
-        numbers: gains of the integral.
+        parameters: gains of the integral.
     """
 
     def declare(
-        self, *, period: float = 0.02, integration: Integration = "forward_euler", numbers: IntegralGains
+        self, *, period: float = 0.02, integration: Integration = "forward_euler", parameters: IntegralGains
     ) -> None:
         """Declare ports, state and parameters."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
         correction = self.state("correction", lambda _: Acceleration(0.0, 0.0, 0.0))
         reads = correction, error, gains, period
-        self.update(period, integrated, *reads, writes=[correction])
+        self.update(period, integrate_correction, *reads, writes=[correction])
         if integration == "backward_euler":
-            self.output("correction", integrated, *reads)
+            self.output("correction", integrate_correction, *reads)
         else:
             self.state_output(correction)

@@ -58,16 +58,18 @@ def pd_law(
     """
     k_p, k_d = gains
     e_x, e_y, e_z = reference.x - measurement.x, reference.y - measurement.y, reference.z - measurement.z
-    reference_share, acceleration_share = float(derivative == "tracking_error"), float(feeds_forward)
-    v_x = reference_share * reference.v_x - measurement.v_x
-    v_y = reference_share * reference.v_y - measurement.v_y
-    v_z = reference_share * reference.v_z - measurement.v_z
+    reference_fraction, acceleration_fraction = float(derivative == "tracking_error"), float(feeds_forward)
+    v_x = reference_fraction * reference.v_x - measurement.v_x
+    v_y = reference_fraction * reference.v_y - measurement.v_y
+    v_z = reference_fraction * reference.v_z - measurement.v_z
     return PdOutput(
         error=PositionError(e_x, e_y, e_z),
         error_rate=PositionErrorRate(v_x, v_y, v_z),
         pd=Acceleration(k_p.x * e_x + k_d.x * v_x, k_p.y * e_y + k_d.y * v_y, k_p.z * e_z + k_d.z * v_z),
         feed_forward=Acceleration(
-            acceleration_share * reference.a_x, acceleration_share * reference.a_y, acceleration_share * reference.a_z
+            acceleration_fraction * reference.a_x,
+            acceleration_fraction * reference.a_y,
+            acceleration_fraction * reference.a_z,
         ),
     )
 
@@ -91,11 +93,11 @@ class ProportionalDerivative(FleetSystem):
         num_vehicles: number of vehicles N.
         derivative: "tracking_error" or "measurement".
         feeds_forward: True if the acceleration of the reference is fed forward.
-        numbers: gains on each axis.
+        parameters: gains on each axis.
     """
 
     def declare(
-        self, *, derivative: Derivative = "tracking_error", feeds_forward: bool = False, numbers: PdGains
+        self, *, derivative: Derivative = "tracking_error", feeds_forward: bool = False, parameters: PdGains
     ) -> None:
         """Declare ports, states and parameters."""
         measurement, reference = self.input("measurement"), self.input("reference")

@@ -43,17 +43,17 @@ class ThrustLimits(NamedTuple):
     """Limits of the commanded thrust.
 
     Attributes:
-        slope: tangent of the largest angle between thrust and vertical.
+        tan_max_tilt: tangent of the largest angle between thrust and vertical.
         min_thrust: smallest vertical thrust. It keeps u_z + g well above zero, where eq (7) is singular.
         max_thrust: largest thrust.
     """
 
-    slope: Number
+    tan_max_tilt: Number
     min_thrust: ForceB
     max_thrust: ForceB
 
 
-class VectoringNumbers(NamedTuple):
+class VectoringParameters(NamedTuple):
     """Parameters of the nominal vehicle, and limits.
 
     Attributes:
@@ -98,9 +98,11 @@ def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits
     forward, left, u_z = acceleration
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
-    max_horizontal_squared = maximum(minimum(up * up * limits.slope * limits.slope, (high - up) * (high + up)), _TINY)
-    share = sqrt(max_horizontal_squared / maximum(forward * forward + left * left, max_horizontal_squared))
-    return HeadingVector(share * forward, share * left, up)
+    max_horizontal_squared = maximum(
+        minimum(up * up * limits.tan_max_tilt * limits.tan_max_tilt, (high - up) * (high + up)), _TINY
+    )
+    fraction = sqrt(max_horizontal_squared / maximum(forward * forward + left * left, max_horizontal_squared))
+    return HeadingVector(fraction * forward, fraction * left, up)
 
 
 def vectored_thrust(
@@ -109,7 +111,7 @@ def vectored_thrust(
     reference: Reference,
     jerk: Jerk,
     snap: Snap | None,
-    numbers: VectoringNumbers,
+    parameters: VectoringParameters,
     projects: bool = False,
     sequence: EulerSequence = "zyx",
 ) -> Vectored:
@@ -121,12 +123,12 @@ def vectored_thrust(
         reference: reference with the commanded yaw.
         jerk: jerk of the reference.
         snap: snap of the reference; None for zero angular accelerations.
-        numbers: parameters of the nominal vehicle, and limits.
+        parameters: parameters of the nominal vehicle, and limits.
         projects: True if the commanded force is projected on the measured thrust axis.
         sequence: Euler sequence that defines the yaw of a tilted body, see `drake_quad.geometry.flatness`; "zxy"
             requires `projects`.
     """
-    mass, gravity, limits = numbers
+    mass, gravity, limits = parameters
     sin_yaw, cos_yaw = sin_cos(reference.yaw if projects else measurement.yaw)
     if sequence == "zxy":
         # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.geometry.flatness`.
@@ -184,18 +186,20 @@ class ThrustVectoring(FleetSystem):
     instead of zyx, eq (1). `attitude_command` contains the angles of eq (1) in either case. With zxy its yaw therefore
     differs from the yaw of the reference unless roll or pitch is zero.
 
-    The only parameter of the context is `numbers`.
+    The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         projects: True if the commanded force is projected on the measured thrust axis.
         sequence: Euler sequence of the yaw, see `drake_quad.geometry.flatness`; "zxy" requires `projects`.
-        numbers: parameters of the nominal vehicle, and limits of thrust and tilt.
+        parameters: parameters of the nominal vehicle, and limits of thrust and tilt.
     """
 
-    def declare(self, *, projects: bool = False, sequence: EulerSequence = "zyx", numbers: VectoringNumbers) -> None:
+    def declare(
+        self, *, projects: bool = False, sequence: EulerSequence = "zyx", parameters: VectoringParameters
+    ) -> None:
         """Declare ports and parameters."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")
         jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap", absent=None)

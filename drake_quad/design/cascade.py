@@ -22,7 +22,7 @@ from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import LaboratoryPlant, laboratory_plant, on_board_plant
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import updated
+from drake_quad.scenario.paths import with_values
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
 # Torque, angle and body rate of each attitude loop. The height loop has the same structure, with thrust, height and
@@ -108,29 +108,29 @@ def with_integrals(scenario: Scenario) -> Scenario:
     """
     if scenario.cascade.position.has_integral:
         return scenario
-    return updated(scenario, {"control.position": _integrating(scenario)})
+    return with_values(scenario, {"control.position": _integrating(scenario)})
 
 
 def _integrating(scenario: Scenario) -> PidPosition:
-    return PidPosition.around(scenario.cascade.position.plain())
+    return PidPosition.from_pd(scenario.cascade.position.without_estimator())
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
     """Return the scenario with new gains, in the form of `CascadeDesign.gains`.
 
-    The gains are for controllers without estimators, so the `plain` form of each controller replaces it.
+    The gains are for controllers without estimators, so the `without_estimator` form of each controller replaces it.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
     """
-    blocks = {f"control.{name}": getattr(scenario.cascade, name).plain() for name in gains}
-    rows = {f"control.{name}.{kind}": tuple(own) for name, block in gains.items() for kind, own in block.items()}
-    return updated(updated(scenario, blocks), rows)
+    blocks = {f"control.{name}": getattr(scenario.cascade, name).without_estimator() for name in gains}
+    rows = {f"control.{name}.{kind}": tuple(gains) for name, block in gains.items() for kind, gains in block.items()}
+    return with_values(with_values(scenario, blocks), rows)
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
     """Return the scenario with new gains on board, in the form of `CascadeDesign.autopilot_gains`."""
-    return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
+    return with_values(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
 def hover_offset(scenario: Scenario) -> float:
@@ -148,11 +148,11 @@ def hover_offset(scenario: Scenario) -> float:
     autopilot: Any = scenario.laboratory.autopilot
     gains: Any = scenario.cascade.position
     offsets = []
-    for place, axis in enumerate(_POSITION[:2]):
+    for index, axis in enumerate(_POSITION[:2]):
         loop = _ANGLES.index(_TILT_OF_AXIS[axis][0])
         stiffness = nominal.inertia[loop] * autopilot.k_rate[loop] * autopilot.k_attitude[loop]
-        tilt = vehicle.mass * vehicle.gravity * vehicle.centre_of_mass[place] / stiffness
-        offsets.append(vehicle.gravity * tilt / gains.k_p[place])
+        tilt = vehicle.mass * vehicle.gravity * vehicle.centre_of_mass[index] / stiffness
+        offsets.append(vehicle.gravity * tilt / gains.k_p[index])
     return math.hypot(*offsets)
 
 

@@ -198,7 +198,7 @@ class RegulatorRequirements(NamedTuple):
         weight = self._state_weight(plant) + feedback.T @ feedback / effort**2
         return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight, method="bilinear") @ plant.B).item()
 
-    def least_cost(self, plant: SampledSystem, effort: float) -> float:
+    def min_cost(self, plant: SampledSystem, effort: float) -> float:
         """Return the cost of the full linear-quadratic regulator, which feeds back every state."""
         _, S = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, self._state_weight(plant), np.eye(1) / effort**2)
         return (plant.B.T @ S @ plant.B).item()
@@ -249,8 +249,8 @@ def design_loop(
         gains = _rounded(family.gains(plant, tried))
         flaws = _flaws_of(plant, family, tried, gains)
         margins_found = fast_margins(response @ np.array(gains), grid)
-        share = -math.inf if flaws else requirements.min_ratio(margins_found)
-        return _GainTrial(tried, gains, flaws or requirements.shortfalls(margins_found), share)
+        min_ratio = -math.inf if flaws else requirements.min_ratio(margins_found)
+        return _GainTrial(tried, gains, flaws or requirements.shortfalls(margins_found), min_ratio)
 
     def finished(best: _GainTrial, limits: Iterable[str]) -> LoopDesign:
         return _finished(plant, family, axis, best, tuple(limits))
@@ -264,7 +264,7 @@ def design_loop(
     trials = [trial(tried) for tried in family.efforts(plant)]
     first = next((i for i, each in enumerate(trials) if not each.flaws), None)
     if first is None:
-        closest = max(trials, key=lambda each: each.share)
+        closest = max(trials, key=lambda each: each.min_ratio)
         raise InputError(f"no gains of this family meet the requirements for {axis}; at best {_listed(closest.flaws)}")
     last = next((i for i in range(first, len(trials)) if trials[i].flaws), len(trials)) - 1
     best = trials[last]
@@ -285,14 +285,14 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
     n = len(plant.A)
     value, *_ = plant.C
     direct, *_ = plant.D
-    own_share = plant.period if integration == "backward_euler" else 0.0
-    integral = np.append(own_share * value, 1.0)[np.newaxis]
+    own_fraction = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(own_fraction * value, 1.0)[np.newaxis]
     return replace(
         plant,
         A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
         B=np.vstack([plant.B, plant.period * direct]),
         C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
-        D=np.vstack([plant.D, own_share * direct]),
+        D=np.vstack([plant.D, own_fraction * direct]),
         states=(*plant.states, "integral"),
         outputs=(*plant.outputs, "integral"),
     )
@@ -318,11 +318,11 @@ def add_integral(
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     required = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
 
-    def pid(share: float) -> PidGains:
-        return PidGains(*pd, float(f"{share * pd.k_p * design.margins.crossover:.4g}"))
+    def pid(fraction: float) -> PidGains:
+        return PidGains(*pd, float(f"{fraction * pd.k_p * design.margins.crossover:.4g}"))
 
-    def fits(share: float) -> bool:
-        gains = np.array(pid(share))
+    def fits(fraction: float) -> bool:
+        gains = np.array(pid(fraction))
         stable = np.abs(plant.with_feedback(gains[np.newaxis]).poles()).max() < 1.0
         return bool(stable and not required.shortfalls(fast_margins(response @ gains, grid)))
 
@@ -342,7 +342,7 @@ class _GainTrial(NamedTuple):
     effort: float
     gains: AxisGains | ProportionalGain
     flaws: dict[str, str]
-    share: float
+    min_ratio: float
 
 
 def _flaws_of(
@@ -373,7 +373,7 @@ def _finished(
     gains, effort = best.gains, best.effort
     ratio = None
     if isinstance(family, RegulatorRequirements) and isinstance(gains, AxisGains):
-        ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
+        ratio = family.cost(plant, gains, effort) / family.min_cost(plant, effort)
     return LoopDesign(
         axis=axis,
         gains=gains,

@@ -24,9 +24,9 @@ from drake_quad.control.lqg.chains import (
     ContinuousModel,
     Disturbances,
     SecondOrderResponse,
+    discretise,
+    discretise_noise,
     lateral_model,
-    sampled,
-    sampled_noise,
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing
@@ -39,7 +39,7 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.linear.margins import Margins, fast_margins
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.process_settings import single_threaded_blas
-from drake_quad.scenario.batch import Batch, at_quantile, middle_of
+from drake_quad.scenario.batch import Batch, median_scenario, scenario_at_quantile
 from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
@@ -155,8 +155,10 @@ class ActualPlant(NamedTuple):
     ) -> "ActualPlant":
         """Return the plant of a model in given conditions."""
         noise = np.array([conditions.position_noise, gravity * conditions.attitude_noise])[: len(model.C)]
-        Q = sampled_noise(model.A, model.Q, timing.frame)
-        return cls(*sampled(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, conditions.loss_rate)
+        Q = discretise_noise(model.A, model.Q, timing.frame)
+        return cls(
+            *discretise(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, conditions.loss_rate
+        )
 
 
 class AxisPrediction(NamedTuple):
@@ -275,7 +277,9 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
             **dict(scenario.control.limits()),
         )
         design = LqgDesign(control, plants, conditions, lateral_predictions, vertical_predictions)
-        thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
+        thrust, roll, pitch, _ = link_margins(
+            median_scenario(scenario.model_copy(update={"control": control}))
+        ).values()
         tightened = lateral.with_tighter_limits(limits, (roll, pitch)), vertical.with_tighter_limits(limits, (thrust,))
         if tightened == (lateral, vertical):
             break
@@ -289,7 +293,7 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     The corners of a field with a distribution are its 10th and 90th percentiles. The corners of other fields follow
     from an assumed uncertainty.
     """
-    middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
+    middle, low, high = (scenario_at_quantile(scenario, probability) for probability in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
 
     def bounds(path: str, number: Callable[[Scenario], Any], default_low: Any, default_high: Any) -> tuple[Any, Any]:
@@ -365,7 +369,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
     )
 
 
-def predicted(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
+def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
     """Return the prediction of the linear model of an axis for a plant, which may differ from the nominal plant."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
@@ -464,7 +468,7 @@ class _LiftedLoops:
         )
 
     def predicted(self) -> list[AxisPrediction]:
-        """Return the prediction for each plant; see the function `predicted`.
+        """Return the prediction for each plant; see the function `predict_performance`.
 
         A plant repeats the last command if one is lost.
         """
@@ -524,7 +528,7 @@ class _LqgSearch:
         actual_plants: actual plants, the nominal plant first.
         max_command: largest RMS of the command.
         timing: periods and delay.
-        numbers: best parameters so far, or initial parameters.
+        values: best parameters so far, or initial parameters.
         chain_limits: limits of the loop of the nominal chain.
         cost: cost of these parameters.
     """
@@ -534,7 +538,7 @@ class _LqgSearch:
     actual_plants: Sequence[ActualPlant]
     max_command: float
     timing: Timing
-    numbers: Sequence[float]
+    values: Sequence[float]
     chain_limits: LqgLimits
     cost: float = math.inf
 
@@ -565,7 +569,7 @@ class _LqgSearch:
 
     def improved(self) -> "_LqgSearch":
         """Return a search with better parameters: those that have the lowest cost in a search from the present ones."""
-        logs = np.log(self.numbers)
+        logs = np.log(self.values)
         first, *_ = steps = np.eye(len(logs))
         with single_threaded_blas():
             # The weight of the command has the largest influence, so a coarse search over decades of this weight comes
@@ -576,13 +580,13 @@ class _LqgSearch:
             )
             options = {"maxfev": _MAX_EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
             best = scipy.optimize.minimize(self.cost_of, begin, method="Nelder-Mead", options=options)
-        return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
+        return replace(self, values=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def result(self) -> tuple[Any, tuple[AxisPrediction, ...]]:
         """Return the axis with the present parameters, and its prediction for each plant."""
-        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
+        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.values))
         loop = self.loop_of(axis)
-        predictions = tuple(predicted(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
+        predictions = tuple(predict_performance(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
         if not math.isfinite(predictions[0].error):
             raise InputError(
                 f"no LQG design is stable for the nominal plant: the best design has a pole of magnitude"
@@ -637,7 +641,7 @@ def _disturbing(conditions: DisturbanceStatistics, bias: ChainNoise | None) -> D
 
 def _yaw(scenario: Scenario) -> YawPd:
     """Return the yaw PD of a cascade."""
-    gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
+    gains: Any = design_cascade(median_scenario(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 

@@ -15,7 +15,7 @@ from drake_quad.linear.margins import fast_margins, frequencies
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.paths import map_leaves
 
 Loop = Literal["position", "attitude"]
 _AUTOPILOT_BLOCK = "laboratory.autopilot"
@@ -158,11 +158,11 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     def model(pair: Sequence[float]) -> SampledSystem:
         values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
         with_gains = scenario.model_copy(update={"control": control})
-        return decoupled_loop(replaced(with_gains, lambda path, value: values.get(path, value)))
+        return decoupled_loop(map_leaves(with_gains, lambda path, value: values.get(path, value)))
 
     base = model(gains)
-    slopes = [(base.A - model(np.add(gains, step)).A) / _GAIN_STEP for step in _GAIN_STEP * np.eye(2)]
-    outer, sizes, rows = np.linalg.svd(np.hstack(slopes), full_matrices=False)
+    derivatives = [(base.A - model(np.add(gains, step)).A) / _GAIN_STEP for step in _GAIN_STEP * np.eye(2)]
+    outer, sizes, rows = np.linalg.svd(np.hstack(derivatives), full_matrices=False)
     b, c = (
         np.where(np.abs(x) > _ROUNDING_TOLERANCE * np.abs(x).max(), x, 0.0) for x in (outer[:, :1], sizes[0] * rows[0])
     )

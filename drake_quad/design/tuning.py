@@ -23,7 +23,7 @@ from drake_quad.linear.link_margins import fast_link_margins
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.paths import map_leaves
 
 # Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them. An
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
@@ -37,7 +37,7 @@ _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in 
 _PENALTY = 4.0
 # Assumed error of the predicted limit in the first round: error of the logarithm over the distance from evaluated
 # points, where 1 is the width of the box.
-_INITIAL_DOUBT = 0.5
+_INITIAL_UNCERTAINTY = 0.5
 # Smallest distance from the limit, in logarithms, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial steps of the local searches, relative to the width of the box.
@@ -94,7 +94,7 @@ class LoopLimit(NamedTuple):
     sensitivity: float = 2.2
     delay: float = 0.05
 
-    def shares_met(self, scenario: Scenario) -> np.ndarray:
+    def limit_fractions(self, scenario: Scenario) -> np.ndarray:
         """Return the fractions of the limits that the loops of a scenario meet, all 0 for an unstable loop.
 
         A fraction of 1 or more means that the limit is met.
@@ -110,20 +110,20 @@ class TuningResult(NamedTuple):
     """Result of a tuning.
 
     Attributes:
-        numbers: values of the knobs, in the order of the knobs.
+        values: values of the knobs, in the order of the knobs.
         error: mean RMSE on the training samples, with 1 to 2 m for each crash, m.
-        share: fraction of the limit that is met; 1 or more if the limit is met, infinite without a limit.
+        limit_fraction: fraction of the limit that is met; 1 or more if the limit is met, infinite without a limit.
     """
 
-    numbers: tuple[float, ...]
+    values: tuple[float, ...]
     error: float
-    share: float
+    limit_fraction: float
 
 
 def tune(
     scenarios: Sequence[Scenario],
     knobs: Sequence[Knob],
-    shares_met: Callable[[Scenario], np.ndarray] | None,
+    limit_fractions: Callable[[Scenario], np.ndarray] | None,
     *,
     budget: Budget = Budget(),
     first_sample: int = 0,
@@ -141,8 +141,8 @@ def tune(
         scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
             first laboratory.
         knobs: tuned parameters.
-        shares_met: function that returns the fractions of the limits that the loops of a scenario meet, such as
-            `LoopLimit.shares_met`; None without a limit.
+        limit_fractions: function that returns the fractions of the limits that the loops of a scenario meet, such as
+            `LoopLimit.limit_fractions`; None without a limit.
         budget: budget of the search.
         first_sample: first of the consecutive training samples.
         seed: seed of the search.
@@ -165,28 +165,32 @@ def tune(
         search = _GainSearch(
             [knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
         )
-        best = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
-        for i, number in zip(stage, best.numbers, strict=True):
+        best = search.run([with_numbers(each, knobs, numbers) for each in scenarios], limit_fractions, progress)
+        for i, number in zip(stage, best.values, strict=True):
             numbers[i] = number
-    best = best._replace(numbers=tuple(numbers))
+    best = best._replace(values=tuple(numbers))
     trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, extra_latency)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
-        share = math.inf if shares_met is None else float(shares_met(trial.scenario(point)).min())
-        best = _better(best, TuningResult(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
+        fraction = math.inf if limit_fractions is None else float(limit_fractions(trial.scenario(point)).min())
+        best = _better(best, TuningResult(trial.values(point), float(trial.errors(point[np.newaxis])[0]), fraction))
     for radius in _LOCAL_STEPS:
-        best = _better(best, _local_search(trial, best, shares_met, radius, budget.steps))
+        best = _better(best, _local_search(trial, best, limit_fractions, radius, budget.steps))
         if progress is not None:
             progress()
     return best
 
 
 def _local_search(
-    trial: "_Trial", start: TuningResult, shares_met: Callable[[Scenario], np.ndarray] | None, radius: float, steps: int
+    trial: "_Trial",
+    start: TuningResult,
+    limit_fractions: Callable[[Scenario], np.ndarray] | None,
+    radius: float,
+    steps: int,
 ) -> TuningResult:
     """Return the best point of a search with linear models of error and limits (M. J. D. Powell's COBYLA, 1994)."""
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
-    best, first = start, trial.point(start.numbers)
+    best, first = start, trial.point(start.values)
     unlimited = np.array([math.inf])
 
     def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
@@ -195,9 +199,9 @@ def _local_search(
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
             error = float(trial.errors(point[np.newaxis])[0])
-            shares = unlimited if shares_met is None else shares_met(trial.scenario(point))
-            best = _better(best, TuningResult(trial.numbers(point), error, float(shares.min())))
-            tried[point.tobytes()] = math.log(error), _near_limit(shares, max(count, len(shares)))
+            fractions = unlimited if limit_fractions is None else limit_fractions(trial.scenario(point))
+            best = _better(best, TuningResult(trial.values(point), error, float(fractions.min())))
+            tried[point.tobytes()] = math.log(error), _near_limit(fractions, max(count, len(fractions)))
         return tried[point.tobytes()]
 
     count = 0
@@ -224,7 +228,7 @@ class _GainSearch(NamedTuple):
     def run(
         self,
         scenarios: Sequence[Scenario],
-        shares_met: Callable[[Scenario], np.ndarray] | None,
+        limit_fractions: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
     ) -> TuningResult:
         """Return the best candidate; arguments are those of `tune`."""
@@ -237,20 +241,22 @@ class _GainSearch(NamedTuple):
         best = TuningResult((), math.inf, 0.0)
         for number in range(self.budget.rounds):
             errors = trial.errors(points)
-            doubt = _INITIAL_DOUBT * (1.0 - number / self.budget.rounds)
-            order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
-            if shares_met is None:
-                best = _better(best, TuningResult(trial.numbers(points[order[0]]), float(errors[order[0]]), math.inf))
+            uncertainty = _INITIAL_UNCERTAINTY * (1.0 - number / self.budget.rounds)
+            order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
+            if limit_fractions is None:
+                best = _better(best, TuningResult(trial.values(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
                 for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
-                    shares = shares_met(trial.scenario(points[i]))
-                    evaluated.add(points[i], shares)
-                    best = _better(best, TuningResult(trial.numbers(points[i]), float(errors[i]), float(shares.min())))
-                order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
+                    fractions = limit_fractions(trial.scenario(points[i]))
+                    evaluated.add(points[i], fractions)
+                    best = _better(
+                        best, TuningResult(trial.values(points[i]), float(errors[i]), float(fractions.min()))
+                    )
+                order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
             elite = points[order[: max(round(_ELITE_FRACTION * size), 2)]]
             mean = mean + _STEP * (elite.mean(axis=0) - mean)
             spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
-            points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.least**2), size), 0.0, 1.0)
+            points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.min_deviation**2), size), 0.0, 1.0)
             if progress is not None:
                 progress()
         return best
@@ -278,9 +284,9 @@ class _Trial:
         ]
         self._low, high = np.log([[knob.low, knob.high] for knob in knobs]).T
         self._width = high - self._low
-        self.least = _MIN_DEVIATION / self._width
+        self.min_deviation = _MIN_DEVIATION / self._width
 
-    def numbers(self, point: np.ndarray) -> tuple[float, ...]:
+    def values(self, point: np.ndarray) -> tuple[float, ...]:
         """Return the values of the knobs at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
@@ -290,7 +296,7 @@ class _Trial:
 
     def scenario(self, point: np.ndarray) -> Scenario:
         """Return the first scenario with the values of the knobs at a point."""
-        return with_numbers(self._scenarios[0], self._knobs, self.numbers(point))
+        return with_numbers(self._scenarios[0], self._knobs, self.values(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
         """Return the mean errors (count,) at points, m."""
@@ -351,25 +357,25 @@ def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
             else value + frames
         )
 
-    return replaced(scenario, with_added_frames)
+    return map_leaves(scenario, with_added_frames)
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
     """Return the scenario with given values of the knobs."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
-    return replaced(scenario, lambda path, value: values.get(path, value))
+    return map_leaves(scenario, lambda path, value: values.get(path, value))
 
 
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
     """Return the mean errors (count,) of candidates, m."""
-    flown = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
-    return np.asarray(flown + _crashes(metrics, duration, count))
+    tracking_errors = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
+    return np.asarray(tracking_errors + _crashes(metrics, duration, count))
 
 
 def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
     """Return the mean costs (count,) of the candidates' crashes, m."""
-    remaining_share = 1.0 - np.minimum(metrics.crash_time, duration) / duration
-    costs = np.where(metrics.crashed, _CRASH_COST * (1.0 + remaining_share), 0.0)
+    remaining_fraction = 1.0 - np.minimum(metrics.crash_time, duration) / duration
+    costs = np.where(metrics.crashed, _CRASH_COST * (1.0 + remaining_fraction), 0.0)
     return np.asarray(costs.reshape(count, -1).mean(axis=1))
 
 
@@ -379,41 +385,41 @@ class _EvaluatedPoints:
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
         self._points: list[np.ndarray] = []
-        self._shares: list[np.ndarray] = []
+        self._fractions: list[np.ndarray] = []
 
-    def add(self, point: np.ndarray, shares: np.ndarray) -> None:
+    def add(self, point: np.ndarray, fractions: np.ndarray) -> None:
         """Add an evaluated point."""
         self._points.append(point)
-        self._shares.append(shares)
+        self._fractions.append(fractions)
 
-    def penalties(self, points: np.ndarray, doubt: float) -> np.ndarray:
+    def penalties(self, points: np.ndarray, uncertainty: float) -> np.ndarray:
         """Return penalties (count,) on the logarithm of the error, for points that are predicted to violate the limit.
 
         The penalty decreases with the distance to evaluated points, so that the search also explores unknown regions.
 
         Args:
             points: (count, dimensions) points.
-            doubt: assumed error of the prediction: error of the logarithm over the distance from evaluated points,
-                where 1 is the width of the box.
+            uncertainty: assumed error of the prediction: error of the logarithm over the distance from evaluated
+                points, where 1 is the width of the box.
         """
         # The interpolation requires at least as many points as determine a plane.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
-        count = max(map(len, self._shares))
-        shares = [_near_limit(each, count) for each in self._shares]
-        predicted = scipy.interpolate.RBFInterpolator(self._points, shares, smoothing=1e-4)(points).min(axis=1)
+        count = max(map(len, self._fractions))
+        fractions = [_near_limit(each, count) for each in self._fractions]
+        predicted = scipy.interpolate.RBFInterpolator(self._points, fractions, smoothing=1e-4)(points).min(axis=1)
         distance = scipy.spatial.distance.cdist(points, self._points).min(axis=1)
-        return np.asarray(_PENALTY * np.maximum(_LIMIT_RESERVE - predicted - doubt * distance, 0.0))
+        return np.asarray(_PENALTY * np.maximum(_LIMIT_RESERVE - predicted - uncertainty * distance, 0.0))
 
 
-def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
+def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
     """Return the logarithms (count,) of fractions of limits; the single fraction of an unstable loop is repeated.
 
     Fractions are clipped, because far from the limits they are discontinuous and need not be known exactly.
     """
-    return np.log(np.clip(np.broadcast_to(shares, count), *_FRACTION_RANGE))
+    return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:
     """Return the candidate with the smaller error if both meet the limit, or else the one closer to the limit."""
-    return min(first, second, key=lambda each: (-min(each.share, 1.0), each.error))
+    return min(first, second, key=lambda each: (-min(each.limit_fraction, 1.0), each.error))

@@ -17,7 +17,7 @@ from drake_quad.evaluation.results import (
     laboratory_with_laps,
 )
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.reports.claims import Claim, judge, reduction
+from drake_quad.reports.claims import Claim, reduction, verdict_of
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import Comparison, compare, values_without_crashes
 
@@ -124,8 +124,8 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     reductions = {laboratory: reduction(each.ratio) for laboratory, each in compared.items()}
     return Claim(
         statement,
-        f"reduction of the RMSE: {shares_text(reductions)}{_crash_text(compared)}",
-        judge([_is_error_smaller(each) for each in compared.values()]),
+        f"reduction of the RMSE: {proportions_text(reductions)}{_crash_text(compared)}",
+        verdict_of([_is_error_smaller(each) for each in compared.values()]),
         "holds if the error is smaller, without more crashes, in every laboratory; in part if in some",
     )
 
@@ -148,10 +148,10 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
         The claim; None if fewer than two laps were flown.
     """
     network = f"{base}_t2fnn_map"
-    flown = lap_counts(evaluation, network)
-    if len(flown) < 2:
+    counts = lap_counts(evaluation, network)
+    if len(counts) < 2:
         return None
-    first, last = (evaluation.flights[laboratory_with_laps(count)] for count in (flown[0], flown[-1]))
+    first, last = (evaluation.flights[laboratory_with_laps(count)] for count in (counts[0], counts[-1]))
     learned, gained = (
         compare_common_samples(last[network], first[network]),
         compare_common_samples(last[network], last[base]),
@@ -159,10 +159,10 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
     return Claim(
         f"over several laps in {LAPS_LABORATORY}, a network over the position that is added to {CONTROLLER_NAMES[base]}"
         " learns a map that reduces the error",
-        f"in lap {flown[-1]} its RMSE is smaller by {reduction(learned.ratio).percent()} than in lap {flown[0]}, and by"
-        f" {reduction(gained.ratio).percent()} than without the network in the same lap"
+        f"in lap {counts[-1]} its RMSE is smaller by {reduction(learned.ratio).percent()} than in lap {counts[0]}, and"
+        f" by {reduction(gained.ratio).percent()} than without the network in the same lap"
         f"{_crash_text({'compared with the first lap': learned, 'compared with no network': gained})}",
-        judge([_is_error_smaller(learned), _is_error_smaller(gained)]),
+        verdict_of([_is_error_smaller(learned), _is_error_smaller(gained)]),
         "holds if both reductions are above zero, without more crashes; in part if one of them is",
     )
 
@@ -196,21 +196,21 @@ def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
     return Claim(
         "a larger stability margin costs accuracy",
         "; ".join(parts),
-        judge(conditions),
+        verdict_of(conditions),
         "holds if every design has a smaller error than the design with the next larger margin; in part if some have",
     )
 
 
 def designs_by_sensitivity(evaluation: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
     """Return the designs of a controller in the order of their peak sensitivities, with their flights."""
-    own = {
+    traits = {
         name: each
         for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items()
         if name.startswith(f"{controller}@")
     }
     if controller in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}):
-        own[controller] = evaluation.traits[FAMILY_OF[PRICED_LABORATORY]][controller]
-    designs = [(each, evaluation.flights[PRICED_LABORATORY][name]) for name, each in own.items()]
+        traits[controller] = evaluation.traits[FAMILY_OF[PRICED_LABORATORY]][controller]
+    designs = [(each, evaluation.flights[PRICED_LABORATORY][name]) for name, each in traits.items()]
     return sorted(designs, key=lambda design: design[0].sensitivity)
 
 
@@ -221,8 +221,8 @@ def best_controllers(evaluation: Evaluation, laboratory: str) -> list[str]:
     equally good if its error does not differ significantly from the smallest one in the paired comparison. The best
     controller is selected from the controllers that flew all samples.
     """
-    flown = {name: each for name, each in evaluation.flights[laboratory].items() if "@" not in name}
-    safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
+    results = {name: each for name, each in evaluation.flights[laboratory].items() if "@" not in name}
+    safe = {name: each for name, each in results.items() if np.mean(each.crashed) <= 0.05} or results
     num_samples = max(len(each.rmse) for each in safe.values())
     candidates = [name for name, each in safe.items() if len(each.rmse) == num_samples]
     best = min(candidates, key=lambda name: float(values_without_crashes(safe[name], "rmse").mean()))
@@ -247,9 +247,9 @@ def delay_text(delay: float) -> str:
     )
 
 
-def shares_text(shares: Mapping[str, Interval]) -> str:
+def proportions_text(fractions: Mapping[str, Interval]) -> str:
     """Return fractions, by laboratory, as text."""
-    return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in shares.items())
+    return "; ".join(f"{each.percent()} ({laboratory})" for laboratory, each in fractions.items())
 
 
 def _crash_text(compared: Mapping[str, Comparison]) -> str:

@@ -53,7 +53,7 @@ class ControllerEntry(NamedTuple):
                 part[_key(last)] = float(f"{number:.4g}")
         return {"extends": self.base, **tree} if self.base else tree
 
-    def middle(self) -> Tree:
+    def geometric_mean(self) -> Tree:
         """Return the controller with the geometric mean of each range, for the initial scenario of a search."""
         return self.tree(math.sqrt(knob.low * knob.high) for knob in self.knobs)
 

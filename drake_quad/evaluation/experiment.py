@@ -35,7 +35,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reports.jobs import Job, run_jobs
-from drake_quad.scenario.batch import Batch, middle_of
+from drake_quad.scenario.batch import Batch, median_scenario
 from drake_quad.scenario.files.loading import Override
 from drake_quad.scenario.models import Scenario
 
@@ -95,7 +95,7 @@ def fly_evaluation(
     folder: Path,
     *,
     only: Sequence[str] | None = None,
-    own: Sequence[UserController] = (),
+    user_controllers: Sequence[UserController] = (),
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> Evaluation:
     """Fly all designed controllers of the given families, and write the results after each job.
@@ -106,7 +106,7 @@ def fly_evaluation(
         sizes: sizes of the evaluation.
         folder: folder for the results.
         only: names of the designed controllers; all by default.
-        own: user's controllers, which are flown without tuning.
+        user_controllers: user's controllers, which are flown without tuning.
         progress: called with the number of finished jobs, the total number of jobs, and the name of the last job.
 
     Returns:
@@ -115,7 +115,7 @@ def fly_evaluation(
     Raises:
         InputError: if none of these controllers has a design.
     """
-    jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, own)]
+    jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, user_controllers)]
     if not jobs:
         raise InputError("none of the chosen controllers has a design; design them with drake-quad judge --tune")
     flights: dict[str, dict[str, Metrics]] = {}
@@ -135,14 +135,18 @@ def fly_evaluation(
 
 
 def _jobs(
-    diagrams: Path, name: str, sizes: EvaluationSizes, only: Sequence[str] | None, own: Sequence[UserController]
+    diagrams: Path,
+    name: str,
+    sizes: EvaluationSizes,
+    only: Sequence[str] | None,
+    user_controllers: Sequence[UserController],
 ) -> Iterator[Job]:
     """Yield the jobs of a family."""
     family, designs = FAMILIES[name], designs_in(design_file(diagrams, name))
     entries = [each for each in family.entries if each in designs and (only is None or each in only)]
     for entry in entries:
         yield Job(f"{name} {entry}", 1, partial(_collected, fly_family, diagrams, name, family, entry, sizes))
-    for each in own:
+    for each in user_controllers:
         yield Job(f"{name} {each.name}", 1, partial(_collected, fly_controller, diagrams, name, family, each, sizes))
     if entries and LAPS_LABORATORY in family.laboratories:
         yield Job("laps", 1, partial(_collected, fly_laps, diagrams, name, family, entries, sizes))
@@ -169,9 +173,9 @@ def fly_family(
         The controller's metrics in each laboratory, and then its traits in the family.
     """
     path, entry = design_file(diagrams, name), family.entries[controller]
-    flown = UserController(controller, [f"{path}:{controller}"])
-    base = flown._replace(layers=[f"{path}:{entry.base or controller}"])
-    return fly_controller(diagrams, name, family, flown, sizes, base=base, uncompiled=entry.uncompiled)
+    designed = UserController(controller, [f"{path}:{controller}"])
+    base = designed._replace(layers=[f"{path}:{entry.base or controller}"])
+    return fly_controller(diagrams, name, family, designed, sizes, base=base, uncompiled=entry.uncompiled)
 
 
 def fly_controller(
@@ -199,8 +203,8 @@ def fly_controller(
         The controller's metrics in each laboratory, and then its traits in the family.
     """
 
-    def scenario(laboratory: str, flown: UserController = controller, overrides: Sequence[str] = ()) -> Scenario:
-        return family.scenario(diagrams, laboratory, flown.layers, [*flown.overrides, *overrides])
+    def scenario(laboratory: str, variant: UserController = controller, overrides: Sequence[str] = ()) -> Scenario:
+        return family.scenario(diagrams, laboratory, variant.layers, [*variant.overrides, *overrides])
 
     time_in_fleet = math.nan
     for laboratory in family.laboratories:
@@ -298,8 +302,8 @@ def single_vehicle_time(scenario: Scenario, *, compiled: bool = True) -> float:
     for sample in range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + _NUM_TIMED_FLIGHTS):
         start = time.process_time()
         metrics = fleet.fly([sample])
-        flown = min(fleet.duration, float(metrics.crash_time.min()))
-        cpu_times.append((time.process_time() - start) * fleet.duration / flown)
+        simulated_time = min(fleet.duration, float(metrics.crash_time.min()))
+        cpu_times.append((time.process_time() - start) * fleet.duration / simulated_time)
     return min(cpu_times) / _ticks(fleet)
 
 
@@ -326,7 +330,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
     """Return the peak sensitivity and the smallest delay margin, s, of the median plant; NaN without a linear model."""
     try:
-        margins = [each for each in link_margins(middle_of(scenario)).values() if each is not None]
+        margins = [each for each in link_margins(median_scenario(scenario)).values() if each is not None]
     except InputError:
         return math.nan, math.nan
     return max(each.sensitivity for each in margins), min(each.delay for each in margins)

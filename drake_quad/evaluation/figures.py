@@ -38,9 +38,9 @@ _COLORS = {
     "lqg": VERMILION,
     "mpc": PURPLE,
 }
-_OWN_COLOR = "saddlebrown"  # colour of the user's controllers
+_USER_COLOR = "saddlebrown"  # colour of the user's controllers
 _MARKERS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
-_MAX_CRASH_SHARE = 0.05  # markers of controllers with a larger fraction of crashes are hollow
+_MAX_CRASH_FRACTION = 0.05  # markers of controllers with a larger fraction of crashes are hollow
 
 
 def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
@@ -92,9 +92,9 @@ def _plot_mean(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
     base, kind = base_and_network(name)
     mean = mean_interval(100.0 * values_without_crashes(metrics, "rmse"))
     if np.isfinite(mean.value):
-        axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _OWN_COLOR), linewidth=1.6)
-        fill = "none" if np.mean(metrics.crashed) > _MAX_CRASH_SHARE else "full"
-        axes.plot(mean.value, row, _MARKERS[kind], color=_COLORS.get(base, _OWN_COLOR), markersize=4.2, fillstyle=fill)
+        axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _USER_COLOR), linewidth=1.6)
+        fill = "none" if np.mean(metrics.crashed) > _MAX_CRASH_FRACTION else "full"
+        axes.plot(mean.value, row, _MARKERS[kind], color=_COLORS.get(base, _USER_COLOR), markersize=4.2, fillstyle=fill)
 
 
 def _format_panel(axes: Axes, title: str) -> None:
@@ -172,7 +172,7 @@ def margins_figure(evaluation: Evaluation) -> Figure:
                 axes.plot(
                     *_point(*design, measure, unit),
                     "o",
-                    color=_COLORS.get(name, _OWN_COLOR),
+                    color=_COLORS.get(name, _USER_COLOR),
                     markersize=5.0,
                     label=CONTROLLER_NAMES[name],
                 )
@@ -208,11 +208,16 @@ def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = lap_counts(evaluation, controller)
-                flown = [evaluation.flights[laboratory_with_laps(count)][controller] for count in counts]
-                means = [mean_interval(100.0 * values_without_crashes(metrics, "rmse")) for metrics in flown]
-                own: dict[str, Any] = {"color": _COLORS[name], "linestyle": style, "markersize": 3.0, "capsize": 2.0}
+                results = [evaluation.flights[laboratory_with_laps(count)][controller] for count in counts]
+                means = [mean_interval(100.0 * values_without_crashes(metrics, "rmse")) for metrics in results]
+                options: dict[str, Any] = {
+                    "color": _COLORS[name],
+                    "linestyle": style,
+                    "markersize": 3.0,
+                    "capsize": 2.0,
+                }
                 marker = _MARKERS[base_and_network(controller)[1]]
-                plot_intervals(axes, counts, means, label=CONTROLLER_NAMES[controller], marker=marker, **own)
+                plot_intervals(axes, counts, means, label=CONTROLLER_NAMES[controller], marker=marker, **options)
         axes.set_ylim(0.0, None)
         axes.set(xlabel="lap", ylabel="RMSE (cm)")
         axes.set_xticks(range(1, max(map(len, (lap_counts(evaluation, name) for name in controllers))) + 1))

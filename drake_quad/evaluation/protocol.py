@@ -21,7 +21,7 @@ from drake_quad.evaluation.results import (
     SENSITIVITY_LIMITS,
     priced_name,
 )
-from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
@@ -85,17 +85,17 @@ def design_family(
     path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
         scenarios = _scenarios_before_tuning(diagrams, family, path, controller, entry)
-        shares = None if entry.base else _limit_shares(limit)
+        fractions = None if entry.base else _limit_fractions(limit)
         before = previous_numbers(diagrams, family, path, controller, entry)
         extra_latency = 0.0
         if entry.base:
             alone = training_scenarios(diagrams, family, f"{path}:{entry.base}", entry)
             extra_latency = tolerated_delay(alone, limit.delay, budget=budget)
-        result = tune(scenarios, entry.knobs, shares, budget=budget, extra_latency=extra_latency, before=before)
+        result = tune(scenarios, entry.knobs, fractions, budget=budget, extra_latency=extra_latency, before=before)
         description = _description(entry, result, budget, extra_latency)
         write_designs(
             path,
-            {controller: entry.tree(result.numbers)},
+            {controller: entry.tree(result.values)},
             comments={controller: description},
             header=_header(name, limit),
         )
@@ -123,7 +123,7 @@ def _scenarios_before_tuning(
     try:
         if path.exists():
             shutil.copyfile(path, trial)
-        write_designs(trial, {name: entry.middle()}, comments={})
+        write_designs(trial, {name: entry.geometric_mean()}, comments={})
         return training_scenarios(diagrams, family, f"{trial}:{name}", entry)
     finally:
         trial.unlink(missing_ok=True)
@@ -166,8 +166,8 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
         name = priced_name(controller, sensitivity)
         if entry.knobs:
             scenarios = _scenarios_before_tuning(diagrams, family, path, name, entry)
-            result = tune(scenarios, entry.knobs, _limit_shares(limit), budget=budget)
-            tree, description = entry.tree(result.numbers), _description(entry, result, budget)
+            result = tune(scenarios, entry.knobs, _limit_fractions(limit), budget=budget)
+            tree, description = entry.tree(result.values), _description(entry, result, budget)
         else:
             scenario = load_undesigned(diagrams / family.laboratories[PRICED_LABORATORY])
             design = design_lqg(scenario, LqgLimits(sensitivity=sensitivity, delay=limit.delay))
@@ -177,9 +177,9 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
         yield DesignResult(name, description)
 
 
-def _limit_shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
+def _limit_fractions(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
     """Return a function from a scenario to the fractions of a limit that the loops of its median plant meet."""
-    return lambda scenario: limit.shares_met(middle_of(scenario))
+    return lambda scenario: limit.limit_fractions(median_scenario(scenario))
 
 
 def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, extra_latency: float = 0.0) -> str:
@@ -196,8 +196,8 @@ def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, e
     )
     if extra_latency:
         description += f", also with {1e3 * extra_latency:.0f} ms of extra delay"
-    share = f"{100.0 * min(result.share, 1.0):.0f} %"
-    return description if share == "100 %" else f"{description}, meets {share} of the limit"
+    fraction = f"{100.0 * min(result.limit_fraction, 1.0):.0f} %"
+    return description if fraction == "100 %" else f"{description}, meets {fraction} of the limit"
 
 
 _PRICED_HEADER = (

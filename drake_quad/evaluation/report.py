@@ -158,15 +158,15 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         return f"### {name}\n\nNo controller was flown here."
     rows = []
     for controller, each in traits.items():
-        flown = [evaluation.flights[laboratory][controller] for laboratory in family.laboratories]
+        results = [evaluation.flights[laboratory][controller] for laboratory in family.laboratories]
         windy = evaluation.flights[family.windiest_laboratory][controller]
-        crashed = [int(metrics.crashed.sum()) for metrics in flown]
+        crashed = [int(metrics.crashed.sum()) for metrics in results]
         effort = [values_without_crashes(windy, f"effort_{axis}") for axis in "xyz"]
         rows.append(
             (
                 CONTROLLER_NAMES[controller]
                 + ("" if len(windy.rmse) == _max_samples(evaluation) else f" ({len(windy.rmse)} samples)"),
-                *(mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01) for metrics in flown),
+                *(mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01) for metrics in results),
                 ", ".join(map(str, crashed)) if any(crashed) else "0",
                 mean_interval(values_without_crashes(windy, "peak_error")).text(size=0.01),
                 f"{sum(float(values.mean()) for values in effort):.2f}" if len(effort[0]) else "–",
@@ -182,8 +182,8 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         "effort (m²/s⁴)",
         *_TRAIT_HEADINGS,
     )
-    shares = _crash_shares(evaluation, family, traits)
-    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {shares}." if shares else "")
+    fractions = _crash_probabilities(evaluation, family, traits)
+    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {fractions}." if fractions else "")
 
 
 _TRAIT_HEADINGS = (
@@ -205,15 +205,15 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
     )
 
 
-def _crash_shares(evaluation: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
+def _crash_probabilities(evaluation: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
     """Return, as text, the crash probability with its interval for all controllers and laboratories with a crash."""
-    shares = [
+    fractions = [
         f"{CONTROLLER_NAMES[name]} ({laboratory}): {crash_probability(evaluation.flights[laboratory][name]).percent()}"
         for laboratory in family.laboratories
         for name in traits
         if evaluation.flights[laboratory][name].crashed.any()
     ]
-    return "; ".join(shares)
+    return "; ".join(fractions)
 
 
 def _priced_table(evaluation: Evaluation) -> str:
@@ -253,7 +253,7 @@ def _missing_designs_text(evaluation: Evaluation) -> str:
 
 
 def _max_samples(evaluation: Evaluation) -> int:
-    return max(len(each.rmse) for flown in evaluation.flights.values() for each in flown.values())
+    return max(len(each.rmse) for results in evaluation.flights.values() for each in results.values())
 
 
 def _claim_numbers(claims: Sequence[Claim], rule: str) -> str:

@@ -56,8 +56,8 @@ class Evaluation:
     @property
     def controllers(self) -> list[str]:
         """Names of all controllers that were flown, except designs with other limits."""
-        flown = (name for laboratory in FAMILY_OF for name in self.flights.get(laboratory, ()) if "@" not in name)
-        return list(dict.fromkeys(flown))
+        results = (name for laboratory in FAMILY_OF for name in self.flights.get(laboratory, ()) if "@" not in name)
+        return list(dict.fromkeys(results))
 
 
 def laboratory_with_laps(count: int) -> str:
@@ -77,13 +77,13 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
             "sample": range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + len(metrics.rmse)),
             **metrics._asdict(),
         }
-        for laboratory, flown in evaluation.flights.items()
-        for name, metrics in flown.items()
+        for laboratory, results in evaluation.flights.items()
+        for name, metrics in results.items()
     }
     traits: dict[tuple[str, ...], dict[str, Any]] = {
         (family, name): {field: [value] for field, value in each._asdict().items()}
-        for family, flown in evaluation.traits.items()
-        for name, each in flown.items()
+        for family, results in evaluation.traits.items()
+        for name, each in results.items()
     }
     return [
         write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_DIGITS),

@@ -61,11 +61,11 @@ class FleetSimulation(ABC):
         """Return the metrics up to the current time, (N,) arrays."""
         return read_metrics(*self._wired_now())
 
-    def touched(self) -> np.ndarray:
+    def obstacle_hit(self) -> np.ndarray:
         """Return the (N,) numbers of the obstacles that the vehicles crashed into, from 1 on; 0 without a collision."""
         diagram, context = self._wired_now()
         monitor = diagram.GetSubsystemByName("monitor")
-        return monitor.touched(monitor.GetMyContextFromRoot(context))
+        return monitor.obstacle_hit(monitor.GetMyContextFromRoot(context))
 
     @abstractmethod
     def _wired_now(self) -> tuple[Diagram, Context]:
@@ -82,22 +82,22 @@ class WiredSimulation(FleetSimulation):
     Args:
         batch: samples that the fleet flies.
         plan: plan that the fleet flies.
-        own: user's systems that replace parts of the loop.
+        user_systems: user's systems that replace parts of the loop.
         record: True to record signals.
     """
 
     compiled = False
 
-    def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
-        self._plan, self._own = plan, own
-        self._diagram = build_fleet_diagram(batch, plan, own=own, record=record)
+    def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
+        self._plan, self._user_systems = plan, user_systems
+        self._diagram = build_fleet_diagram(batch, plan, user_systems=user_systems, record=record)
         super().__init__(self._diagram, _STRIDE, jump_times(batch))
 
     def reset(self, batch: Batch) -> None:
         """Reset the fleet to the start of another batch of the same scenario and size."""
         self._jumps = jump_times(batch)
         context = self.simulator.get_mutable_context()
-        reset_fleet(self._diagram, context, batch, self._plan, own=self._own)
+        reset_fleet(self._diagram, context, batch, self._plan, user_systems=self._user_systems)
         if self._diagram.HasSubsystemNamed("recorder"):
             clear_recorder(self._diagram.GetSubsystemByName("recorder"), context)
         self.simulator.Initialize()
@@ -119,7 +119,7 @@ class CompiledSimulation(FleetSimulation):
 
     compiled = True
 
-    def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
+    def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
         self._plan = plan
         # A system that cannot be compiled keeps its state in the compiled diagram only if a stand-in takes its place.
         registered = {
@@ -127,11 +127,11 @@ class CompiledSimulation(FleetSimulation):
             for name, system in registered_leaf_systems(batch.scenario, len(batch)).items()
             if as_compilable(system) is not system
         }
-        systems = {**registered, **own.given}
-        self._own = UserSystems(**{name: as_compilable(system) for name, system in systems.items()})
+        systems = {**registered, **user_systems.specified}
+        self._user_systems = UserSystems(**{name: as_compilable(system) for name, system in systems.items()})
         # The parameters of a batch are set in this diagram and copied to the compiled diagram. To read the state, it is
         # copied back.
-        self._wired = build_fleet_diagram(batch, plan, own=self._own)
+        self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
         ticks = _SINGLE_VEHICLE_TICKS if len(batch) == 1 else _FLEET_TICKS
         # The period of the controller is given explicitly, since it is not always the longest period. Flights end and
@@ -151,7 +151,7 @@ class CompiledSimulation(FleetSimulation):
         context = self.simulator.get_mutable_context()
         self._diagram.SetDefaultContext(context)
         context.SetTime(0.0)
-        reset_fleet(self._wired, self._wired_context, batch, self._plan, own=self._own)
+        reset_fleet(self._wired, self._wired_context, batch, self._plan, user_systems=self._user_systems)
         self._compiled.read(self._part_of(context), self._wired_context)
         self.simulator.Initialize()
 
@@ -171,21 +171,21 @@ class CompiledSimulation(FleetSimulation):
 
 
 def simulate_fleet(
-    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool
+    batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
     """Return the simulation of a fleet.
 
     Args:
         batch: samples that the fleet flies.
         plan: plan that the fleet flies.
-        own: user's systems that replace parts of the loop.
+        user_systems: user's systems that replace parts of the loop.
         record: True to record signals.
         compiled: True to compile the diagram.
 
     Raises:
         InputError: if the ports of a user's system do not match the diagram, or the diagram cannot be compiled.
     """
-    return (CompiledSimulation if compiled else WiredSimulation)(batch, plan, own=own, record=record)
+    return (CompiledSimulation if compiled else WiredSimulation)(batch, plan, user_systems=user_systems, record=record)
 
 
 def fly(

@@ -24,7 +24,7 @@ class StudyFleet:
         scenario: scenario, which may contain distributions.
         plan: plan to fly, for example from `drake_quad.plan_route`.
         num_vehicles: number N of vehicles.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
 
     Attributes:
@@ -43,7 +43,7 @@ class StudyFleet:
         plan: Plan,
         num_vehicles: int,
         *,
-        own: UserSystems = UserSystems(),
+        user_systems: UserSystems = UserSystems(),
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
@@ -57,8 +57,8 @@ class StudyFleet:
         self.duration = flight_duration(scenario, plan)
         batch = Batch.draw(scenario, range(num_vehicles))
         record = bool(recorded_metrics_of(scenario.metrics_type))
-        systems = own.build(num_vehicles)
-        self.simulation = simulate_fleet(batch, plan, own=systems, record=record, compiled=compiled)
+        systems = user_systems.build(num_vehicles)
+        self.simulation = simulate_fleet(batch, plan, user_systems=systems, record=record, compiled=compiled)
 
     def fly(
         self,
@@ -96,6 +96,6 @@ class StudyFleet:
         self.simulation.fly(self.duration if duration is None else duration, progress=progress)
         return self.simulation.metrics().take(slice(len(batch)))
 
-    def touched(self) -> np.ndarray:
+    def obstacle_hit(self) -> np.ndarray:
         """Return the (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 without a collision."""
-        return self.simulation.touched()
+        return self.simulation.obstacle_hit()

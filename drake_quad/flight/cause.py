@@ -17,13 +17,15 @@ _VEHICLE_SIGNALS = ("state", "rotor_speed", "swing", "charge", "measurement")
 _DOWNSTREAM_SIGNALS = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")
 
 
-def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mapping[str, object]) -> str | None:
+def non_finite_value(
+    time: np.ndarray, signals: Mapping[str, np.ndarray], user_systems: Mapping[str, object]
+) -> str | None:
     """Return a sentence that names the first value of a flight that is NaN or infinite.
 
     Args:
         time: (ticks,) times of the samples up to the crash, s.
         signals: (ticks, rows) recorded values of each signal, by name, in the order of cause and effect.
-        own: user's systems, by the name of the part of the loop that each replaces; see `UserSystems`.
+        user_systems: user's systems, by the name of the part of the loop that each replaces; see `UserSystems`.
 
     Returns:
         The sentence; None if all values are finite, or if the vehicle itself diverged.
@@ -40,14 +42,14 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
     values = signals[name][first]
     row = int(np.argmin(np.isfinite(values)))
     value = "nan" if math.isnan(values[row]) else "infinite"
-    user_system = next((place for place in own if name in _signals_of(place)), None)
+    user_system = next((role for role in user_systems if name in _signals_of(role)), None)
     row_name = row_names(name, len(values))[row]
     location = f"{f'row {row_name}' if row_name.isdecimal() else row_name} of `{name}`"
     fault = f"{user_system} returned {value} in {location}" if user_system else f"{location} was {value}"
     return f"{fault} at {time[first]:.2f} s"
 
 
-def _signals_of(place: str) -> tuple[str, ...]:
+def _signals_of(role: str) -> tuple[str, ...]:
     """Return the names of the signals that a user's system may output, given the part of the loop that it replaces."""
     whole_cascade = ("acceleration_command", "attitude_command", "wrench", "attitude_target")
-    return whole_cascade if place == "control" else (PORTS[place].output,)
+    return whole_cascade if role == "control" else (PORTS[role].output,)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.extras import import_extra
 from drake_quad.files import output_folder, read_arrays, read_table, write_atomically, write_table
 from drake_quad.flight.mission import plan_route
@@ -55,7 +55,7 @@ class Flight(Mapping[str, np.ndarray]):
         signals: (ticks, rows) values of each signal at the ticks; `record` names the rows.
         metrics: metrics of the flight; NaN for a metric that is not defined.
         compiled: True if a compiled diagram was simulated, False if the original diagram was.
-        touched: name of the obstacle that the vehicle hit; None otherwise.
+        obstacle_hit: name of the obstacle that the vehicle hit; None otherwise.
         cause: sentence on the first value that was NaN or infinite, if the crash was due to it.
     """
 
@@ -65,7 +65,7 @@ class Flight(Mapping[str, np.ndarray]):
     signals: dict[str, np.ndarray]
     metrics: Metrics
     compiled: bool = False
-    touched: str | None = None
+    obstacle_hit: str | None = None
     cause: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -135,7 +135,7 @@ class Flight(Mapping[str, np.ndarray]):
         """Description of the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
-        obstacle = "" if self.touched is None else f" into {self.touched}"
+        obstacle = "" if self.obstacle_hit is None else f" into {self.obstacle_hit}"
         return f"crashed{obstacle} at {self.metrics.crash_time:.2f} s"
 
     @property
@@ -170,7 +170,7 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
-            words = {_TOUCHED_KEY: self.touched, _CAUSE_KEY: self.cause}
+            words = {_TOUCHED_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
             arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
@@ -203,7 +203,7 @@ def read_flight(path: Path | str) -> Flight:
             arrays = read_arrays(file)
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED_KEY, False))
-        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
+        obstacle_hit, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
         plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:
@@ -211,10 +211,11 @@ def read_flight(path: Path | str) -> Flight:
     unexpected = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
     if unexpected:
         raise InputError(
-            f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal with one row per tick"
+            f"{folder / ARRAYS} is not the file of a flight: {join_names(unexpected)} is not a signal with one row per"
+            " tick"
         )
     metrics = _read_metrics(folder / METRICS, scenario.metrics_type)
-    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
+    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, obstacle_hit, cause)
 
 
 def _read_metrics(path: Path, kind: type[Metrics]) -> Metrics:

@@ -16,9 +16,9 @@ from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.route import plan_in
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
+from drake_quad.scenario.hovering import in_hover, with_nominal_vehicle
 from drake_quad.scenario.models import MetricWindow, Scenario
-from drake_quad.scenario.paths import updated
+from drake_quad.scenario.paths import with_values
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.statistics.estimates import mean_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
@@ -91,7 +91,7 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
             return HoverError(x, y, z, rms, squares.shape[1])
 
 
-def believed_tracking_error(scenario: Scenario) -> HoverError:
+def nominal_tracking_error(scenario: Scenario) -> HoverError:
     """Return the `hover_error` of the nominal vehicle in the wind of a scenario.
 
     A planner can use this error, since it does not depend on the unknown true vehicle. If a wind depends on the
@@ -107,13 +107,13 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
                 f"laboratory.wind.{number} is a {source.kind}, which depends on time; the error can be predicted only"
                 " for steady wind and turbulence"
             )
-    believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
+    nominal = with_nominal_vehicle(scenario).model_copy(update={"space": None})
     points = [np.array(HoverRoute(kind="hover").position)]
-    if any(source.depends_on_place for source in scenario.laboratory.wind):
-        path = plan_in(believed, None).plan.path
+    if any(source.depends_on_position for source in scenario.laboratory.wind):
+        path = plan_in(nominal, None).plan.path
         points = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_POINTS))))
     routes = [HoverRoute(kind="hover", position=tuple(point.tolist())) for point in points]
-    errors = (hover_error(believed.model_copy(update={"route": route})) for route in routes)
+    errors = (hover_error(nominal.model_copy(update={"route": route})) for route in routes)
     return max(errors, key=lambda error: error.rms.value)
 
 
@@ -124,7 +124,7 @@ def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
     # accurate enough with it.
     time_step = hovering.vehicle.time_step or min(hovering.periods.values())
     timing = {"route.duration": HOVER_TIME, "vehicle.time_step": time_step, "seed": seed}
-    return updated(hovering, {**timing, "metrics": MetricWindow(start=SETTLING_TIME)})
+    return with_values(hovering, {**timing, "metrics": MetricWindow(start=SETTLING_TIME)})
 
 
 def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:

@@ -41,11 +41,11 @@ def save_network(flight: Flight, path: Path | str) -> Path:
         axis: LearnedAxis(weights=tuple(f.tolist()), antecedents=None if sets is None else tuple(sets.tolist()))
         for axis, f, sets in zip(axes, weights, antecedents, strict=True)
     }
-    given = network.inputs.given
+    networks_inputs = network.inputs.specified
     learned = LearnedNetwork(
         kind=network.kind,
-        inputs=tuple(given),
-        sets=tuple([len(sets.centres) for sets in given.values()]),
+        inputs=tuple(networks_inputs),
+        sets=tuple([len(sets.centres) for sets in networks_inputs.values()]),
         **learned_axes,
     )
     target = Path(path)

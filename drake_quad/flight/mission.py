@@ -9,7 +9,7 @@ from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.errors import InputError
-from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.flight.hover_error import nominal_tracking_error
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
@@ -97,9 +97,9 @@ def build_tracking_diagram(
             system do not match the loop, or the fleet does not fit into memory.
     """
     batch = _identical_vehicles(scenario, num_vehicles)
-    own = UserSystems(position_controller, control, wind)
+    user_systems = UserSystems(position_controller, control, wind)
     plan = plan or plan_route(scenario)
-    return build_fleet_diagram(batch, plan, own=own, record=record, drake_random=drake_random)
+    return build_fleet_diagram(batch, plan, user_systems=user_systems, record=record, drake_random=drake_random)
 
 
 def build_laboratory_diagram(
@@ -155,7 +155,7 @@ def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | Non
     In the default context the vehicles hover at the first point of the plan. If `vehicle.time_step` is 0, the state is
     continuous, as Drake's `Linearize` requires.
 
-    With an autopilot of kind `response`, the system is a `RespondingQuadrotor`.
+    With an autopilot of kind `response`, the system is an `AttitudeResponseQuadrotor`.
 
     Args:
         scenario: scenario without distributions.
@@ -191,7 +191,7 @@ def planning_space(mission: Mission) -> Space | None:
     If `space.tracking` is not zero, the tracking error that this factor multiplies is predicted first.
 
     Raises:
-        InputError: if the prediction is not possible, see `believed_tracking_error`.
+        InputError: if the prediction is not possible, see `nominal_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking:
         return mission.room()
@@ -201,7 +201,7 @@ def planning_space(mission: Mission) -> Space | None:
             " and control"
         )
     try:
-        predicted = believed_tracking_error(mission)
+        predicted = nominal_tracking_error(mission)
     except InputError as error:
         raise InputError(f"space.tracking: {error}") from error
     return mission.room(tracking_error=predicted.rms.value)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import continues_in_motion
 from drake_quad.reference.feasibility import sample_times
@@ -19,7 +19,7 @@ from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, joined, leaves, mappings_in
+from drake_quad.scenario.paths import distributions_in, join_path, leaves, mappings_in
 from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 
 # A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
@@ -88,7 +88,7 @@ class _PlannedFlight:
         """Smallest height of the reference, m; minus infinity if it is not known."""
         if self.plan is None:
             return -math.inf
-        path, rest_height = self.plan.path, self.plan.flown_path.waypoints[-1][2]
+        path, rest_height = self.plan.path, self.plan.extended_path.waypoints[-1][2]
         return min(float(rest_height), float(evaluate(path, sample_times(path))[2].min()))
 
 
@@ -107,7 +107,7 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
         paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
         changes = [f"{path} {_format(conditions.get(path))} (not {_format(expected.get(path))})" for path in paths]
         if changes:
-            shown_changes = listed(changes, 4, max_length=_MAX_CHANGE_LENGTH)
+            shown_changes = join_names(changes, 4, max_length=_MAX_CHANGE_LENGTH)
             remarks.append(f"{name} and {first} do not fly under the same conditions: {shown_changes}")
     return remarks
 
@@ -126,7 +126,7 @@ def replaced_distributions(before: Scenario, after: Scenario, *, ignored: tuple[
         for path, distribution in distributions_in(before).items()
         if path not in drawn and not f"{path}.".startswith(tuple([f"{each}." for each in ignored]))
     ]
-    return listed(replaced, 4, max_length=_MAX_CHANGE_LENGTH)
+    return join_names(replaced, 4, max_length=_MAX_CHANGE_LENGTH)
 
 
 def _conditions(scenario: Scenario) -> dict[str, Any]:
@@ -140,10 +140,10 @@ def _format(value: Any) -> str:
 def _mixed_vehicles(scenario: Scenario) -> list[str]:
     """Return a remark if the flown vehicle differs strongly from the nominal one, which the controllers assume."""
     differences = [
-        f"{name} {_median(flown):.4g}{unit} (nominal {believed:.4g})"
-        for name, believed, flown, unit in _airframes(scenario)
-        if abs(_median(flown) - believed)
-        > max(_MIN_RELATIVE_DIFFERENCE * believed, _MIN_STANDARD_DEVIATIONS * _deviation(flown))
+        f"{name} {_median(actual):.4g}{unit} (nominal {nominal_value:.4g})"
+        for name, nominal_value, actual, unit in _airframes(scenario)
+        if abs(_median(actual) - nominal_value)
+        > max(_MIN_RELATIVE_DIFFERENCE * nominal_value, _MIN_STANDARD_DEVIATIONS * _deviation(actual))
     ]
     differences += _rotor_differences(scenario)
     if not differences:
@@ -170,12 +170,19 @@ def _rotor_differences(scenario: Scenario) -> list[str]:
     # The arm length is compared separately, so positions are compared relative to it.
     scale = arm / arm_length_of(vehicle)
     pairs = [*enumerate(zip(rotors_of(vehicle), rotors_of(nominal), strict=True), start=1)]
-    reversed_rotors = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
+    reversed_rotors = [
+        str(i)
+        for i, (rotor_of_vehicle, nominal_rotor) in pairs
+        if rotor_of_vehicle.direction != nominal_rotor.direction
+    ]
     if reversed_rotors:
         differences.append(f"direction of rotor {', '.join(reversed_rotors)}")
-    for i, (flown, believed) in pairs:
-        if math.hypot(scale * flown.x - believed.x, scale * flown.y - believed.y) > _MIN_RELATIVE_DIFFERENCE * arm:
-            positions = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (flown, believed))
+    for i, (rotor_of_vehicle, nominal_rotor) in pairs:
+        if (
+            math.hypot(scale * rotor_of_vehicle.x - nominal_rotor.x, scale * rotor_of_vehicle.y - nominal_rotor.y)
+            > _MIN_RELATIVE_DIFFERENCE * arm
+        ):
+            positions = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (rotor_of_vehicle, nominal_rotor))
             differences.append(f"rotor {i} at {next(positions)} (nominal {next(positions)})")
             break
     return differences
@@ -186,8 +193,8 @@ def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
     for path in _COMPARED_FIELDS:
         name, _, item = path.partition(".")
         values = [getattr(part, name) for part in (scenario.nominal, scenario.vehicle)]
-        believed, flown = (value[int(item)] if item else value for value in values)
-        yield path, believed, flown, f" {unit_at(scenario, f'vehicle.{path}')}"
+        nominal_value, actual = (value[int(item)] if item else value for value in values)
+        yield path, nominal_value, actual, f" {unit_at(scenario, f'vehicle.{path}')}"
     if not (distributions_in(scenario.vehicle.layout) or isinstance(scenario.vehicle.arm_length, Distribution)):
         yield "arm length", arm_length_of(scenario.nominal), arm_length_of(scenario.vehicle), " m"
 
@@ -210,7 +217,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
     for path, mapping in mappings_in(scenario):
         period = getattr(mapping, "period", None) or tick
         found = {
-            joined(path, leaf_path): clause
+            join_path(path, leaf_path): clause
             for name, field in type(mapping).model_fields.items()
             for condition in field.metadata
             if isinstance(condition, Plausible | PlausibleDelay)
@@ -218,7 +225,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
             if (clause := condition.question(leaf, period))
         }
         # A mapping with an implausible field is also implausible as a whole.
-        questions |= found or {joined(path, inner): clause for inner, clause in mapping.questions()}
+        questions |= found or {join_path(path, inner): clause for inner, clause in mapping.questions()}
     # A vehicle has the values of `nominal` unless it gives others.
     return [
         f"{path} {clause}"
@@ -238,7 +245,7 @@ def _inactive_settings(flight: _PlannedFlight) -> list[str]:
                 inactive.append(setting.path)
                 paths.setdefault(setting.reason, []).append(setting.path)
     return [
-        f"{listed(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
+        f"{join_names(each)} {'has' if len(each) == 1 else 'have'} no effect, since {reason}"
         for reason, each in paths.items()
     ]
 
@@ -252,7 +259,7 @@ def _braking(flight: _PlannedFlight) -> list[str]:
     motion = f"{np.linalg.norm(evaluate(plan.path, [end], 1)):.2f} m/s"
     if moves_at_end(plan.yaw, YAW_ORDERS):
         motion += f", {evaluate(plan.yaw, [end], 1).item():.2f} rad/s of yaw"
-    distance = float(np.linalg.norm(plan.flown_path.waypoints[-1] - plan.path.waypoints[-1]))
+    distance = float(np.linalg.norm(plan.extended_path.waypoints[-1] - plan.path.waypoints[-1]))
     return [
         f"the route ends in motion ({motion}) at {end:.2f} s, before the end of the flight; the reference then"
         f" brakes and comes to rest at {plan.rest_time:.2f} s, {distance:.2f} m beyond the end of the route"

@@ -8,10 +8,10 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.fleets.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.fleets.study_fleet import StudyFleet
-from drake_quad.flight.cause import not_a_number
+from drake_quad.flight.cause import non_finite_value
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics, recorded_metrics_of
@@ -83,10 +83,10 @@ def simulate(
     # The last tick may be up to one period after the end.
     if until is not None and not 0.0 < until < end + drawn.laboratory.command_link.period:
         raise InputError(f"until is {until}, but must be larger than 0 and at most the end of the flight, {end:g} s")
-    own = UserSystems(position_controller, control, wind, policy)
+    user_systems = UserSystems(position_controller, control, wind, policy)
     if compiled is None:
-        compiled = _is_compiled_by_default(drawn) and not own.given and prepare is None
-    simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
+        compiled = _is_compiled_by_default(drawn) and not user_systems.specified and prepare is None
+    simulation = simulate_fleet(batch, plan, user_systems=user_systems, record=True, compiled=compiled)
     simulator = simulation.simulator
     # The integrator simulates a continuous state. A vehicle with a time step does not use it.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
@@ -105,7 +105,7 @@ def simulate(
             f" needs steps shorter than {_MIN_STEP:g} s, for example near the singularity at a pitch of 90 degrees;"
             " set vehicle.time_step to a positive number"
         ) from None
-    return flights_of(batch, plan, simulation, own)[0]
+    return flights_of(batch, plan, simulation, user_systems)[0]
 
 
 def simulate_samples(
@@ -156,9 +156,11 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
     return scenario.vehicle.time_step > 0.0
 
 
-def flights_of(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
+def flights_of(
+    batch: Batch, plan: Plan, simulation: FleetSimulation, user_systems: UserSystems = UserSystems()
+) -> list[Flight]:
     """Return the flight of each vehicle of a fleet, up to the current time of the simulation, with all its metrics."""
-    metrics, touched = simulation.metrics(), simulation.touched()
+    metrics, obstacle_hit = simulation.metrics(), simulation.obstacle_hit()
     time, signals = simulation.recording()
     space = batch.scenario.space
     obstacles = [None, *(() if space is None else space.obstacles)]
@@ -168,11 +170,13 @@ def flights_of(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserS
         metrics_of_vehicle = metrics.with_values(float(value[i]) for value in metrics)
         ticks = time <= metrics_of_vehicle.crash_time
         up_to_crash = {name: values[ticks, :, i] for name, values in rows.items()}
-        cause = not_a_number(time[ticks], up_to_crash, own.given) if metrics_of_vehicle.crashed else None
+        cause = (
+            non_finite_value(time[ticks], up_to_crash, user_systems.specified) if metrics_of_vehicle.crashed else None
+        )
         # Ticks with NaN or infinite values, which can occur in the last step before a crash, are omitted.
         ticks &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
         recorded = {name: values[ticks, :, i] for name, values in rows.items()}
-        obstacle = obstacles[touched[i]]
+        obstacle = obstacles[obstacle_hit[i]]
         flight = Flight(
             batch.scenario_of(i), plan, time[ticks], recorded, metrics_of_vehicle, simulation.compiled, obstacle, cause
         )
@@ -189,7 +193,7 @@ def _checked_metric(name: str, value: Any) -> float:
         InputError: if it is not a number.
     """
     if not isinstance(value, int | float | np.number):
-        raise InputError(f"the metric {name} must be a number, but its function returned {shown(value)}")
+        raise InputError(f"the metric {name} must be a number, but its function returned {short_repr(value)}")
     return float(value)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.framework.symbols import Symbol, SymbolKind, lifted, number, operation, truth
+from drake_quad.framework.symbols import Symbol, SymbolKind, number, operation, to_symbols, truth
 
 # Adding this number to a float rounds the float to a whole number. The lowest bits of the sum are the lowest bits of
 # this whole number.
@@ -177,7 +177,7 @@ _TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
     """Return x where the mask is true, else y; if only one of x and y is a truth value, it is converted to a number."""
-    _, x, y = lifted(mask, x, y)
+    _, x, y = to_symbols(mask, x, y)
     if x.kind is not y.kind:
         x, y = number(x), number(y)
     return operation("select", truth(mask), x, y, kind=x.kind)
@@ -315,7 +315,7 @@ def arctan(x: Symbol, *, small: bool) -> Symbol:
 
 def arctan2(y: Any, x: Any) -> Symbol:
     """Return the angle of the point (x, y), rad."""
-    y, x = lifted(y, x)
+    y, x = to_symbols(y, x)
     angle = _slope_angle(abs(y), abs(x))
     return copysign(select(copysign(1.0, x) < 0.0, math.pi - angle, angle), y)
 

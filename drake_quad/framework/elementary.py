@@ -18,7 +18,7 @@ from pydrake import symbolic
 from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework import approximations
-from drake_quad.framework.symbols import Matrix, Symbol, are_same, branched, layer
+from drake_quad.framework.symbols import Matrix, Symbol, add_branch, are_same, layer
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
@@ -169,7 +169,7 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
     if isinstance(mask, _BOOLEANS):
         return formula(*arguments) if mask else otherwise
     if mask.__class__ is Symbol:
-        return where(mask, branched(untyped(mask), formula, arguments), otherwise)
+        return where(mask, add_branch(untyped(mask), formula, arguments), otherwise)
     needed: Any = np.asarray(mask, dtype=bool)
     if not needed.any():
         return where(mask, otherwise, otherwise)
@@ -269,8 +269,8 @@ def _of_one_type(x: Any) -> Any:
     if not (isinstance(x, np.ndarray) and x.dtype == object):
         return x
     kind = next((element.__class__ for element in x.flat if element.__class__ is not float), float)
-    alike = [kind(element) if element.__class__ is float else element for element in x.flat]
-    return np.array(alike).reshape(x.shape)
+    elements = [kind(element) if element.__class__ is float else element for element in x.flat]
+    return np.array(elements).reshape(x.shape)
 
 
 def _is_symbolic(x: Any) -> bool:
@@ -283,8 +283,8 @@ def _erf_of_object(x: Any) -> Any:
     """Return the error function of a number or an AutoDiffXd; its derivative is 2/√π exp(-x²)."""
     if not isinstance(x, AutoDiffXd):
         return math.erf(x)
-    slope = 2.0 / math.sqrt(math.pi) * math.exp(-(x.value() ** 2))
-    return AutoDiffXd(math.erf(x.value()), slope * x.derivatives())
+    derivative = 2.0 / math.sqrt(math.pi) * math.exp(-(x.value() ** 2))
+    return AutoDiffXd(math.erf(x.value()), derivative * x.derivatives())
 
 
 _erf_of_objects = np.frompyfunc(_erf_of_object, 1, 1)

@@ -13,10 +13,10 @@ Drake's callbacks for all scalar types, and the machine code for floats, are der
 takes and returns records whose fields are rows: numbers for one vehicle and arrays for a fleet. It consists of
 arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
 
-`declare` has two types of arguments. Structural arguments determine the ports and events. `numbers` is a record of
-numbers that may differ between vehicles. Each parameter and each initial state is computed from the numbers by a
+`declare` has two types of arguments. Structural arguments determine the ports and events. `parameters` is a record of
+numbers that may differ between vehicles. Each parameter and each initial state is computed from the parameters by a
 function, its recipe. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with
-other numbers.
+other parameters.
 """
 
 import inspect
@@ -43,9 +43,9 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from drake_quad.errors import entry, not_connected
+from drake_quad.errors import lookup, not_connected
 from drake_quad.framework.elementary import identity
-from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
+from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, pack_rows
 from drake_quad.framework.records import ABSENT, Layout, check_signs, layout_of
 from drake_quad.signals import SIGNALS
 
@@ -117,7 +117,7 @@ class Parameter:
         name: name within the system.
         index: Drake's index of the numeric parameter.
         layout: layout of the rows.
-        recipe: function that computes the record from the numbers of the system.
+        recipe: function that computes the record from the parameters of the system.
     """
 
     name: str
@@ -146,7 +146,7 @@ class StateGroup:
         name: name within the system.
         index: Drake's index of the discrete group; None for the continuous state.
         layout: layout of the rows.
-        recipe: function that computes the initial record from the numbers of the system.
+        recipe: function that computes the initial record from the parameters of the system.
     """
 
     name: str
@@ -190,18 +190,28 @@ class Computation:
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
         # A state that is both read and written is read from the vector to which the result is written.
-        written = {write.index: place for place, write in enumerate(self.writes)}
+        written = {write.index: argument_index for argument_index, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
         # Sources are sorted by type in advance, since `run` is called thousands of times per second.
-        reads_and_places = [(place, read) for place, (read, target) in enumerate(self._sources) if target is None]
-        self._inputs = [(place, read.index) for place, read in reads_and_places if isinstance(read, Input)]
-        self._parameters = [(place, read.index) for place, read in reads_and_places if isinstance(read, Parameter)]
-        self._states = [(place, read.index) for place, read in reads_and_places if isinstance(read, StateGroup)]
-        self._own = [(place, target) for place, (_, target) in enumerate(self._sources) if target is not None]
+        reads_and_indices = [
+            (argument_index, read) for argument_index, (read, target) in enumerate(self._sources) if target is None
+        ]
+        self._inputs = [
+            (argument_index, read.index) for argument_index, read in reads_and_indices if isinstance(read, Input)
+        ]
+        self._parameters = [
+            (argument_index, read.index) for argument_index, read in reads_and_indices if isinstance(read, Parameter)
+        ]
+        self._states = [
+            (argument_index, read.index) for argument_index, read in reads_and_indices if isinstance(read, StateGroup)
+        ]
+        self._own = [
+            (argument_index, target) for argument_index, (_, target) in enumerate(self._sources) if target is not None
+        ]
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
@@ -219,21 +229,21 @@ class Computation:
         targets = [vector.get_mutable_value() for vector in vectors]
         sources: list[Any] = [None] * len(self._sources)
         absent: tuple[Any, ...] = ()
-        for place, index in self._inputs:
+        for argument_index, index in self._inputs:
             vector = system.EvalVectorInput(context, index)
             if vector is None:
                 absent += (index,)
             else:
-                sources[place] = vector.value()
-        for place, index in self._parameters:
-            sources[place] = context.get_numeric_parameter(index).value()
-        for place, index in self._states:
+                sources[argument_index] = vector.value()
+        for argument_index, index in self._parameters:
+            sources[argument_index] = context.get_numeric_parameter(index).value()
+        for argument_index, index in self._states:
             if index is None:
-                sources[place] = context.get_continuous_state_vector().CopyToVector()
+                sources[argument_index] = context.get_continuous_state_vector().CopyToVector()
             else:
-                sources[place] = context.get_discrete_state(index).value()
-        for place, target in self._own:
-            sources[place] = targets[target]
+                sources[argument_index] = context.get_discrete_state(index).value()
+        for argument_index, target in self._own:
+            sources[argument_index] = targets[target]
         if absent:
             sources = [source for source in sources if source is not None]
         run = self._kernels.get(absent) or self._compiled(system, absent)
@@ -243,8 +253,8 @@ class Computation:
         """Compute the results as `run` does, but without machine code."""
         sources: list[Any] = []
         absent: tuple[Any, ...] = ()
-        for read, place in self._sources:
-            vector = read.vector(system, context) if place is None else vectors[place]
+        for read, argument_index in self._sources:
+            vector = read.vector(system, context) if argument_index is None else vectors[argument_index]
             if vector is None:
                 absent += (read.index,)
             else:
@@ -285,12 +295,12 @@ class FleetSystem(_Base):
 
     A subclass defines `declare` instead of a constructor. `declare` is called with the keyword arguments of the
     constructor except for `num_vehicles`, and again with the same arguments when Drake converts the system to another
-    scalar type. If `declare` has an argument `numbers`, it is passed to the recipes of parameters and states.
+    scalar type. If `declare` has an argument `parameters`, it is passed to the recipes of parameters and states.
 
     Attributes:
         scalar: scalar type: float, AutoDiffXd or Expression.
         num_vehicles: number N of vehicles.
-        structure: arguments that were given to the constructor, without `num_vehicles` and `numbers`.
+        structure: arguments that were given to the constructor, without `num_vehicles` and `parameters`.
         parameters: numeric parameters, by name.
         states: groups of the state, by name.
         random_inputs: properties of the random input ports, by name.
@@ -304,7 +314,7 @@ class FleetSystem(_Base):
     scalar: type
     num_vehicles: int
     structure: dict[str, Any]
-    _numbers: Any
+    _parameter_record: Any
 
     def begin(self) -> None:
         """Initialize the attributes to which the declarations add entries."""
@@ -351,24 +361,24 @@ class FleetSystem(_Base):
         return Input(name, index, layout, REQUIRED)
 
     def parameter(self, name: str, recipe: Callable[[Any], Any]) -> Parameter:
-        """Declare a numeric parameter, given the function that computes its record from the numbers."""
-        record = recipe(self._numbers)
+        """Declare a numeric parameter, given the function that computes its record from the parameters."""
+        record = recipe(self._parameter_record)
         layout = layout_of(type(record), record)
         index = self.DeclareNumericParameter(self._vector(layout, record))
         self.parameters[name] = Parameter(name, NumericParameterIndex(int(index)), layout, recipe)
         return self.parameters[name]
 
     def state(self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None) -> StateGroup:
-        """Declare a discrete state group, given the function that computes its initial record from the numbers."""
-        record = recipe(self._numbers)
+        """Declare a discrete state group, given the function that computes its initial record from the parameters."""
+        record = recipe(self._parameter_record)
         layout = layout or layout_of(type(record), record)
         index = self.DeclareDiscreteState(self._vector(layout, record))
         self.states[name] = StateGroup(name, DiscreteStateIndex(int(index)), layout, recipe)
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
-        """Declare the continuous state, given the function that computes its initial record from the numbers."""
-        record = recipe(self._numbers)
+        """Declare the continuous state, given the function that computes its initial record from the parameters."""
+        record = recipe(self._parameter_record)
         layout = layout_of(type(record), record)
         self.DeclareContinuousState(self._vector(layout, record))
         self.states["continuous"] = StateGroup("continuous", None, layout, recipe)
@@ -492,43 +502,43 @@ class FleetSystem(_Base):
             self._derivative.run(self, context, [rates])
         derivatives.get_mutable_vector().SetFromVector(rates.CopyToVector())
 
-    def reset(self, context: Context, numbers: Any) -> None:
-        """Reset parameters and state of a context to the default values of a system built with other numbers.
+    def reset(self, context: Context, parameters: Any) -> None:
+        """Reset parameters and state of a context to the default values of a system built with other parameters.
 
         Args:
             context: context of this system.
-            numbers: record of numbers, as for the constructor; each row may be an (N,) array.
+            parameters: record of numbers, as for the constructor; each row may be an (N,) array.
         """
-        self.set_numbers(context, numbers)
+        self.set_parameters(context, parameters)
         for part in self.states.values():
-            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
+            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))
 
-    def set_numbers(self, context: Context, numbers: Any) -> None:
-        """Set the parameters of a context to the default values of a system built with other numbers.
+    def set_parameters(self, context: Context, parameters: Any) -> None:
+        """Set the parameters of a context to the default values of a system built with other parameters.
 
         Args:
             context: context of this system.
-            numbers: record of numbers, as for the constructor; each row may be an (N,) array.
+            parameters: record of numbers, as for the constructor; each row may be an (N,) array.
         """
         for part in self.parameters.values():
-            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
+            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))
 
     def get_parameter(self, context: Context, name: str) -> Any:
         """Return a copy of the record of a numeric parameter."""
-        return self._record(entry(self.parameters, name, "parameter"), context)
+        return self._record(lookup(self.parameters, name, "parameter"), context)
 
     def set_parameter(self, context: Context, name: str, record: Any) -> None:
         """Set a numeric parameter to a record; each row is a number for all vehicles, or an (N,) array."""
-        parameter = entry(self.parameters, name, "parameter")
+        parameter = lookup(self.parameters, name, "parameter")
         parameter.mutable_vector(context).SetFromVector(self._elements(parameter.layout, record))
 
     def get_state(self, context: Context, name: str) -> Any:
         """Return a copy of the record of a group of the state."""
-        return self._record(entry(self.states, name, "group of the state"), context)
+        return self._record(lookup(self.states, name, "group of the state"), context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
         """Set a group of the state to a record; each row is a number for all vehicles, or an (N,) array."""
-        group = entry(self.states, name, "group of the state")
+        group = lookup(self.states, name, "group of the state")
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 
     def _record(self, part: Parameter | StateGroup, context: Context) -> Any:
@@ -537,7 +547,7 @@ class FleetSystem(_Base):
         return part.layout.build(rows)
 
     def _elements(self, layout: Layout, record: Any) -> np.ndarray:
-        return packed(layout.flatten(record), self.num_vehicles).astype(self.scalar)
+        return pack_rows(layout.flatten(record), self.num_vehicles).astype(self.scalar)
 
     def _vector(self, layout: Layout, record: Any) -> Any:
         return BasicVector_[self.scalar](self._elements(layout, record))
@@ -554,7 +564,7 @@ def _layout_of_target(target: Any) -> Layout:
 
 
 def _layout_of_signal(name: str) -> Layout:
-    return layout_of(entry(SIGNALS, name, "signal"))
+    return layout_of(lookup(SIGNALS, name, "signal"))
 
 
 class RandomInput(NamedTuple):
@@ -647,8 +657,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
     def decorate(cls: type[FleetSystem]) -> Any:
         template = TemplateSystem(f"{cls.__name__}_", T_list=list(scalars), scope=sys.modules[cls.__module__])
         signature = _constructor_signature(cls)
-        numbers = signature.parameters.get("numbers")
-        default = None if numbers is None or numbers.default is numbers.empty else numbers.default
+        parameters = signature.parameters.get("parameters")
+        default = None if parameters is None or parameters.default is parameters.empty else parameters.default
 
         def instantiate(param: tuple[type]) -> type:
             (T,) = param
@@ -660,11 +670,11 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct(self, num_vehicles: int = 1, *, converter: Any = None, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles, self._options = num_vehicles, options
-                    self.structure = {name: value for name, value in options.items() if name != "numbers"}
+                    self.structure = {name: value for name, value in options.items() if name != "parameters"}
                     self.begin()
-                    self._numbers = options.get("numbers", default)
+                    self._parameter_record = options.get("parameters", default)
                     if T is float:
-                        check_signs(self._numbers)
+                        check_signs(self._parameter_record)
                     self.declare(**options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:

@@ -101,17 +101,17 @@ def _compile(
     sizes: list[int] = []
     for argument in arguments:
         if isinstance(argument, Layout):
-            rows = [listing.row(len(sizes), place) for place in range(argument.num_rows)]
+            rows = [listing.row(len(sizes), index) for index in range(argument.num_rows)]
             values.append(argument.build(rows))
             sizes.append(argument.num_rows)
         else:
             values.append(at_time(argument, listing.shared(0)))
-    returned = traced(formula, values, results)
+    returned = trace_formula(formula, values, results)
     targets = [layout.num_rows for layout in results if layout is not ABSENT]
     return compile_kernel(listing, returned, sources=sizes, targets=targets, single_vehicle=single_vehicle)
 
 
-def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
+def trace_formula(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
     """Run a formula on symbols, and return the rows of its results; truth values are converted to 0 and 1.
 
     Args:
@@ -125,7 +125,7 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
         IndexError: if the formula uses a wrong index.
     """
     try:
-        return [_number(row) for row in flattened(formula(*values), results)]
+        return [_number(row) for row in flatten_results(formula(*values), results)]
     except (TypeError, AttributeError, IndexError) as error:
         name = getattr(formula, "__name__", repr(formula))
         kind = IndexError if isinstance(error, IndexError) else TypeError
@@ -167,9 +167,9 @@ def interpret(
             values.append(argument.build(rows))
         else:
             values.append(at_time(argument, time))
-    rows = iter(flattened(formula(*values), results))
+    rows = iter(flatten_results(formula(*values), results))
     sizes = [layout.num_rows for layout in results if layout is not ABSENT]
-    return [packed([next(rows) for _ in range(size)], num_vehicles) for size in sizes]
+    return [pack_rows([next(rows) for _ in range(size)], num_vehicles) for size in sizes]
 
 
 def at_time(argument: Any, time: Any) -> Any:
@@ -179,7 +179,7 @@ def at_time(argument: Any, time: Any) -> Any:
     return argument.at(time) if isinstance(argument, TickOf) else argument
 
 
-def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
+def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
     """Return the rows of all results of a formula in order, without absent results.
 
     Raises:
@@ -193,7 +193,7 @@ def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
     return [row for layout, part in present for row in layout.flatten(part)]
 
 
-def packed(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
+def pack_rows(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
     """Concatenate rows, each a number or an (N,) array, to one vector of num_rows · N elements."""
     # `np.broadcast_to` is twenty times slower.
     if num_vehicles == 1:

@@ -87,12 +87,12 @@ class Store(NamedTuple):
 
     Attributes:
         target: group of the row.
-        place: index of the row in the group.
+        row: index of the row in the group.
         symbol: value to store.
     """
 
     target: Rows
-    place: int
+    row: int
     symbol: Symbol
 
 
@@ -136,12 +136,12 @@ def function(
     for k, line in enumerate(order):
         operation = listing.operations[line]
         if operation.name == "row":
-            group, place = operation.operands
-            last_reads[sources[group].pointer, place] = k
+            group, row = operation.operands
+            last_reads[sources[group].pointer, row] = k
     last = max(last_reads.values(), default=0)
     due: dict[int, list[tuple[int, Store]]] = defaultdict(list)
     for count, store in enumerate(stores):
-        free = last if overlapping else last_reads.get((store.target.pointer, store.place), 0)
+        free = last if overlapping else last_reads.get((store.target.pointer, store.row), 0)
         due[max(position[store.symbol.line], free)].append((count, store))
     names: dict[int, str] = {}
     lines: list[str] = []
@@ -151,9 +151,9 @@ def function(
             names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
             names[number] = calls.append_call(lines, names, listing, number)
-        for count, (target, place, symbol) in due.get(k, ()):
+        for count, (target, row, symbol) in due.get(k, ()):
             pointer = f"%store_{count}"
-            lines += _pointer(pointer, target, place)
+            lines += _pointer(pointer, target, row)
             lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
     # Processors access vectors on the stack faster if their addresses are multiples of the register size.
     attributes = "" if lanes == 1 else f" alignstack({8 * lanes})"
@@ -195,20 +195,20 @@ class _Calls:
         """Append the call that computes a line, unless it was appended before, and return the name of the result."""
         operation = listing.operations[number]
         assert operation.inside is not None
-        inside, place = operation.inside
+        inside, row = operation.inside
         first = self._results.setdefault((inside, operation.operands), number)
         if first == number:
-            given = [(names[line], listing.operations[line].kind) for line in operation.operands]
+            operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]
             if isinstance(inside, Branch):
-                self._write_branch(lines, number, given, inside)
+                self._write_branch(lines, number, operand_names, inside)
             else:
-                self._write_layer(lines, number, given, inside)
-        return f"%v{first}_{place}"
+                self._write_layer(lines, number, operand_names, inside)
+        return f"%v{first}_{row}"
 
     def _write_branch(
-        self, lines: list[str], number: int, given: Sequence[tuple[str, SymbolKind]], branch: Branch
+        self, lines: list[str], number: int, operand_names: Sequence[tuple[str, SymbolKind]], branch: Branch
     ) -> None:
-        (mask, _), *arguments = given
+        (mask, _), *arguments = operand_names
         lanes = self._lanes
         lines += [
             f"%v{number}_lanes = bitcast <{lanes} x i1> {mask} to i{lanes}",
@@ -226,27 +226,27 @@ class _Calls:
         self._load_results(lines, number, [branch.operations[line].kind for line in branch.results])
 
     def _write_layer(
-        self, lines: list[str], number: int, given: Sequence[tuple[str, SymbolKind]], layer: SymbolLayer
+        self, lines: list[str], number: int, operand_names: Sequence[tuple[str, SymbolKind]], layer: SymbolLayer
     ) -> None:
         rows, _ = layer.matrix.shape
-        self._store_arguments(lines, number, given)
+        self._store_arguments(lines, number, operand_names)
         lines.append(f"call void {self._function_of_layer(layer)}(ptr %given, ptr %found)")
         self._load_results(lines, number, [SymbolKind.NUMBER] * rows)
         # The function writes all rows of the last block, even if the layer has fewer rows.
         self._rows = max(self._rows, rows + -rows % _BLOCK_ROWS)
 
     def _store_arguments(self, lines: list[str], number: int, arguments: Sequence[tuple[str, SymbolKind]]) -> None:
-        for place, (name, kind) in enumerate(arguments):
-            pointer = f"%v{number}_given_{place}"
-            lines += _pointer(pointer, Rows("%given", self._lanes), place)
+        for row, (name, kind) in enumerate(arguments):
+            pointer = f"%v{number}_given_{row}"
+            lines += _pointer(pointer, Rows("%given", self._lanes), row)
             lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(arguments))
 
     def _load_results(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
-        for place, kind in enumerate(kinds):
-            pointer = f"%v{number}_found_{place}"
-            lines += _pointer(pointer, Rows("%found", self._lanes), place)
-            lines.append(f"%v{number}_{place} = load {_type(kind, self._lanes)}, ptr {pointer}, align 8")
+        for row, kind in enumerate(kinds):
+            pointer = f"%v{number}_found_{row}"
+            lines += _pointer(pointer, Rows("%found", self._lanes), row)
+            lines.append(f"%v{number}_{row} = load {_type(kind, self._lanes)}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(kinds))
 
     def _function_of(self, branch: Branch, attributes: str) -> str:
@@ -255,8 +255,8 @@ class _Calls:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
             rows, results, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
             stores = [
-                Store(results, place, Symbol(listing, line, branch.operations[line].kind))
-                for place, line in enumerate(branch.results)
+                Store(results, row, Symbol(listing, line, branch.operations[line].kind))
+                for row, line in enumerate(branch.results)
             ]
             head = f"{name}(ptr %rows, ptr %results) {attributes}"
             self.functions.append(
@@ -367,14 +367,14 @@ def _write_operation(
         text = f"0x{bits:016X}" if kind is SymbolKind.NUMBER else str(bits)
         return f"<{', '.join([f'{_ELEMENT_TYPES[kind]} {text}'] * lanes)}>"
     if operation.name == "shared" and isinstance(shared, str):
-        (place,) = operation.operands
-        lines += _spread(name, shared, place, lanes)
+        (row,) = operation.operands
+        lines += _spread(name, shared, row, lanes)
         return name
     if operation.name in LEAVES:
-        *group, place = operation.operands
+        *group, row = operation.operands
         rows = sources[group[0]] if group else shared
         assert isinstance(rows, Rows)
-        lines += _pointer(f"{name}_at", rows, place)
+        lines += _pointer(f"{name}_at", rows, row)
         lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
         return name
     template = _template(operation.name, listing.operations[operation.operands[0]].kind, kind, lanes)
@@ -389,22 +389,22 @@ def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 
-def _spread(result: str, pointer: str, place: int, lanes: int) -> list[str]:
+def _spread(result: str, pointer: str, row: int, lanes: int) -> list[str]:
     """Return the lines that load the number at an index of an array, and copy it to all lanes."""
     type_ = _type(SymbolKind.NUMBER, lanes)
     return [
-        f"{result}_at = getelementptr double, ptr {pointer}, i64 {place}",
+        f"{result}_at = getelementptr double, ptr {pointer}, i64 {row}",
         f"{result}_number = load double, ptr {result}_at, align 8",
         f"{result}_one = insertelement {type_} poison, double {result}_number, i32 0",
         f"{result} = shufflevector {type_} {result}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
     ]
 
 
-def _pointer(name: str, rows: Rows, place: int) -> list[str]:
+def _pointer(name: str, rows: Rows, row: int) -> list[str]:
     """Return the lines that compute the pointer to a row of a group."""
     if isinstance(rows.stride, int):
-        return [f"{name} = getelementptr double, ptr {rows.pointer}, i64 {place * rows.stride}"]
+        return [f"{name} = getelementptr double, ptr {rows.pointer}, i64 {row * rows.stride}"]
     return [
-        f"{name}_row = mul i64 {rows.stride}, {place}",
+        f"{name}_row = mul i64 {rows.stride}, {row}",
         f"{name} = getelementptr double, ptr {rows.pointer}, i64 {name}_row",
     ]

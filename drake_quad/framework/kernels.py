@@ -49,9 +49,9 @@ def _module(
 ) -> str:
     """Return the LLVM code of a kernel."""
     symbols = [result if result.__class__ is Symbol else listing.constant(result) for result in results]
-    places = [(f"%target_{group}", place) for group, rows in enumerate(targets) for place in range(rows)]
+    indices = [(f"%target_{group}", index) for group, rows in enumerate(targets) for index in range(rows)]
     stores = [
-        Store(Rows(group, "%stride"), place, symbol) for (group, place), symbol in zip(places, symbols, strict=True)
+        Store(Rows(group, "%stride"), index, symbol) for (group, index), symbol in zip(indices, symbols, strict=True)
     ]
     groups = {group: Rows(f"%source_{group}", "%stride") for group in range(len(sources))}
     pointers = [f"ptr %target_{i}" for i in range(len(targets))] + [f"ptr %source_{i}" for i in range(len(sources))]

@@ -13,17 +13,18 @@ class Recipe(NamedTuple):
     Attributes:
         system: class of the system, a `FleetSystem`; or a function that returns another Drake system.
         structure: arguments of the constructor that determine ports and events.
-        numbers: record of numbers, each of which may be an (N,) array; None if the system has no argument `numbers`.
+        parameters: record of numbers, each of which may be an (N,) array; None if the system has no argument
+            `parameters`.
     """
 
     system: Any
     structure: dict[str, Any]
-    numbers: Any
+    parameters: Any
 
     def build(self, num_vehicles: int) -> Any:
         """Return the system for N vehicles."""
-        numbers = {} if self.numbers is None else {"numbers": self.numbers}
-        return self.system(num_vehicles=num_vehicles, **self.structure, **numbers)
+        parameters = {} if self.parameters is None else {"parameters": self.parameters}
+        return self.system(num_vehicles=num_vehicles, **self.structure, **parameters)
 
     def reset(self, diagram: Diagram, path: str, context: Context) -> None:
         """Reset the context of a system to the default context of a system that is built from this recipe.
@@ -42,4 +43,4 @@ class Recipe(NamedTuple):
             return
         if system.structure != self.structure:
             raise ValueError(f"{path} was built with {system.structure}, but this recipe requires {self.structure}")
-        system.reset(system.GetMyMutableContextFromRoot(context), self.numbers)
+        system.reset(system.GetMyMutableContextFromRoot(context), self.parameters)

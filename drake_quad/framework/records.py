@@ -159,7 +159,7 @@ def _field_types(kind: Any) -> tuple[Any, ...]:
     return tuple([hints[name] for name in kind._fields])
 
 
-def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
+def record_like(kind: type[_Record], source: Any, **overrides: Any) -> _Record:
     """Return a record whose fields are the attributes of the same names of another object.
 
     If the type of a field is a record, a tuple or model in the source is converted to this record.
@@ -167,13 +167,13 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
     Args:
         kind: type of the record.
         source: object with the attributes, such as a model of the scenario language.
-        given: values of fields that are not attributes of the source.
+        overrides: values of fields that are not attributes of the source.
 
     Raises:
         AttributeError: if the source lacks a field that is not given.
     """
     names = kind._fields  # type: ignore[attr-defined]
-    values = [given[name] if name in given else getattr(source, name) for name in names]
+    values = [overrides[name] if name in overrides else getattr(source, name) for name in names]
     return kind(*map(_nested, _field_types(kind), values))
 
 
@@ -186,7 +186,7 @@ def _nested(kind: Any, value: Any) -> Any:
     return records[0](*value) if isinstance(value, tuple) else record_like(records[0], value)
 
 
-def check_signs(record: Any, path: str = "numbers") -> None:
+def check_signs(record: Any, path: str = "parameters") -> None:
     """Raise ValueError if the sign of a number in a record is not the sign that the `Quantity` of its field requires.
 
     Args:

@@ -47,9 +47,9 @@ def schedule(listing: Listing) -> list[int]:
     num_missing, ready_cycle = [0] * len(operations), [0] * len(operations)
     for line in lines:
         for operand in {*operations[line].operands}:
-            own = users[operand]
-            if own is not None:
-                own.append(line)
+            operand_users = users[operand]
+            if operand_users is not None:
+                operand_users.append(line)
                 num_missing[line] += 1
     ready = [line for line in lines if not num_missing[line]]  # sorted, and so a heap
     waiting: list[tuple[int, int]] = []

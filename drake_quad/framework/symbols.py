@@ -169,13 +169,13 @@ class Listing:
         """Add a line unless the listing contains it, and return its symbol; the arguments are as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
-    def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
+    def row(self, group: int, index: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """Return the symbol of a row, given the number of its group and its index in the group."""
-        return self.add("row", (group, place), kind)
+        return self.add("row", (group, index), kind)
 
-    def shared(self, place: int) -> "Symbol":
+    def shared(self, index: int) -> "Symbol":
         """Return the symbol of a number that all vehicles share, given its index among these numbers."""
-        return self.add("shared", (place,), SymbolKind.NUMBER)
+        return self.add("shared", (index,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
@@ -369,7 +369,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         TypeError: if the operation does not apply to operands of these types, or the operands belong to different
             listings.
     """
-    symbols = lifted(*operands)
+    symbols = to_symbols(*operands)
     first = _first_symbol(operands)
     if name in _COMPARISONS:
         kind = _TRUTH
@@ -405,7 +405,7 @@ def number(symbol: Symbol) -> Symbol:
     """Return the number 1 if a truth value is true, else 0; other symbols are returned unchanged."""
     if symbol.kind is not _TRUTH:
         return symbol
-    _, one, zero = lifted(symbol, 1.0, 0.0)
+    _, one, zero = to_symbols(symbol, 1.0, 0.0)
     return operation("select", symbol, one, zero, kind=_NUMBER)
 
 
@@ -414,7 +414,7 @@ def truth(symbol: Symbol) -> Symbol:
     return operation("not_equal", symbol, 0.0) if symbol.kind is _NUMBER else symbol
 
 
-def lifted(*operands: Any) -> list[Symbol]:
+def to_symbols(*operands: Any) -> list[Symbol]:
     """Convert operands to symbols; at least one of them must be a symbol.
 
     Raises:
@@ -449,7 +449,7 @@ _FOREIGN_SYMBOL = (
 )
 
 
-def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]) -> Any:
     """Return the results of a formula that is executed only if the mask is true for a vehicle of the vector.
 
     The results are a row or a tuple of rows. They are undefined for vehicles for which the mask is false.
@@ -458,14 +458,14 @@ def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]
         TypeError: if the formula uses symbols that are not arguments.
     """
     inside, inputs = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
-    rows = iter([inside.row(0, place, symbol.kind) for place, symbol in enumerate(inputs)])
+    rows = iter([inside.row(0, index, symbol.kind) for index, symbol in enumerate(inputs)])
     returned = formula(*[next(rows) if argument.__class__ is Symbol else argument for argument in arguments])
     parts = returned if isinstance(returned, tuple) else (returned,)
     symbols = [part for part in parts if part.__class__ is Symbol]
     branch = _branch(inside, symbols)
-    operands = tuple([symbol.line for symbol in lifted(truth(mask), *inputs)])
+    operands = tuple([symbol.line for symbol in to_symbols(truth(mask), *inputs)])
     results = iter(
-        [mask.listing.add("branch", operands, symbol.kind, (branch, place)) for place, symbol in enumerate(symbols)]
+        [mask.listing.add("branch", operands, symbol.kind, (branch, index)) for index, symbol in enumerate(symbols)]
     )
     values = [next(results) if part.__class__ is Symbol else part for part in parts]
     if not isinstance(returned, tuple):
@@ -486,11 +486,11 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
         TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.
     """
     inside = Listing()
-    result = number(lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1])
-    symbols = [number(symbol) for symbol in lifted(*rows)]
+    result = number(to_symbols(inside.row(0, 0), activation(inside.row(0, 0)))[1])
+    symbols = [number(symbol) for symbol in to_symbols(*rows)]
     symbol_layer = SymbolLayer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
     return [
-        symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (symbol_layer, place))
-        for place in range(matrix.shape[0])
+        symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (symbol_layer, index))
+        for index in range(matrix.shape[0])
     ]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_quad.errors import InputError, shown, whole_number
+from drake_quad.errors import InputError, check_integer, short_repr
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.scenario.models import Scenario
 
@@ -35,7 +35,7 @@ class FunctionPolicy(LeafSystem):
         rows = scenario.control.policy_rows()
         if not rows:
             raise InputError(f"the control of {scenario.name} must be of kind policy to use a policy")
-        self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", minimum=1)
+        self._function, self._n = function, check_integer(num_vehicles, "num_vehicles", minimum=1)
         self._rows = rows["action"]
         self.DeclareVectorInputPort("observation", rows["observation"] * self._n)
         self.DeclareVectorOutputPort("action", self._rows * self._n, self._act)
@@ -48,6 +48,6 @@ class FunctionPolicy(LeafSystem):
         if actions is None or actions.shape != (self._n, self._rows) or is_too_large:
             raise InputError(
                 f"the policy must return an array ({self._n}, {self._rows}) of numbers with absolute values of at most"
-                f" {MAX_ACTION:,.0f}, but returned {shown(returned)} at {context.get_time():.2f} s"
+                f" {MAX_ACTION:,.0f}, but returned {short_repr(returned)} at {context.get_time():.2f} s"
             )
         output.SetFromVector(actions.T.ravel())

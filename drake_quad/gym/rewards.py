@@ -22,7 +22,7 @@ class Transition(NamedTuple):
         reference: references after the step.
         time: (N,) times since the start of each episode, s.
         crashed: (N,) Booleans, True if the vehicle has crashed, whether or not into an obstacle.
-        touched: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
+        obstacle_hit: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
         signals: further signals that were requested, as records, by name.
     """
 
@@ -33,7 +33,7 @@ class Transition(NamedTuple):
     reference: Reference
     time: np.ndarray
     crashed: np.ndarray
-    touched: np.ndarray
+    obstacle_hit: np.ndarray
     signals: Mapping[str, Any]
 
     @property
@@ -101,7 +101,7 @@ class TrackingReward:
             - self.effort * np.einsum("ij,ij->i", action, action)
             - self.variation * np.einsum("ij,ij->i", change, change)
             - self.crash * step.crashed
-            - self.obstacle * (step.touched > 0)
+            - self.obstacle * (step.obstacle_hit > 0)
         )
         return reward
 

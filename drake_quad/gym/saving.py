@@ -80,8 +80,8 @@ def save_policy(
         InputError: if the files cannot be written, or the network does not match the observations and actions of the
             environment. In this case existing files are not changed.
     """
-    given = {"offset": offset, "scale": scale, "limit": limit}
-    arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
+    arrays_given = {"offset": offset, "scale": scale, "limit": limit}
+    arrays: dict[str, Any] = {name: np.asarray(each) for name, each in arrays_given.items() if each is not None}
     for k, layer in enumerate(layers):
         weights, biases, activation, alpha = Layer(*layer)
         arrays |= {f"weights_{k}": weights, f"biases_{k}": biases, f"activation_{k}": np.array(activation)}
@@ -161,8 +161,8 @@ def evaluate_layers(
 ) -> np.ndarray:
     """Return the actions (k, rows) of a network for observations (k, rows), saturated at ±1; see `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
-    given = [Layer(*each) for each in layers]
-    neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in given])
+    specified = [Layer(*each) for each in layers]
+    neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in specified])
     network = Network(neurons, observations.shape[1], first, factor, limit)
     return np.clip(np.transpose(evaluate_network(network, [*observations.T], ()).output), -1.0, 1.0)
 
@@ -173,7 +173,7 @@ def scenario_of_env(env: Any) -> Scenario:
     Raises:
         InputError: if the environment is not an environment of this package.
     """
-    own = getattr(env, "unwrapped", env)
-    if not isinstance(own, QuadrotorEnv | QuadrotorVectorEnv):
-        raise InputError(f"env is a {type(own).__name__}, but must be an environment of drake_quad.gym")
-    return own.scenario
+    unwrapped = getattr(env, "unwrapped", env)
+    if not isinstance(unwrapped, QuadrotorEnv | QuadrotorVectorEnv):
+        raise InputError(f"env is a {type(unwrapped).__name__}, but must be an environment of drake_quad.gym")
+    return unwrapped.scenario

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.scenario.actions.action import ACTIONS
-from drake_quad.scenario.batch import middle_of
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import Overrides, load_scenario, with_fields
 from drake_quad.scenario.models import Scenario
@@ -48,7 +48,9 @@ def task_of(
     if isinstance(fields["action"], Model):
         fields["action"] = fields["action"].model_dump(mode="json")
     if not isinstance(fields["action"], Mapping):
-        raise InputError(f"action is {shown(action)}, but must be the name of a kind of action, or a mapping of fields")
+        raise InputError(
+            f"action is {short_repr(action)}, but must be the name of a kind of action, or a mapping of fields"
+        )
     kind = ACTIONS.get(fields["action"].get("kind"))
     # The validation of the scenario checks the fields of the action.
     unchecked = {str(name): value for name, value in fields["action"].items()}
@@ -63,5 +65,5 @@ def _designed_attitude(scenario: Scenario) -> dict[str, Any]:
 
     ones = {"k_p": [1.0, 1.0, 1.0], "k_d": [1.0, 1.0, 1.0]}
     cascade = {"position": {"kind": "pd", "feed_forward": "none", **ones}, "attitude": ones}
-    gains = design_cascade(middle_of(with_fields(scenario, {"control": cascade}))).gains()["attitude"]
+    gains = design_cascade(median_scenario(with_fields(scenario, {"control": cascade}))).gains()["attitude"]
     return {name: list(rows) for name, rows in gains.items()}

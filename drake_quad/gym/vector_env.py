@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
-from drake_quad.errors import InputError, listed, shortened, shown, whole_number
+from drake_quad.errors import InputError, check_integer, join_names, short_repr, shorten_text
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.episodes import Episode, Episodes
@@ -19,10 +19,10 @@ from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precisi
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
 from drake_quad.gym.rollout import ActionLog, replay_episode
 from drake_quad.gym.task import task_of
-from drake_quad.laboratory.metrics import Metrics, summarized
+from drake_quad.laboratory.metrics import Metrics, compute_metrics
 from drake_quad.memory import check_fleet_fits
-from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import flight_duration
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.distributions import Model
@@ -99,22 +99,22 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         record: bool = False,
     ) -> None:
-        num_envs = whole_number(num_envs, "num_envs", minimum=1)
+        num_envs = check_integer(num_envs, "num_envs", minimum=1)
         check_fleet_fits(num_envs, "num_envs")
         if plan is not None and not isinstance(plan, Plan):
-            raise InputError(f"plan is {shown(plan)}, but must be a Plan")
+            raise InputError(f"plan is {short_repr(plan)}, but must be a Plan")
         for name, function in (("reward", reward), ("terminates", terminates)):
             if not callable(function):
-                raise InputError(f"{name} is {shown(function)}, but must be a function of a Transition")
+                raise InputError(f"{name} is {short_repr(function)}, but must be a function of a Transition")
         modes = [str(mode.value) for mode in AutoresetMode]
         if autoreset_mode not in [*AutoresetMode, *modes]:
-            raise InputError(f"autoreset_mode is {shown(autoreset_mode)}, but must be one of {listed(modes)}")
+            raise InputError(f"autoreset_mode is {short_repr(autoreset_mode)}, but must be one of {join_names(modes)}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(
                 f"render_mode is {render_mode!r}, but must be None or one of {self.metadata['render_modes']}"
             )
         if isinstance(signals, str) or not isinstance(signals, Iterable):
-            raise InputError(f"signals is {shown(signals)}, but must be a list of names")
+            raise InputError(f"signals is {short_repr(signals)}, but must be a list of names")
         self.scenario = task_of(scenario, overrides, action=action, observation=observation)
         self.plan = plan or plan_route(self.scenario)
         self._tick = self.scenario.laboratory.command_link.period
@@ -245,7 +245,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: if there is no such vehicle.
         """
-        return self._episodes.episode(whole_number(vehicle, "vehicle", minimum=0, maximum=self.num_envs - 1))
+        return self._episodes.episode(check_integer(vehicle, "vehicle", minimum=0, maximum=self.num_envs - 1))
 
     def flight(self, vehicle: int = 0) -> Flight:
         """Return an episode of a vehicle, given the index of the vehicle, with all signals.
@@ -273,11 +273,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is None:
             return [None] * self.num_envs
         if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
-            first = whole_number(seed, "seed", minimum=0, maximum=max_seed)
+            first = check_integer(seed, "seed", minimum=0, maximum=max_seed)
             return [first + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds are given, but there are {self.num_envs} vehicles")
-        return [None if each is None else whole_number(each, "seed", minimum=0, maximum=max_seed) for each in seed]
+        return [None if each is None else check_integer(each, "seed", minimum=0, maximum=max_seed) for each in seed]
 
     def _end(self, vehicles: np.ndarray) -> None:
         """Mark the episodes of some vehicles as completed in the action log, if actions are recorded."""
@@ -307,7 +307,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         actions = real_numbers(values)
         if actions is None:
-            raise InputError(f"actions are {shown(values)}, but must be an array of real numbers")
+            raise InputError(f"actions are {short_repr(values)}, but must be an array of real numbers")
         if actions.shape != self._last_action.shape:
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
         wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
@@ -315,7 +315,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             vehicle, *_ = np.flatnonzero(wrong).tolist()
             raise InputError(
                 f"actions must be finite, with absolute values of at most {MAX_ACTION:,.0f}, but the action of vehicle"
-                f" {vehicle} is {shown(actions[vehicle].tolist())}"
+                f" {vehicle} is {short_repr(actions[vehicle].tolist())}"
             )
         return actions
 
@@ -323,7 +323,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Check the result of a user's function of a transition, and return a copy of it."""
         values = real_numbers(result)
         if values is None or values.shape != (self.num_envs,):
-            raise InputError(f"{name} must return {self.num_envs} numbers, but returned {shortened(repr(result), 80)}")
+            raise InputError(
+                f"{name} must return {self.num_envs} numbers, but returned {shorten_text(repr(result), 80)}"
+            )
         if not np.isfinite(values).all():
             vehicle, *_ = np.flatnonzero(~np.isfinite(values)).tolist()
             raise InputError(f"{name} must return finite numbers, but returned {values[vehicle]} for vehicle {vehicle}")
@@ -339,7 +341,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             fleet.output_record("reference"),
             fleet.clocks * self._tick,
             fleet.next_state("crashed").crashed != 0.0,
-            fleet.next_state("touched").number.astype(int),
+            fleet.next_state("obstacle_hit").number.astype(int),
             {name: fleet.output_record(name) for name in self._signals},
         )
 
@@ -347,8 +349,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
-        metrics: Metrics = summarized(sums, crash_time, self._tick, self.scenario.metrics_type)
-        obstacle = self._fleet.next_state("touched").number.astype(int)
+        metrics: Metrics = compute_metrics(sums, crash_time, self._tick, self.scenario.metrics_type)
+        obstacle = self._fleet.next_state("obstacle_hit").number.astype(int)
         flight: dict[str, Any] = {}
         undefined = () if self._commands_acceleration else ("effort", "variation")
         for name, values in {**metrics._asdict(), "obstacle": obstacle}.items():
@@ -377,7 +379,9 @@ def _checked_signals(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:
     available = [name for name in ports if name in SIGNALS]
     for name in signals:
         if name not in available:
-            raise InputError(f"{shown(name)} is not a signal of this scenario; its signals are {listed(available)}")
+            raise InputError(
+                f"{short_repr(name)} is not a signal of this scenario; its signals are {join_names(available)}"
+            )
         if [*signals].count(name) > 1:
             raise InputError(f"signals contains {name} twice")
     return tuple(signals)

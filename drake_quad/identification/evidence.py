@@ -103,10 +103,10 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
         information: (B, p, p) information H_b of the blocks.
         inverse: (p, p) inverse H⁻¹ of the total information, including the information of the prior.
     """
-    shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
-    largest = shares.max(axis=0)
+    fractions = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
+    largest = fractions.max(axis=0)
     # The values c_b are divided by the largest one, so that squares of small numbers do not underflow.
-    relative = np.where(largest > 0.0, shares / np.where(largest > 0.0, largest, 1.0), 1.0 / len(shares))
+    relative = np.where(largest > 0.0, fractions / np.where(largest > 0.0, largest, 1.0), 1.0 / len(fractions))
     effective_number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
     return np.where(largest > 0.0, effective_number, 1.0)
 

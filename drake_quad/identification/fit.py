@@ -82,7 +82,7 @@ class PredictionFit(NamedTuple):
         values: (p,) estimates of the parameters.
         noise: estimated noise.
         gains: gains of the filter for these parameters.
-        slopes: (W, k, p) derivatives of the k whitened errors of each window, L⁻¹ ∂e/∂θ.
+        jacobian: (W, k, p) derivatives of the k whitened errors of each window, L⁻¹ ∂e/∂θ.
         errors: (W, k) whitened errors, L⁻¹ e.
         prior: (p,) information of the prior on each parameter.
     """
@@ -90,7 +90,7 @@ class PredictionFit(NamedTuple):
     values: np.ndarray
     noise: PredictionNoise
     gains: Gains
-    slopes: np.ndarray
+    jacobian: np.ndarray
     errors: np.ndarray
     prior: np.ndarray
 
@@ -100,7 +100,7 @@ class PredictionFit(NamedTuple):
         Args:
             blocks: (W,) block number of each window, from 0.
         """
-        information, scores = _information_and_scores(self.slopes, self.errors)
+        information, scores = _information_and_scores(self.jacobian, self.errors)
         return jackknife(
             sums_over_blocks(information, blocks), sums_over_blocks(scores, blocks), prior=self.prior, adjacent=True
         )
@@ -113,11 +113,11 @@ class PredictionFit(NamedTuple):
             scales: (p,) standard deviations of the prior.
             duration: duration of all windows together, s.
         """
-        num_windows, num_errors, num_parameters = self.slopes.shape
+        num_windows, num_errors, num_parameters = self.jacobian.shape
         samples = np.arange(num_errors).reshape(-1, len(self.noise.measured))
         parts = np.array_split(samples, max(1, -(-_MIN_NUM_PARTS // num_windows)))
         rows = [part.ravel() for part in parts]
-        sums = [_information_and_scores(self.slopes[:, part], self.errors[:, part]) for part in rows]
+        sums = [_information_and_scores(self.jacobian[:, part], self.errors[:, part]) for part in rows]
         information, scores = (np.stack(each, axis=1) for each in zip(*sums, strict=True))
         return Evidence(
             tuple(names),
@@ -129,9 +129,9 @@ class PredictionFit(NamedTuple):
         )
 
 
-def _information_and_scores(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _information_and_scores(jacobian: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the information (W, p, p) and the scores (W, p) of whitened errors."""
-    return slopes.swapaxes(1, 2) @ slopes, np.einsum("wkp,wk->wp", slopes, errors)
+    return jacobian.swapaxes(1, 2) @ jacobian, np.einsum("wkp,wk->wp", jacobian, errors)
 
 
 def fit(
@@ -169,15 +169,15 @@ def fit(
             restarted = _Point.of(predictor, parameters, mean, point.noise._replace(disturbance=small_disturbance))
             if restarted.likelihood > point.likelihood:
                 point = restarted
-        predictor.continue_windows(point.states, point.state_slopes, point.values, point.gains)
-        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", point.slopes, point.slopes) + np.diag(prior))
+        predictor.continue_windows(point.states, point.state_jacobian, point.values, point.gains)
+        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", point.jacobian, point.jacobian) + np.diag(prior))
         converged = np.all(np.abs(point.values - previous_values) < _PARAMETER_TOLERANCE * np.sqrt(np.diag(covariance)))
         log_change = np.max(np.abs(np.log(point.noise.disturbance / previous_disturbance)))
         if round_number > 2 and converged and log_change < _LOG_DISTURBANCE_TOLERANCE:
             break
     noise = _noise_of(predictor, point.gains, point.noise, np.arange(len(predictor.windows)))
     _check_convergence(point.values, noise)
-    return PredictionFit(point.values, noise, point.gains, point.slopes, point.errors, prior)
+    return PredictionFit(point.values, noise, point.gains, point.jacobian, point.errors, prior)
 
 
 def _with_smaller_disturbance(
@@ -236,9 +236,9 @@ class _Point(NamedTuple):
         noise: noise of the measurements and of the disturbance.
         gains: gains of the filter.
         errors: (W, k) whitened errors.
-        slopes: (W, k, p) derivatives of the errors with respect to the parameters.
+        jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
         states: (rows, W) state of each window at the sample where the next window starts.
-        state_slopes: (rows, p, W) derivatives of the states with respect to the parameters.
+        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
         likelihood: log-likelihood of the measurements.
     """
 
@@ -246,9 +246,9 @@ class _Point(NamedTuple):
     noise: PredictionNoise
     gains: Gains
     errors: np.ndarray
-    slopes: np.ndarray
+    jacobian: np.ndarray
     states: np.ndarray
-    state_slopes: np.ndarray
+    state_jacobian: np.ndarray
     likelihood: float
 
     @classmethod
@@ -259,8 +259,10 @@ class _Point(NamedTuple):
         gains = predictor.gains(start, noise)
         values = _least_squares(predictor, parameters, start, gains, noise)
         scales = np.array([parameter.scale for parameter in parameters])
-        errors, slopes, states, state_slopes = _whitened(predictor, scales, values, gains, noise)
-        return cls(values, noise, gains, errors, slopes, states, state_slopes, _likelihood(predictor, gains, errors))
+        errors, jacobian, states, state_jacobian = _whitened(predictor, scales, values, gains, noise)
+        return cls(
+            values, noise, gains, errors, jacobian, states, state_jacobian, _likelihood(predictor, gains, errors)
+        )
 
 
 def _least_squares(
@@ -281,10 +283,10 @@ def _least_squares(
         if x.tobytes() not in cache:
             cache.clear()
             values = variables.inverse @ x
-            errors, slopes, *_ = _whitened(predictor, scale, values, gains, noise)
-            if np.all(np.abs(errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(slopes)):
+            errors, jacobian, *_ = _whitened(predictor, scale, values, gains, noise)
+            if np.all(np.abs(errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(jacobian)):
                 residuals = np.concatenate([errors.ravel(), weights @ (values - prior_mean)])
-                stacked = np.vstack([slopes.reshape(-1, len(x)), weights])
+                stacked = np.vstack([jacobian.reshape(-1, len(x)), weights])
                 cache[x.tobytes()] = _condensed(residuals, stacked @ variables.inverse)
             else:
                 # The model has diverged. Large residuals make the search reject the step.
@@ -304,19 +306,19 @@ def _least_squares(
     return np.asarray(variables.inverse @ solution.x)
 
 
-def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p + 1 residuals and their derivatives, which have the same least-squares solution as k residuals.
 
     Their normal equations and their sum of squares are equal. The search is much faster with few residuals.
 
     Args:
         residuals: (k,) residuals.
-        slopes: (k, p) derivatives with respect to the parameters.
+        jacobian: (k, p) derivatives with respect to the parameters.
     """
     # The columns are scaled, since the condition number of the normal equations is the square of the condition number
     # of the derivatives.
-    norms = np.linalg.norm(slopes, axis=0)
-    normalised = slopes / norms
+    norms = np.linalg.norm(jacobian, axis=0)
+    normalised = jacobian / norms
     factor = np.linalg.cholesky(normalised.T @ normalised).T
     along = scipy.linalg.solve_triangular(factor, normalised.T @ residuals, trans="T")
     across = np.sqrt(max(0.0, float(residuals @ residuals - along @ along)))
@@ -357,13 +359,13 @@ def _whitened(
     errors, states = _whitened_errors(predictor, points, gains, noise)
     return (
         errors[:, :, 0],
-        _slopes(errors, increases, delay_index),
+        _jacobian(errors, increases, delay_index),
         states[:, 0],
-        _slopes(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
+        _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
     )
 
 
-def _slopes(values: np.ndarray, increases: np.ndarray, delay_index: int | None) -> np.ndarray:
+def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None) -> np.ndarray:
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
     Args:
@@ -371,10 +373,12 @@ def _slopes(values: np.ndarray, increases: np.ndarray, delay_index: int | None) 
         increases: (p,) increases of the parameters.
         delay_index: index of the delay among the parameters; None if the delay is fixed.
     """
-    slopes = (values[:, :, 1:-1] - values[:, :, :1]) / increases
+    jacobian = (values[:, :, 1:-1] - values[:, :, :1]) / increases
     if delay_index is not None:
-        slopes[:, :, delay_index] = (values[:, :, 1 + delay_index] - values[:, :, -1]) / (2.0 * increases[delay_index])
-    return np.asarray(slopes)
+        jacobian[:, :, delay_index] = (values[:, :, 1 + delay_index] - values[:, :, -1]) / (
+            2.0 * increases[delay_index]
+        )
+    return np.asarray(jacobian)
 
 
 def _noise_of(
@@ -477,12 +481,12 @@ def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -
     white = (whitening[:, None] @ errors[..., None])[..., 0]
     whitened = white[:, 0]
     likelihood = -np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum() - 0.5 * np.sum(whitened**2)
-    slopes = (white[:, 1:] - white[:, :1]) / step
+    jacobian = (white[:, 1:] - white[:, :1]) / step
     changes = (
         whitening[:, None] @ (covariances[:, 1:] - covariances[:, :1]) @ whitening[:, None].swapaxes(-1, -2) / step
     )
     score = 0.5 * np.einsum("twi,tcwij,twj->c", whitened, changes, whitened, optimize=True)
-    score -= 0.5 * np.einsum("tcwii->c", changes) + np.einsum("twi,tcwi->c", whitened, slopes)
+    score -= 0.5 * np.einsum("tcwii->c", changes) + np.einsum("twi,tcwi->c", whitened, jacobian)
     information = 0.5 * np.einsum("tawij,tbwij->ab", changes, changes, optimize=True)
-    information += np.einsum("tawi,tbwi->ab", slopes, slopes, optimize=True)
+    information += np.einsum("tawi,tbwi->ab", jacobian, jacobian, optimize=True)
     return float(likelihood), score, information

@@ -36,7 +36,7 @@ from drake_quad.identification.prepared_logs import PreparedLogs, blocks_of
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import FlightDifference, Spread
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_numbers import number_of
+from drake_quad.identification.results.vehicle_values import number_of
 from drake_quad.scenario.models import Scenario
 
 TRIM_FORCE = ("trim_force.x", "trim_force.y")
@@ -227,5 +227,5 @@ def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], sc
             estimates.degrees_of_freedom, errors.sum(axis=1) ** 2 / (errors**2 / freedoms).sum(axis=1)
         ),
         sources=(*sources, *[(source,)] * len(TRIM_FORCE)),
-        variation=None if estimates.variation is None else estimates.variation.with_unknown(len(TRIM_FORCE)),
+        variation=None if estimates.variation is None else estimates.variation.with_unknown_parameters(len(TRIM_FORCE)),
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
-from drake_quad.identification.windows import airborne, pieces
+from drake_quad.identification.windows import airborne_mask, segment_numbers
 
 _DIFFERENCE_ORDER = 3
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
@@ -43,7 +43,7 @@ class HoverNoise(NamedTuple):
 
 def white_noise(record: FlightRecord) -> list[HoverNoise]:
     """Return the white noise of each measured signal."""
-    flying = airborne(record)
+    flying = airborne_mask(record)
     margin = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
     resting = np.convolve(flying, np.ones(2 * margin + 1), "same") < 0.5
     noises = []
@@ -68,7 +68,7 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
-def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
+def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
     """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
     For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
@@ -84,13 +84,13 @@ def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
     """
     if record.velocity is None:
         return {}
-    hovering = airborne(record) & (np.linalg.norm(record.velocity, axis=1) < _MAX_HOVER_SPEED)
+    hovering = airborne_mask(record) & (np.linalg.norm(record.velocity, axis=1) < _MAX_HOVER_SPEED)
     if record.body_rates is not None:
         hovering &= np.linalg.norm(record.body_rates, axis=1) < _MAX_HOVER_RATE
     if hovering.sum() * record.period < _MIN_HOVER_TIME:
         return {}
     blocks = np.floor((record.time - record.time[0]) / _BLOCK_DURATION).astype(int)[hovering]
-    hover = record.part(hovering)
+    hover = record.subset(hovering)
     columns: dict[str, tuple[np.ndarray, str]] = {}
     if hover.attitude is not None:
         columns |= {f"mean {name}": (hover.attitude[:, i], "rad") for i, name in enumerate(("roll", "pitch"))}
@@ -120,8 +120,8 @@ def delay_by_correlation(record: FlightRecord) -> float | None:
     """
     if record.attitude is None or record.attitude_command is None:
         return None
-    piece_numbers = pieces(record)
-    longest = record.part(piece_numbers == np.argmax(np.bincount(piece_numbers)))
+    piece_numbers = segment_numbers(record)
+    longest = record.subset(piece_numbers == np.argmax(np.bincount(piece_numbers)))
     lags = np.arange(max(1, round(_MAX_DELAY / longest.period)))
     peaks = []
     for column in range(2):

@@ -82,7 +82,7 @@ def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertai
     return reasons
 
 
-def weaker_than_disturbance(
+def parameters_below_disturbance(
     scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
 ) -> dict[str, str]:
     """Return a reason for each drag parameter whose drag force is smaller than the disturbing force.
@@ -110,7 +110,7 @@ def weaker_than_disturbance(
     return reasons
 
 
-def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
+def unexcited_parameters(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
     """Return a reason for each parameter of the attitude response to a command that varies less than the noise.
 
     The measured motion of such an angle is mostly noise, to which any response can be fitted.
@@ -134,7 +134,7 @@ def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predi
     return reasons
 
 
-def undetermined(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
+def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
     """Return a reason for each parameter that no log determines.
 
     Args:

@@ -28,9 +28,9 @@ from drake_quad.identification.identifiability import (
     check_forecast,
     check_thrust,
     not_identified,
-    undetermined,
-    unexcited,
-    weaker_than_disturbance,
+    parameters_below_disturbance,
+    undetermined_parameters,
+    unexcited_parameters,
 )
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY
@@ -40,18 +40,18 @@ from drake_quad.identification.prepared_logs import MAX_DELAY, PreparedLogs, ini
 from drake_quad.identification.random_effects import uncertainty_of_mean, variation_of
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
-from drake_quad.identification.results.held_out import hold_out
-from drake_quad.identification.results.vehicle_numbers import with_numbers
+from drake_quad.identification.results.held_out import hold_out_check
+from drake_quad.identification.results.vehicle_values import with_numbers
 from drake_quad.identification.sampling import (
-    Synchronised,
-    attenuated,
+    SynchronisedRecords,
+    distorted_parameters,
     fast_command_remarks,
-    synchronised,
+    synchronise,
     with_averaging_error,
 )
-from drake_quad.identification.windows import held_out, steep_remarks
+from drake_quad.identification.windows import held_out_mask, steep_pitch_remarks
 from drake_quad.scenario.models import Scenario
-from drake_quad.vehicle.rigid_body import inertia_flaw
+from drake_quad.vehicle.rigid_body import explain_invalid_inertia
 
 _POSE = ("position", "attitude")
 _MIN_POSE_NOISE = 2.0 * MIN_NOISE  # m or rad; a smaller estimate is affected by the lower bound `MIN_NOISE`
@@ -59,7 +59,7 @@ _NOISE_NAMES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal i
 
 
 def identify(
-    records: Sequence[FlightRecord], scenario: Scenario, *, held_out_share: float = 1.0 / 3.0
+    records: Sequence[FlightRecord], scenario: Scenario, *, held_out_fraction: float = 1.0 / 3.0
 ) -> Identification:
     """Identify a vehicle from flight logs.
 
@@ -67,7 +67,7 @@ def identify(
         records: records of flights of the same vehicle. Each contains the commands that the vehicle takes, and
             measurements: body rates with specific force, poses, or heights.
         scenario: scenario with the initial values and without distributions. Its mass and geometry are not estimated.
-        held_out_share: fraction of the airborne time, at the end of each log, that is held out for the forecast.
+        held_out_fraction: fraction of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
         InputError: if no log is given, a log lacks a signal, the flights are too short, or the logged values are
@@ -75,35 +75,37 @@ def identify(
     """
     if not records:
         raise InputError("no log is given; at least one is needed to identify a vehicle")
-    logs = synchronised(records)
+    logs = synchronise(records)
     try:
-        identification = _identified(logs, scenario, held_out_share)
+        identification = _identified(logs, scenario, held_out_fraction)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
             f"the logs cannot be fitted ({error}): their values are impossible for a flying vehicle; check the units in"
             " the mapping"
         ) from error
     remarks = [*identification.remarks, *logs.remarks, *fast_command_remarks(records)]
-    inertia_error = inertia_flaw(identification.vehicle.vehicle.inertia)
+    inertia_error = explain_invalid_inertia(identification.vehicle.vehicle.inertia)
     if inertia_error:
         remarks.append(f"the identified inertia is inaccurate, since no rigid body can have it: {inertia_error}")
     return replace(identification, remarks=tuple(remarks))
 
 
-def _identified(synchronised_logs: Synchronised, scenario: Scenario, share: float) -> Identification:
+def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, fraction: float) -> Identification:
     """Identify a vehicle from synchronised records; the scenario and the held-out fraction are as in `identify`."""
-    logs, scenario = prepare(synchronised_logs.records, scenario, late_attitude=synchronised_logs.late_attitude)
+    logs, scenario = prepare(
+        synchronised_logs.records, scenario, attitude_is_estimated=synchronised_logs.attitude_is_estimated
+    )
     parameters = parameters_of(
         logs.scenario,
         logs.signals,
-        own_throttles=logs.own_throttles,
+        has_motor_throttles=logs.has_motor_throttles,
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
     noise, start, training_vehicle = initial_noise(logs.outputs), None, None
     forecasts: tuple[ForecastOutput, ...] = ()
-    if share > 0.0:
-        held_out_masks = [held_out(usable, share) for usable in logs.flying]
+    if fraction > 0.0:
+        held_out_masks = [held_out_mask(usable, fraction) for usable in logs.flying]
         training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
         training = fit(logs.predictor(names_of(parameters), training_masks), parameters, noise)
         forecasts = forecast(
@@ -115,7 +117,9 @@ def _identified(synchronised_logs: Synchronised, scenario: Scenario, share: floa
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     check_thrust(logs.scenario, fitted.noise)
-    fixed = weaker_than_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited(logs, parameters, fitted)
+    fixed = parameters_below_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited_parameters(
+        logs, parameters, fitted
+    )
     if fixed:
         free = [i for i, parameter in enumerate(parameters) if parameter.name not in fixed]
         parameters = [parameters[i] for i in free]
@@ -165,9 +169,9 @@ def _result(
     variation = variation_of(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
-    remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
+    remarks = [*_remarks(predictor, fitted, names), *steep_pitch_remarks(logs.records)]
     unidentified = not_identified(parameters, fitted.values, uncertainty)
-    unidentified |= attenuated(logs.records, parameters, fitted.noise)
+    unidentified |= distorted_parameters(logs.records, parameters, fitted.noise)
     if {*names} <= {*unidentified, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "
@@ -188,11 +192,13 @@ def _result(
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
         explained=_explained(parameters, fitted, predictor, forecasts) if forecasts else {},
-        not_identified=undetermined(logs.scenario, names)
+        not_identified=undetermined_parameters(logs.scenario, names)
         | fixed
         | unidentified_noise
         | {name: reason for name, reason in unidentified.items() if name != DELAY},
-        variation=None if variation is None else variation.part(vehicle_indices).with_unknown(len(noise_names)),
+        variation=None
+        if variation is None
+        else variation.subset(vehicle_indices).with_unknown_parameters(len(noise_names)),
     )
     estimates = with_differences(estimates, differences, logs.scenario, predictor.duration / max(1, len(differences)))
     delay_index = names.index(DELAY)
@@ -210,7 +216,7 @@ def _result(
         output._replace(deviation=vehicle_indices)
         for output, vehicle_indices in zip(forecasts, noise_deviations, strict=False)
     )
-    coverage = {name: each for name, each in hold_out(evidence).items() if name not in unidentified}
+    coverage = {name: each for name, each in hold_out_check(evidence).items() if name not in unidentified}
     result_delay = None if DELAY in unidentified else delay
     vehicle = _vehicle(logs, scenario, numbers)
     return Identification(
@@ -240,8 +246,8 @@ def _explained(
 ) -> dict[str, Explained]:
     """Return for each parameter, by name, the explained variance of the output that depends most on it."""
     num_outputs = len(predictor.outputs)
-    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, num_outputs, len(parameters))
-    outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
+    jacobian = fitted.jacobian.reshape(len(fitted.jacobian), -1, num_outputs, len(parameters))
+    outputs = np.argmax(np.einsum("wtop,wtop->op", jacobian, jacobian), axis=0)
     return {
         parameter.name: Explained(forecasts[output].explained, forecasts[output].name)
         for parameter, output in zip(parameters, outputs, strict=True)

@@ -1,7 +1,7 @@
 """Forward model of a log: the vehicle of the simulation, driven by logged commands.
 
-The formulas are those of the simulation: `step_of_flight`, or `responding_step` for an autopilot whose closed attitude
-loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
+The formulas are those of the simulation: `step_of_flight`, or `attitude_response_step` for an autopilot whose closed
+attitude loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
 
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
 B (for an attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if
@@ -24,13 +24,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from drake_quad.assembly.laboratory import vehicle_parameters
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import BodyAxes, Vector, plus
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.identification.firmware import allocated_commands
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.identification.windows import LogWindow, WindowSizes
@@ -38,7 +38,7 @@ from drake_quad.laboratory.motion_capture import attitude_of_markers
 from drake_quad.laboratory.sensors.accelerometer import SpecificForce
 from drake_quad.scenario.autopilots.response import AttitudeResponseSettings
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.paths import map_leaves
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import (
     AccelerationB,
@@ -53,19 +53,19 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.attitude_response import (
+    AttitudeResponse,
+    AttitudeResponseBody,
+    DampingRatios,
+    NaturalFrequencies,
+    attitude_response_step,
+    state_of,
+)
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.motors import decay_factors, lagged_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.responding import (
-    AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
-    RespondingBody,
-    responding_step,
-    state_of,
-)
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
 
 NUM_BODY = len(State._fields)
@@ -111,7 +111,7 @@ class Span(NamedTuple):
     voltage: Number
 
 
-class Numbers(NamedTuple):
+class ModelParameters(NamedTuple):
     """Numerical parameters of a vehicle, and of its attitude response if it has one."""
 
     parameters: QuadrotorParameters
@@ -134,7 +134,7 @@ def step(
     wind: Wind,
     disturbance: Disturbance,
     span: Span,
-    numbers: Numbers,
+    model_parameters: ModelParameters,
     frame: DisturbanceFrame,
 ) -> ModelStep:
     """Return the vehicle at the end of a step, during which inputs and disturbance are constant.
@@ -143,8 +143,8 @@ def step(
     the body rates in the state are the rates of the angles.
     """
     h = span.span
-    parameters, effects, response = numbers
-    target = _target(rotors, command, span, numbers)
+    parameters, effects, response = model_parameters
+    target = _target(rotors, command, span, model_parameters)
     after: Any
     if response is None:
         before = VehicleState(body, rotors)
@@ -152,7 +152,7 @@ def step(
     else:
         target_attitude = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
         settings = wind, None, parameters, response, None, effects, 0.0, h, "exact"
-        after = responding_step(RespondingBody(*body), rotors, command, target_attitude, *settings)  # type: ignore[arg-type]
+        after = attitude_response_step(AttitudeResponseBody(*body), rotors, command, target_attitude, *settings)  # type: ignore[arg-type]
     force = disturbance.force
     if frame == "body":
         force = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(force)
@@ -172,16 +172,18 @@ def step(
     return ModelStep(disturbed, after.rotors)
 
 
-def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+def rotors_after(
+    rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
+) -> RotorSpeed:
     """Return the rotors at the end of a step."""
-    target = _target(rotors, command, span, numbers)
-    lags = decay_factors(rotors, target, span.span, numbers.parameters, numbers.effects.spin_down)
+    target = _target(rotors, command, span, model_parameters)
+    lags = decay_factors(rotors, target, span.span, model_parameters.parameters, model_parameters.effects.spin_down)
     return lagged_speeds(rotors, target, lags)
 
 
-def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters) -> RotorSpeed:
     """Return the steady state of the rotors under a constant command."""
-    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, numbers)
+    return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, model_parameters)
 
 
 def specific_force(
@@ -191,12 +193,12 @@ def specific_force(
     wind: Wind,
     disturbance: Disturbance,
     span: Span,
-    numbers: Numbers,
+    model_parameters: ModelParameters,
     frame: DisturbanceFrame,
 ) -> SpecificForce:
     """Return the specific force that an ideal accelerometer at the centre of mass measures."""
-    parameters, effects, response = numbers
-    rotor_inputs = rotor_state(rotors, _target(rotors, command, span, numbers), parameters, effects)
+    parameters, effects, response = model_parameters
+    rotor_inputs = rotor_state(rotors, _target(rotors, command, span, model_parameters), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
     rates = accelerations(axes, motion, None, body.z, rotor_inputs, wind, parameters, effects).motion
@@ -211,10 +213,12 @@ def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
-def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
+def _target(
+    rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, model_parameters: ModelParameters
+) -> RotorSpeed:
     """Return the speeds that the rotors approach. At a given throttle, they are proportional to the voltage."""
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
-    target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
+    target = rotor_target(state, command, model_parameters.parameters, None, model_parameters.effects, 0.0)
     return RotorSpeed(*(span.voltage * speed for speed in target))
 
 
@@ -230,11 +234,11 @@ def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
     """
     hover = record.of("hover_share")
     if np.any(hover <= 0.0):
-        raise InputError(f"hover_share of the log {shown(record.name)} is zero or negative; it must be positive")
+        raise InputError(f"hover_share of the log {short_repr(record.name)} is zero or negative; it must be positive")
     return np.asarray(weight * record.of("thrust_share") / hover)
 
 
-def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
+def with_commands(record: FlightRecord, scenario: Scenario, nominal: Scenario) -> FlightRecord:
     """Return a record with the commands that the vehicle takes as input.
 
     These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`. With an attitude
@@ -246,7 +250,7 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     Args:
         record: record of the flight.
         scenario: scenario with the vehicle that takes the commands.
-        believed: scenario whose `nominal` vehicle the allocation of the firmware uses.
+        nominal: scenario whose `nominal` vehicle the allocation of the firmware uses.
 
     Raises:
         InputError: if the log has no commands for this vehicle.
@@ -261,7 +265,7 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     if throttles and responds and record.thrust_share is not None:
         if record.hover_share is None:
             return replace(record, motor_command=np.repeat(record.thrust_share[:, None], NUM_ROTORS, axis=1))
-        thrust = thrust_of_share(record, believed.nominal.mass * believed.nominal.gravity)
+        thrust = thrust_of_share(record, nominal.nominal.mass * nominal.nominal.gravity)
     if thrust is None or (torque is None and not responds):
         logged_kind = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
         has_rotor_commands = record.motor_command is not None or record.rotor_speed_command is not None
@@ -270,11 +274,11 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
         )
         needed = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
         raise InputError(
-            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: the vehicle needs {needed},"
-            f" but the log contains {', '.join(record.names)}{hint}"
+            f"the log {short_repr(record.name)} has no commands for the vehicle {scenario.name}: the vehicle needs"
+            f" {needed}, but the log contains {', '.join(record.names)}{hint}"
         )
     torques = np.zeros((len(record.time), 3)) if responds or torque is None else torque
-    commands: Any = allocated_commands(thrust, torques, believed, throttles=throttles)
+    commands: Any = allocated_commands(thrust, torques, nominal, throttles=throttles)
     return replace(record, **{signal: commands})
 
 
@@ -331,8 +335,8 @@ class LogModel:
             scenario_path(name): i for i, name in enumerate(names) if name != DELAY and name not in MISALIGNMENT
         }
         command = layout_of(Throttle if self.throttles else RotorSpeed)
-        numbers = self.numbers(np.empty((1, len(names))) + 1.0)
-        self.layout = layout_of(Numbers, numbers)
+        model_parameters = self.physical_parameters(np.empty((1, len(names))) + 1.0)
+        self.layout = layout_of(ModelParameters, model_parameters)
         body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
         disturbance, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
         inputs = body, rotors, command, attitude, wind, disturbance, span, self.layout, frame
@@ -353,9 +357,9 @@ class LogModel:
         """Index of the delay among the parameters; None if it is fixed."""
         return self.names.index(DELAY) if DELAY in self.names else None
 
-    def numbers(self, parameters: np.ndarray) -> Numbers:
+    def physical_parameters(self, parameters: np.ndarray) -> ModelParameters:
         """Return the parameters of the vehicle for (K, p) estimated parameters. Each is a scalar or a (K,) array."""
-        scenario = replaced(
+        scenario = map_leaves(
             self.scenario, lambda path, value: parameters[:, self._paths[path]] if path in self._paths else value
         )
         response = None
@@ -363,7 +367,7 @@ class LogModel:
             autopilot = scenario.laboratory.autopilot
             frequency, damping = autopilot.natural_frequency, autopilot.damping
             response = AttitudeResponse(NaturalFrequencies(*frequency), DampingRatios(*damping))
-        return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), response)
+        return ModelParameters(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_parameters(), response)
 
     def misalignment(self, parameters: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K) of the markers' frame in B for (K, p) parameters."""
@@ -384,7 +388,7 @@ class LogModel:
     def measured_state(self, state: np.ndarray) -> np.ndarray:
         """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
         if self.responds:
-            state = np.stack(state_of(RespondingBody(*state), small_rotation))
+            state = np.stack(state_of(AttitudeResponseBody(*state), small_rotation))
         return self._turned(state)
 
     def _turned(self, state: np.ndarray) -> np.ndarray:
@@ -392,9 +396,9 @@ class LogModel:
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
-        turn = rotations(misalignment)
+        turn = rotations_of(misalignment)
         position, attitude, *rest = np.split(state, len(STATE_ROWS))
-        angles = (rotations(attitude.T) * turn).as_euler("ZYX").T[::-1]
+        angles = (rotations_of(attitude.T) * turn).as_euler("ZYX").T[::-1]
         return np.concatenate([position, angles, *rest])
 
 
@@ -474,8 +478,8 @@ class ModelFlight:
         self.model, self.parameters = model, parameters
         count, windows = len(parameters), inputs.commands.shape[2]
         self.shape, self._size = (count, windows), count * windows
-        numbers = model.layout.flatten(model.numbers(parameters))
-        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in numbers]
+        model_parameters = model.layout.flatten(model.physical_parameters(parameters))
+        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in model_parameters]
         self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
         self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
         delay_steps = model.delays(parameters) / inputs.period
@@ -500,9 +504,9 @@ class ModelFlight:
     def _read_inputs(self) -> None:
         """Read the commands, the wind and the duration of the current step."""
         commands, now = self._inputs.commands, self._step_index + self._inputs.margin
-        for lag, share, parameter_indices in self._lags:
+        for lag, fraction, parameter_indices in self._lags:
             self._command[:, parameter_indices] = (
-                (1.0 - share) * commands[now - lag] + share * commands[now - lag - 1]
+                (1.0 - fraction) * commands[now - lag] + fraction * commands[now - lag - 1]
             )[:, None, :]
         step = min(self._step_index, len(self._inputs.spans) - 1)
         self._span[:], self._wind[:] = self._inputs.spans[step][:, None, :], self._inputs.wind[step][:, None, :]

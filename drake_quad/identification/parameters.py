@@ -12,7 +12,7 @@ import numpy as np
 
 from drake_quad.identification.model import DELAY, MISALIGNMENT
 from drake_quad.identification.prediction_errors import FORCE
-from drake_quad.identification.results.vehicle_numbers import number_of, with_effects
+from drake_quad.identification.results.vehicle_values import number_of, with_effects
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
@@ -45,18 +45,19 @@ class Parameter(NamedTuple):
 
 
 def parameters_of(
-    scenario: Scenario, signals: set[str], *, own_throttles: bool, delay: float, max_delay: float
+    scenario: Scenario, signals: set[str], *, has_motor_throttles: bool, delay: float, max_delay: float
 ) -> list[Parameter]:
     """Return the parameters that the predicted signals may identify.
 
     Args:
         scenario: scenario with the initial values.
         signals: signals that are predicted.
-        own_throttles: True if the logs contain a throttle for each motor, False if only a common thrust is logged.
+        has_motor_throttles: True if the logs contain a throttle for each motor, False if only a common thrust is
+            logged.
         delay: initial delay, s.
         max_delay: largest delay in either direction, s.
     """
-    candidates = [*_candidates(scenario, signals, own_throttles)]
+    candidates = [*_candidates(scenario, signals, has_motor_throttles)]
     scenario = with_effects(scenario, tuple(name for name, *_ in candidates))
     parameters = []
     for name, scale, allowed in candidates:
@@ -73,7 +74,7 @@ def parameters_of(
     return parameters
 
 
-def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
+def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool) -> Iterator[tuple[str, float, str]]:
     """Yield the name, the scale and the allowed values ("positive", "not negative" or "any") of each parameter."""
     vehicle: Any = scenario.vehicle
     autopilot: Any = scenario.laboratory.autopilot
@@ -82,7 +83,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
         # In a log of heights, or with one command for all motors, thrusts stay near hover and identify only two powers.
-        powers = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
+        powers = (0, 1, 2) if has_motor_throttles and turning else (0, 1) if turning else (0, 2)
         for i in powers:
             yield f"motors.curve[{i}]", hover, "any"
     else:

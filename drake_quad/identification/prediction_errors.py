@@ -125,7 +125,7 @@ class InitialStates(NamedTuple):
 
     Attributes:
         state: (NUM_BODY + NUM_DISTURBANCE, W) states.
-        slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives with respect to the parameters.
+        jacobian: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives with respect to the parameters.
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
         continued: (W,) mask of the windows that start in the final state of the preceding window. The initial state of
@@ -133,7 +133,7 @@ class InitialStates(NamedTuple):
     """
 
     state: np.ndarray
-    slopes: np.ndarray
+    jacobian: np.ndarray
     parameters: np.ndarray
     covariance: np.ndarray
     continued: np.ndarray
@@ -188,8 +188,8 @@ class Predictor:
             self._deviations[_ATTITUDE] = _LOGGED_ATTITUDE_DEVIATION
         p = len(model.names)
         state, n, W = self._measured_states(records, offsets[0]), len(self.rows), len(windows)
-        slopes, no_covariance = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
-        self.initial = InitialStates(state, slopes, np.zeros(p), no_covariance, np.zeros(W, dtype=bool))
+        jacobian, no_covariance = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
+        self.initial = InitialStates(state, jacobian, np.zeros(p), no_covariance, np.zeros(W, dtype=bool))
         # This mask contains the windows that start where the preceding window ends.
         self._follows = np.array(
             [i > 0 and windows[i - 1] == (record, start - sizes.length) for i, (record, start) in enumerate(windows)]
@@ -232,10 +232,10 @@ class Predictor:
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
         """Return the flight of the model at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
-        state, slopes, reference, _, _ = self.initial
-        return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", slopes, parameters - reference)
+        state, jacobian, reference, _, _ = self.initial
+        return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
 
-    def continue_windows(self, states: np.ndarray, slopes: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
+    def continue_windows(self, states: np.ndarray, jacobian: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
         """Start each window in the final state of the preceding window, if the two are adjacent.
 
         With a good model, the filter has a long memory. If it restarted in each window, it would treat the controller's
@@ -243,16 +243,16 @@ class Predictor:
 
         Args:
             states: (NUM_BODY + NUM_DISTURBANCE, W) states at the measurements where the next windows start.
-            slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives of the states with respect to the parameters.
+            jacobian: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives of the states with respect to the parameters.
             parameters: (p,) parameters for which the states hold.
             gains: gains of the filter.
         """
         continued, preceding = np.flatnonzero(self._follows), np.flatnonzero(self._follows) - 1
         previous = self.initial
-        state, state_slopes, covariance = previous.state.copy(), previous.slopes.copy(), previous.covariance.copy()
-        state[:, continued], state_slopes[:, :, continued] = states[:, preceding], slopes[:, :, preceding]
+        state, state_jacobian, covariance = previous.state.copy(), previous.jacobian.copy(), previous.covariance.copy()
+        state[:, continued], state_jacobian[:, :, continued] = states[:, preceding], jacobian[:, :, preceding]
         covariance[continued] = gains.final_covariance[preceding]
-        self.initial = InitialStates(state, state_slopes, parameters, covariance, self._follows)
+        self.initial = InitialStates(state, state_jacobian, parameters, covariance, self._follows)
 
     def _predicted(self, flight: ModelFlight, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W) for a state."""

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.errors import InputError, join_names
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import (
     DELAY,
@@ -19,8 +19,15 @@ from drake_quad.identification.model import (
     with_commands,
 )
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
-from drake_quad.identification.results.vehicle_numbers import with_effects, with_throttles
-from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, coarser, common_period, cut
+from drake_quad.identification.results.vehicle_values import with_effects, with_throttles
+from drake_quad.identification.windows import (
+    LogWindow,
+    WindowSizes,
+    airborne_mask,
+    common_period,
+    downsample,
+    split_into_windows,
+)
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.motors import thrust_of
 
@@ -52,7 +59,7 @@ class PreparedLogs(NamedTuple):
         scenario: scenario with the vehicle of the logs.
         outputs: outputs that are predicted.
         flying: (n,) mask of the usable airborne samples of each record.
-        own_throttles: True if the logs contain a throttle for each motor.
+        has_motor_throttles: True if the logs contain a throttle for each motor.
         averaging_period: period over which the samples of faster logs were averaged, s; 0 if none were.
     """
 
@@ -60,7 +67,7 @@ class PreparedLogs(NamedTuple):
     scenario: Scenario
     outputs: list[Output]
     flying: list[np.ndarray]
-    own_throttles: bool
+    has_motor_throttles: bool
     averaging_period: float = 0.0
 
     @property
@@ -76,7 +83,7 @@ class PreparedLogs(NamedTuple):
         median voltage in the logs. None if the logs contain no throttles of single motors, or if a log lacks the
         voltage.
         """
-        if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
+        if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None
         vehicle: Any = self.scenario.vehicle
         if vehicle.motors.voltage is not None:
@@ -120,7 +127,7 @@ class PreparedLogs(NamedTuple):
         else:
             length = min(length, max(_MIN_WINDOW, airborne_time / (MIN_BLOCKS + 1)))
         sizes = WindowSizes(*(max(1, round(seconds / self.period)) for seconds in (length, settle, WARM_UP)))
-        windows = cut(self.records, flying, sizes)
+        windows = split_into_windows(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
                 f"{'the held-out part of the logs' if horizon else 'the flight in the logs'} contains only"
@@ -171,23 +178,23 @@ def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
 def prepare(
     records: Sequence[FlightRecord],
     scenario: Scenario,
-    believed: Scenario | None = None,
+    nominal: Scenario | None = None,
     *,
-    late_attitude: bool = False,
+    attitude_is_estimated: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
     """Prepare logs for the model. Return them, and the initial scenario, whose values the estimates replace.
 
     Args:
         records: records of flights of the same vehicle.
         scenario: scenario with the vehicle.
-        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
-        late_attitude: True if the attitude lags the gyroscope, so that body rates are predicted instead.
+        nominal: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
+        attitude_is_estimated: True if the attitude lags the gyroscope, so that body rates are predicted instead.
 
     Raises:
         InputError: if a log lacks commands or outputs, or the logs have different rates.
     """
-    own_throttles = any(record.motor_command is not None for record in records)
-    if own_throttles:
+    has_motor_throttles = any(record.motor_command is not None for record in records)
+    if has_motor_throttles:
         scenario = with_throttles(scenario)
     model_scenario = scenario
     responds = scenario.laboratory.autopilot.models_vehicle
@@ -197,17 +204,17 @@ def prepare(
     elif any(record.attitude is None and record.body_rates is None for record in records):
         records = [level_record(record) for record in records]
         model_scenario = level_vehicle(scenario)
-    believed = believed or scenario
-    prepared = [_with_specific_force(record, believed) for record in records]
-    prepared = [with_commands(record, model_scenario, believed) for record in prepared]
+    nominal = nominal or scenario
+    prepared = [_with_specific_force(record, nominal) for record in records]
+    prepared = [with_commands(record, model_scenario, nominal) for record in prepared]
     steps = [max(1, int(_MIN_PERIOD / record.period + 0.05)) for record in prepared]
-    prepared = [coarser(record, step) for record, step in zip(prepared, steps, strict=True)]
+    prepared = [downsample(record, step) for record, step in zip(prepared, steps, strict=True)]
     logs = PreparedLogs(
         prepared,
         model_scenario,
-        _outputs(prepared, late_attitude),
-        [airborne(record) for record in prepared],
-        own_throttles,
+        _outputs(prepared, attitude_is_estimated),
+        [airborne_mask(record) for record in prepared],
+        has_motor_throttles,
         max((record.period for record, step in zip(prepared, steps, strict=True) if step > 1), default=0.0),
     )
     common_period(prepared)  # raises an error if the logs have different rates
@@ -230,14 +237,14 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
         curve = scenario.nominal.motors.thrust_curve()
         if record.thrust_share is None or curve is None:
             return record
-        shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
-        thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
-    to_body = rotations(record.attitude).inv()
+        fractions: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
+        thrust = np.asarray(thrust_of(fractions, curve)).sum(axis=1)
+    to_body = rotations_of(record.attitude).inv()
     force = to_body.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
     return replace(record, specific_force=force / scenario.vehicle.mass)
 
 
-def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Output]:
+def _outputs(records: Sequence[FlightRecord], attitude_is_estimated: bool) -> list[Output]:
     """Return the outputs that are predicted. All records contain them.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
@@ -245,7 +252,7 @@ def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Outpu
     the same noise with an additional delay.
     """
     logged = set.intersection(*(set(record.names) for record in records))
-    if late_attitude:
+    if attitude_is_estimated:
         logged -= {"attitude"}
     signals = [name for name in _POSE if name in logged]
     if "position" not in logged and "velocity" in logged and "attitude" in logged:
@@ -257,7 +264,8 @@ def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Outpu
     if not signals:
         raise InputError(
             "to identify a vehicle, logs need body_rates with specific_force, attitude with position or velocity, or"
-            f" position; the signals that all of these logs contain are {listed(sorted(logged), len(logged)) or 'none'}"
+            " position; the signals that all of these logs contain are"
+            f" {join_names(sorted(logged), len(logged)) or 'none'}"
         )
     if signals == ["position"]:
         return [Output("position", 2)]

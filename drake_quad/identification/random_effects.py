@@ -25,10 +25,10 @@ import scipy
 
 from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, sums_over_blocks
 
-NUM_STRETCHES = 10
+NUM_SEGMENTS = 10
 """Number of stretches into which the total flight time is divided. Each of them is held out once."""
 # Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
-_MIN_WINDOWS_PER_STRETCH = 2
+_MIN_WINDOWS_PER_SEGMENT = 2
 _SIGNIFICANCE_LEVEL = 0.1
 _NUM_BISECTIONS = 60
 
@@ -47,17 +47,17 @@ class Variation(NamedTuple):
     degrees_of_freedom: float
     duration: float
 
-    def part(self, indices: Sequence[int]) -> "Variation":
+    def subset(self, indices: Sequence[int]) -> "Variation":
         """Return the variation of the parameters with the given indices, in this order."""
         return self._replace(covariance=self.covariance[np.ix_(indices, indices)])
 
-    def with_unknown(self, count: int) -> "Variation":
+    def with_unknown_parameters(self, count: int) -> "Variation":
         """Return the variation with further parameters at the end, whose variation is unknown."""
         unknown = np.diag(np.full(count, np.nan))
         return self._replace(covariance=scipy.linalg.block_diag(self.covariance, unknown))
 
 
-class Stretches(NamedTuple):
+class FlightSegments(NamedTuple):
     """Estimates of p parameters from each of B stretches of flight.
 
     Attributes:
@@ -77,9 +77,9 @@ class Stretches(NamedTuple):
     duration: float
 
     @classmethod
-    def of(cls, evidence: Evidence) -> "Stretches":
+    def of(cls, evidence: Evidence) -> "FlightSegments":
         """Return stretches of consecutive windows. Each contains at least one window."""
-        windows, count = len(evidence.scores), NUM_STRETCHES
+        windows, count = len(evidence.scores), NUM_SEGMENTS
         blocks = np.arange(windows) * count // windows
         prior = np.diag(evidence.scales**-2.0)
         information = sums_over_blocks(evidence.information, blocks)
@@ -91,13 +91,13 @@ class Stretches(NamedTuple):
         weights = (num_windows / np.maximum(num_windows - 1, 1))[blocks]
         inverse = np.linalg.inv(information.sum(axis=0) + prior)
         sandwich = inverse @ ((weights[:, None] * residual_scores).T @ residual_scores) @ inverse
-        freedom = float(windows - count) if windows >= _MIN_WINDOWS_PER_STRETCH * count else np.inf
+        freedom = float(windows - count) if windows >= _MIN_WINDOWS_PER_SEGMENT * count else np.inf
         factor = np.maximum(1.0, np.diag(sandwich) / np.diag(inverse)) if np.isfinite(freedom) else 1.0
         variances = np.diagonal(inverses, axis1=1, axis2=2) * factor
         duration = evidence.duration / count
         return cls(information, scores, evidence.values + steps, variances, freedom, duration)
 
-    def without(self, b: int) -> "Stretches":
+    def without(self, b: int) -> "FlightSegments":
         """Return all stretches except stretch b."""
         others = np.arange(len(self.scores)) != b
         return self._replace(
@@ -161,13 +161,13 @@ def _weighted_squares(estimates: np.ndarray, variances: np.ndarray, between: np.
 
 def variation_of(evidence: Evidence) -> Variation | None:
     """Return the variation of parameters from stretch to stretch; None if there are too few windows."""
-    if len(evidence.scores) < _MIN_WINDOWS_PER_STRETCH * NUM_STRETCHES:
+    if len(evidence.scores) < _MIN_WINDOWS_PER_SEGMENT * NUM_SEGMENTS:
         return None
-    stretches = Stretches.of(evidence)
+    stretches = FlightSegments.of(evidence)
     between = stretches.variance_between()
     deviations = np.sqrt(between)
     covariance = np.outer(deviations, deviations) * stretches.correlation(between)
-    return Variation(covariance, float(NUM_STRETCHES - 1), stretches.duration)
+    return Variation(covariance, float(NUM_SEGMENTS - 1), stretches.duration)
 
 
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
@@ -182,7 +182,7 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
     """
     if variation is None:
         return uncertainty
-    long_blocks = Stretches.of(evidence).uncertainty()
+    long_blocks = FlightSegments.of(evidence).uncertainty()
     variances = np.diag(uncertainty.covariance)
     # The jackknife variance of a parameter that a single block determines is zero.
     ratio = np.where(variances > 0.0, np.diag(long_blocks.covariance) / np.where(variances > 0.0, variances, 1.0), 1.0)

@@ -56,7 +56,7 @@ class Spread(NamedTuple):
     degrees_of_freedom: float = np.inf
 
     @property
-    def reach(self) -> float:
+    def half_width(self) -> float:
         """Half-width of the 95 % interval."""
         return float(quantile(self.degrees_of_freedom)) * self.deviation
 

@@ -18,7 +18,7 @@ from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
-from drake_quad.identification.windows import airborne, coarser
+from drake_quad.identification.windows import airborne_mask, downsample
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
@@ -36,21 +36,21 @@ _AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and l
 _MIN_LEAD = 2e-3
 
 
-class Synchronised(NamedTuple):
+class SynchronisedRecords(NamedTuple):
     """Records whose signals are synchronous.
 
     Attributes:
         records: records without the signals of another clock.
-        late_attitude: True if the attitude is the output of an estimator, which lags the gyroscope.
+        attitude_is_estimated: True if the attitude is the output of an estimator, which lags the gyroscope.
         remarks: remarks on signals that were changed or left out.
     """
 
     records: Sequence[FlightRecord]
-    late_attitude: bool
+    attitude_is_estimated: bool
     remarks: list[str]
 
 
-def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
+def synchronise(records: Sequence[FlightRecord]) -> SynchronisedRecords:
     """Return records without the signals that are not synchronous with the commands.
 
     Body rates that lead the attitude cannot be its derivative, so they come from a gyroscope, and the attitude comes
@@ -70,23 +70,23 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
         return _on_board(records, float(np.std(deviations)))
     lead = -float(np.mean(np.concatenate(shifts))) if len(deviations) else 0.0
     if lead < _MIN_LEAD or any(record.position is None and record.specific_force is None for record in records):
-        return Synchronised(records, False, [])
+        return SynchronisedRecords(records, False, [])
     remark = (
         f"the attitude lags the body rates by {1e3 * lead:.0f} ms, so it comes from an estimator and is not predicted"
     )
-    return Synchronised(records, True, [remark])
+    return SynchronisedRecords(records, True, [remark])
 
 
-def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
+def _on_board(records: Sequence[FlightRecord], scatter: float) -> SynchronisedRecords:
     """Return the records without poses, and a remark with the scatter (s) of the shift between the two clocks."""
     finding = (
         f"the time shift between attitude and body rates varies by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"
     )
     if any(record.body_rates is None or record.specific_force is None for record in records):
-        return Synchronised(records, False, [finding])
+        return SynchronisedRecords(records, False, [finding])
     on_board_records = [
-        coarser(
+        downsample(
             replace(record, position=None, velocity=None, attitude=None),
             max(1, round(_AVERAGING_PERIOD / record.period)),
         )
@@ -95,20 +95,20 @@ def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
     consequence = (
         f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * _AVERAGING_PERIOD:.0f} ms"
     )
-    return Synchronised(on_board_records, False, [f"{finding}; {consequence}"])
+    return SynchronisedRecords(on_board_records, False, [f"{finding}; {consequence}"])
 
 
 def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
     """Return a remark on each record that may lack commands between its samples."""
     return [
-        f"{record.name}: {share:.0%} of the power of the commands is above half of the Nyquist frequency, so the log"
+        f"{record.name}: {fraction:.0%} of the power of the commands is above half of the Nyquist frequency, so the log"
         " may lack commands between its samples"
         for record in records
-        if (share := fast_command_share(record)) > _MIN_FAST_POWER_RATIO
+        if (fraction := fast_command_fraction(record)) > _MIN_FAST_POWER_RATIO
     ]
 
 
-def attenuated(
+def distorted_parameters(
     records: Sequence[FlightRecord], parameters: Sequence[Parameter], noise: PredictionNoise
 ) -> dict[str, str]:
     """Return a reason for each parameter whose estimate is distorted by missing commands.
@@ -124,14 +124,14 @@ def attenuated(
         parameters: fitted parameters.
         noise: estimated noise.
     """
-    affected_logs = [record.name for record in records if fast_command_share(record) > _MIN_FAST_POWER_RATIO]
+    affected_logs = [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
     if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
         return {}
     reason = f"the log may lack commands between its samples ({', '.join(affected_logs)}), which distorts the response"
     return {parameter.name: reason for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)}
 
 
-def fast_command_share(record: FlightRecord) -> float:
+def fast_command_fraction(record: FlightRecord) -> float:
     """Return the fraction of the power of airborne commands that is above half of the Nyquist frequency.
 
     The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
@@ -140,7 +140,7 @@ def fast_command_share(record: FlightRecord) -> float:
     commands = record.motor_command if record.motor_command is not None else record.rotor_speed_command
     if commands is None:
         return 0.0
-    differences = (commands - commands.mean(axis=1, keepdims=True))[airborne(record)]
+    differences = (commands - commands.mean(axis=1, keepdims=True))[airborne_mask(record)]
     if len(differences) < _SPECTRUM_LENGTH:
         return 0.0
     frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM_LENGTH, axis=0, detrend="linear")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import gaps
 
@@ -63,25 +63,25 @@ def common_period(records: Sequence[FlightRecord]) -> float:
     other = next((record for record in records if abs(record.period / period - 1.0) > _PERIOD_TOLERANCE), None)
     if other is not None:
         raise InputError(
-            f"the log {shown(other.name)} has {1.0 / other.period:.0f} samples per second, but another log has"
+            f"the log {short_repr(other.name)} has {1.0 / other.period:.0f} samples per second, but another log has"
             f" {1.0 / period:.0f}; identify from logs with the same sample rate"
         )
     return period
 
 
-def pieces(record: FlightRecord) -> np.ndarray:
+def segment_numbers(record: FlightRecord) -> np.ndarray:
     """Return the piece number (n,) of each sample. A new piece starts after each gap in the record."""
     return np.concatenate([[0], np.cumsum(gaps(record.time))])
 
 
-def airborne(record: FlightRecord) -> np.ndarray:
+def airborne_mask(record: FlightRecord) -> np.ndarray:
     """Return a mask (n,) of the samples in which the vehicle is airborne and its attitude is usable.
 
     The vehicle counts as airborne while the mean of its commands over one second is at least half of their median. The
     first and last second of each flight are excluded. Samples within a second of a collision, or of a pitch beyond 75°,
     are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
     """
-    command = effort(record)
+    command = commanded_effort(record)
     flying = np.ones(len(record.time), dtype=bool)
     num_margin_samples = min(max(1, round(_MARGIN / record.period)), len(record.time))
     if command is not None:
@@ -93,20 +93,21 @@ def airborne(record: FlightRecord) -> np.ndarray:
         )
     if record.specific_force is not None:
         flying &= ~_near(np.abs(record.specific_force).max(axis=1) > _COLLISION_FORCE, num_margin_samples)
-    return flying & ~_near(_steep(record), num_margin_samples)
+    return flying & ~_near(_steep_pitch_mask(record), num_margin_samples)
 
 
-def steep_remarks(records: Sequence[FlightRecord]) -> list[str]:
+def steep_pitch_remarks(records: Sequence[FlightRecord]) -> list[str]:
     """Return a remark on each record with a pitch near ±90°."""
     return [
-        f"the log {shown(record.name)} pitches beyond 75 degrees for {np.sum(_steep(record)) * record.period:.2g} s,"
-        f" which are left out with {_MARGIN:g} s before and after, because roll and yaw are then mostly noise"
+        f"the log {short_repr(record.name)} pitches beyond 75 degrees for"
+        f" {np.sum(_steep_pitch_mask(record)) * record.period:.2g} s, which are left out with {_MARGIN:g} s before and"
+        " after, because roll and yaw are then mostly noise"
         for record in records
-        if _steep(record).any()
+        if _steep_pitch_mask(record).any()
     ]
 
 
-def coarser(record: FlightRecord, step: int) -> FlightRecord:
+def downsample(record: FlightRecord, step: int) -> FlightRecord:
     """Return a record with a longer period, in which each sample is the mean of several original samples.
 
     Commands are averaged from one new sample to the next. Measurements are averaged over half a new period before and
@@ -140,7 +141,7 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
     return replace(record, time=record.time[first], **values)
 
 
-def effort(record: FlightRecord) -> np.ndarray | None:
+def commanded_effort(record: FlightRecord) -> np.ndarray | None:
     """Return a signal (n,) that increases with the commanded thrust; None if no command is logged."""
     if record.motor_command is not None:
         return np.asarray(record.motor_command.mean(axis=1))
@@ -149,7 +150,7 @@ def effort(record: FlightRecord) -> np.ndarray | None:
     return record.thrust_command if record.thrust_command is not None else record.thrust_share
 
 
-def _steep(record: FlightRecord) -> np.ndarray:
+def _steep_pitch_mask(record: FlightRecord) -> np.ndarray:
     """Return a mask (n,) of the samples with a pitch near ±90°."""
     if record.attitude is None:
         return np.zeros(len(record.time), dtype=bool)
@@ -165,7 +166,9 @@ def _near(mask: np.ndarray, samples: int) -> np.ndarray:
     )
 
 
-def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes) -> list[LogWindow]:
+def split_into_windows(
+    records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes
+) -> list[LogWindow]:
     """Return consecutive windows of the usable parts of records.
 
     Args:
@@ -175,7 +178,7 @@ def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Wi
     """
     windows = []
     for index, (record, usable) in enumerate(zip(records, flying, strict=True)):
-        piece = pieces(record)
+        piece = segment_numbers(record)
         num_unusable = np.cumsum(~usable)
         start = sizes.settle
         while start + sizes.length < len(record.time):
@@ -195,7 +198,7 @@ def wrapped_angles(angles: np.ndarray) -> np.ndarray:
     return np.asarray(angles - 2.0 * np.pi * np.rint(angles / (2.0 * np.pi)))
 
 
-def held_out(flying: np.ndarray, share: float) -> np.ndarray:
-    """Return a mask (n,) of the last airborne samples; `share` is their fraction of all airborne samples."""
+def held_out_mask(flying: np.ndarray, fraction: float) -> np.ndarray:
+    """Return a mask (n,) of the last airborne samples; `fraction` is their fraction of all airborne samples."""
     total = np.cumsum(flying)
-    return np.asarray(flying & (total > (1.0 - share) * total[-1]), dtype=bool)
+    return np.asarray(flying & (total > (1.0 - fraction) * total[-1]), dtype=bool)

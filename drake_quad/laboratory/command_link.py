@@ -22,7 +22,7 @@ class PacketLoss(NamedTuple):
     packet: Number
 
 
-class LinkNumbers(NamedTuple):
+class LinkParameters(NamedTuple):
     """Parameters of a command link.
 
     Attributes:
@@ -37,21 +37,21 @@ class LinkNumbers(NamedTuple):
 
 
 def link_step(
-    command: Any, out: Any, under_way: tuple[Any, ...], random: PacketLoss | None, numbers: LinkNumbers
+    command: Any, out: Any, in_transit: tuple[Any, ...], random: PacketLoss | None, parameters: LinkParameters
 ) -> Any:
     """Return the output of the link and the packets in transit after a tick.
 
     Args:
         command: command at this tick, a record.
         out: output of the link before this tick.
-        under_way: packets in transit, the latest one first.
+        in_transit: packets in transit, the latest one first.
         random: random number of the packet; None if no packet can be lost.
-        numbers: parameters of the link.
+        parameters: parameters of the link.
     """
     packet = command
     if random is not None:
-        packet = where(random.packet < numbers.loss_rate, latest_sample(out, under_way), command)
-    return delay_line_step(packet, under_way, numbers.delay_ticks)
+        packet = where(random.packet < parameters.loss_rate, latest_sample(out, in_transit), command)
+    return delay_line_step(packet, in_transit, parameters.delay_ticks)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -72,7 +72,7 @@ class CommandLink(FleetSystem):
     number is below the loss rate. The port exists only if packets can be lost.
 
     The ports are named after the signal that the link transmits: `wrench`, or `attitude_target` for an autopilot. The
-    states are the two states of a `DelayLine`, such as `wrench` and `wrench_under_way`. The only parameter of the
+    states are the two states of a `DelayLine`, such as `wrench` and `wrench_in_transit`. The only parameter of the
     context is `link`.
 
     Args:
@@ -81,7 +81,7 @@ class CommandLink(FleetSystem):
         period: tick period, s; the paper's controllers run at 50 Hz.
         longest_delay: largest possible delay, in ticks.
         loses_packets: True if packets can be lost.
-        numbers: parameters of the link.
+        parameters: parameters of the link.
     """
 
     def declare(
@@ -91,13 +91,13 @@ class CommandLink(FleetSystem):
         period: float = 0.02,
         longest_delay: int = 0,
         loses_packets: bool = False,
-        numbers: LinkNumbers = LinkNumbers(),
+        parameters: LinkParameters = LinkParameters(),
     ) -> None:
         """Declare ports, states and parameters."""
-        command, link = self.input(signal), self.parameter("link", lambda numbers: numbers)
+        command, link = self.input(signal), self.parameter("link", lambda parameters: parameters)
         random = None
         if loses_packets:
             random = self.random_input("packet_loss", PacketLoss, RandomDistribution.kUniform, period=period)
-        line = declare_delay_line(self, signal, lambda numbers: numbers.initial, longest_delay)
-        self.update(period, link_step, command, line.out, line.under_way, random, link, writes=line)
+        line = declare_delay_line(self, signal, lambda parameters: parameters.initial, longest_delay)
+        self.update(period, link_step, command, line.out, line.in_transit, random, link, writes=line)
         self.state_output(line.out)

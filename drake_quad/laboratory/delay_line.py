@@ -18,12 +18,12 @@ class DelayLine(NamedTuple):
 
     Attributes:
         out: state with the output.
-        under_way: state with a tuple of the samples in transit, the latest first; an empty tuple if the largest
+        in_transit: state with a tuple of the samples in transit, the latest first; an empty tuple if the largest
             possible delay is zero.
     """
 
     out: StateGroup
-    under_way: Any
+    in_transit: Any
 
 
 def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: int) -> DelayLine:
@@ -31,31 +31,31 @@ def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: in
 
     Args:
         system: system that declares the states.
-        name: name of the state with the output. The samples in transit are in the state `{name}_under_way`.
+        name: name of the state with the output. The samples in transit are in the state `{name}_in_transit`.
         initial: function that returns the output before the first sample, given the parameters of the system.
         longest: largest possible delay, in ticks.
     """
     out = system.state(name, initial)
-    waiting = system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest) if longest else ()
+    waiting = system.state(f"{name}_in_transit", lambda parameters: (initial(parameters),) * longest) if longest else ()
     return DelayLine(out, waiting)
 
 
-def latest_sample(out: Any, under_way: tuple[Any, ...]) -> Any:
+def latest_sample(out: Any, in_transit: tuple[Any, ...]) -> Any:
     """Return the latest sample of a delay line, which is the output if there is no delay."""
-    for sample in under_way:
+    for sample in in_transit:
         return sample
     return out
 
 
-def delay_line_step(sample: Any, under_way: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
+def delay_line_step(sample: Any, in_transit: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
     """Return the output of a delay line and the samples in transit after a tick.
 
     Args:
         sample: sample of this tick, a record.
-        under_way: samples in transit, the latest one first.
+        in_transit: samples in transit, the latest one first.
         delay: delay, a whole number of ticks.
     """
     out = sample
-    for ticks, earlier in enumerate(under_way, start=1):
+    for ticks, earlier in enumerate(in_transit, start=1):
         out = where(delay == float(ticks), earlier, out)
-    return out, (sample, *under_way)[: len(under_way)]
+    return out, (sample, *in_transit)[: len(in_transit)]

@@ -13,7 +13,7 @@ Metrics and requirements of a scenario refer to scalar signals by name.
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar, cast
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.framework.elementary import arctan2, cos, maximum, sqrt, wrap_angle
 from drake_quad.laboratory.metrics import argument_names
 from drake_quad.signals import SIGNALS, Reference, Row, State, Wind, field_quantities
@@ -85,11 +85,11 @@ def scalar_signal(name: str) -> ScalarSignal:
         rows = field_quantities(SIGNALS[signal]) if hasattr(SIGNALS[signal], "_fields") else {}
         if row in rows:
             return ScalarSignal(name, rows[row].unit, cast(Callable[..., Row], RowOf(row)), (signal,))
-        rows_text = listed([f"{signal}.{each}" for each in rows]) if rows else "none that have names"
-        raise InputError(f"{shown(name)} is not a row of the signal {signal}; its rows are {rows_text}")
+        rows_text = join_names([f"{signal}.{each}" for each in rows]) if rows else "none that have names"
+        raise InputError(f"{short_repr(name)} is not a row of the signal {signal}; its rows are {rows_text}")
     raise InputError(
-        f"{shown(name)} is neither a row of a signal, such as state.z, nor a derived signal; derived signals are"
-        f" {listed([*DERIVED_SIGNALS])}"
+        f"{short_repr(name)} is neither a row of a signal, such as state.z, nor a derived signal; derived signals are"
+        f" {join_names([*DERIVED_SIGNALS])}"
     )
 
 

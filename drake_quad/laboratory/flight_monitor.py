@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, accumulators_of, add_tick, summarized
+from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, accumulators_of, add_tick, compute_metrics
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -104,14 +104,14 @@ class MonitorState(NamedTuple):
     Attributes:
         crashed: 1 if the vehicle has crashed, else 0.
         crash_time: time of the crash, s; infinite if the vehicle has not crashed.
-        touched: solid that the vehicle crashed into.
+        obstacle_hit: solid that the vehicle crashed into.
         free: ball in which the vehicle touches no solid.
         sums: sums from which the metrics are computed.
     """
 
     crashed: Crashed
     crash_time: CrashTime
-    touched: CollidedSolid
+    obstacle_hit: CollidedSolid
     free: FreeBall
     sums: Sums
 
@@ -124,7 +124,7 @@ def monitor_step(
     target: AttitudeTarget | None,
     shortfall: Wrench,
     before: CrashTime,
-    touched: CollidedSolid,
+    obstacle_hit: CollidedSolid,
     free: FreeBall,
     sums: Sums,
     time: Row,
@@ -146,7 +146,7 @@ def monitor_step(
         target: attitude target that is sent over the link; None without an autopilot.
         shortfall: part of the wrench that the rotors cannot produce.
         before: crash time before this tick, s.
-        touched: solid that the vehicle crashed into before this tick.
+        obstacle_hit: solid that the vehicle crashed into before this tick.
         free: ball in which the vehicle touches no solid.
         sums: sums before this tick.
         time: time of the tick, s.
@@ -181,7 +181,7 @@ def monitor_step(
     return MonitorState(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
-        CollidedSolid(where(touch.number > 0.0, touch.number, touched.number)),
+        CollidedSolid(where(touch.number > 0.0, touch.number, obstacle_hit.number)),
         free,
         add_tick(sums, accumulators, values, flying, counts),
     )
@@ -262,7 +262,7 @@ class FlightMonitor(FleetSystem):
     `attitude_target` is connected: the command that is sent over the link. Additional metrics may need further signals,
     for which the monitor then has input ports.
 
-    The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
+    The states are `crashed`, `crash_time`, `obstacle_hit`, `free` and `sums`.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -293,9 +293,12 @@ class FlightMonitor(FleetSystem):
         others = {name: self.input(name) for name in read if not self.HasInputPort(name)}
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time = self.state("crash_time", lambda _: CrashTime(math.inf))
-        touched, free = self.state("touched", lambda _: CollidedSolid()), self.state("free", lambda _: FreeBall())
+        obstacle_hit, free = (
+            self.state("obstacle_hit", lambda _: CollidedSolid()),
+            self.state("free", lambda _: FreeBall()),
+        )
         sums = self.state("sums", lambda _: Sums.before(accumulators))
-        states = crash_time, touched, free, sums
+        states = crash_time, obstacle_hit, free, sums
         settings = limits, surroundings, window, period, accumulators, tuple(others)
         arguments = state, reference, command, *sent, shortfall, *states, TIME, *settings, *others.values()
         self.update(period, monitor_step, *arguments, writes=[crashed, *states])
@@ -312,11 +315,11 @@ class FlightMonitor(FleetSystem):
         def is_connected(signal: str) -> bool:
             return bool(self.GetInputPort(signal).HasValue(context))
 
-        return summarized(sums, crash_time, self._period, self._metrics, is_connected)
+        return compute_metrics(sums, crash_time, self._period, self._metrics, is_connected)
 
-    def touched(self, context: Context) -> np.ndarray:
+    def obstacle_hit(self, context: Context) -> np.ndarray:
         """Return the (N,) number of the solid that each vehicle crashed into, from 1 on; 0 if it touched none."""
-        return np.asarray(self._arrays(context, "touched").number).astype(int)
+        return np.asarray(self._arrays(context, "obstacle_hit").number).astype(int)
 
     def _arrays(self, context: Context, name: str) -> Any:
         """Return a state as a record of (N,) arrays."""

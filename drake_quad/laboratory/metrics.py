@@ -371,7 +371,7 @@ def unit_of(kind: type[Metrics], name: str) -> str:
     return "s" if name == "crash_time" else definitions_of(kind)[name].unit
 
 
-def summarized(
+def compute_metrics(
     sums: Sums, crash_time: np.ndarray, period: float, kind: type[Metrics] = Metrics, connected: Any = None
 ) -> Metrics:
     """Return the metrics of each vehicle. Metrics of a recorded flight are NaN.

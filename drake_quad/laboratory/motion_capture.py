@@ -42,7 +42,7 @@ class VelocityDrift(NamedTuple):
     z: Annotated[Row, Quantity("m/s", "W")]
 
 
-class CameraNumbers(NamedTuple):
+class CameraParameters(NamedTuple):
     """Errors of the cameras.
 
     Attributes:
@@ -76,13 +76,13 @@ class Cameras(NamedTuple):
         R_BM: orientation of the markers' frame in B, from the misalignment.
     """
 
-    errors: CameraNumbers
+    errors: CameraParameters
     R_BM: BodyAxes
 
     @classmethod
-    def of(cls, numbers: CameraNumbers) -> "Cameras":
+    def of(cls, parameters: CameraParameters) -> "Cameras":
         """Return the parameters of cameras with given errors."""
-        return cls(numbers, BodyAxes.of(*numbers.misalignment))
+        return cls(parameters, BodyAxes.of(*parameters.misalignment))
 
 
 class Pose(NamedTuple):
@@ -138,7 +138,7 @@ def first_frame(
     misaligned: bool,
     velocity_scaled: bool,
     filtered: bool,
-    num_under_way: int,
+    max_delay_frames: int,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
     """Return the initial values of the states of a `MotionCapture`; the initial output of a filter is zero.
 
@@ -149,7 +149,7 @@ def first_frame(
         misaligned: True if the markers' frame differs from B.
         velocity_scaled: True if the velocity has a scale error.
         filtered: True if filters estimate velocity and body rates.
-        num_under_way: largest possible latency, in frames.
+        max_delay_frames: largest possible latency, in frames.
     """
     pose = measured_pose(state, noise, cameras, misaligned)
     frame = (
@@ -157,13 +157,13 @@ def first_frame(
         if filtered
         else _unfiltered_frame(pose, state, _velocity_factors(cameras, velocity_scaled))
     )
-    return frame, (frame,) * num_under_way, pose, VelocityDrift(0.0, 0.0, 0.0)
+    return frame, (frame,) * max_delay_frames, pose, VelocityDrift(0.0, 0.0, 0.0)
 
 
 def next_frame(
     state: State,
     out: State,
-    under_way: tuple[State, ...],
+    in_transit: tuple[State, ...],
     before: Pose | None,
     drift: VelocityDrift | None,
     noise: Pose | None,
@@ -179,7 +179,7 @@ def next_frame(
     Args:
         state: true state of the vehicle.
         out: available frame before the update.
-        under_way: earlier frames that are not yet available, the latest one first.
+        in_transit: earlier frames that are not yet available, the latest one first.
         before: pose two frames before this one; None without a filter.
         drift: drift of the velocity in the previous frame; None if there is no drift.
         noise: standard normal samples; None if there is no noise.
@@ -191,7 +191,7 @@ def next_frame(
         period: frame period h, s.
     """
     factors = _velocity_factors(cameras, velocity_scaled)
-    last, pose = latest_sample(out, under_way), measured_pose(state, noise, cameras, misaligned)
+    last, pose = latest_sample(out, in_transit), measured_pose(state, noise, cameras, misaligned)
     is_lost = False if random is None else random.frame < cameras.errors.dropout_rate
     after = None if drift is None or drift_noise is None else _next_drift(drift, drift_noise, cameras, period)
     bandwidth = cameras.errors.derivative_bandwidth
@@ -203,7 +203,7 @@ def next_frame(
         true = _with_drift(last, drift, -1.0)
         frame = _filtered_frame(where(is_lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
         frame = _with_drift(frame, after, 1.0)
-    return *delay_line_step(frame, under_way, cameras.errors.latency_frames), Pose.of(last), after
+    return *delay_line_step(frame, in_transit, cameras.errors.latency_frames), Pose.of(last), after
 
 
 def _with_drift(frame: State, drift: VelocityDrift | None, sign: float) -> State:
@@ -276,7 +276,7 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
     return BodyRates(*before.rotation_to(after))
 
 
-def _zero_state(_: CameraNumbers) -> State:
+def _zero_state(_: CameraParameters) -> State:
     """Return a state of zeros, which the first frame replaces."""
     return State(*(0.0,) * len(State._fields))
 
@@ -325,7 +325,7 @@ class MotionCapture(FleetSystem):
     and attitude. `dropout` is a uniform number in [0, 1) for each frame, which is lost if the number is below the
     dropout rate. `velocity_drift` contains standard normal samples for the drift of the velocity.
 
-    The states are `measurement` and `measurement_under_way`, the two states of a `DelayLine`. A filter adds the state
+    The states are `measurement` and `measurement_in_transit`, the two states of a `DelayLine`. A filter adds the state
     `pose_before`, the pose in the frame before the latest one. A drift adds the state `drift`, the drift in the latest
     frame. The only parameter of the context is `cameras`.
 
@@ -339,7 +339,7 @@ class MotionCapture(FleetSystem):
         filtered: True if filters estimate velocity and body rates.
         drifts: True if the measured velocity drifts.
         longest_latency: largest possible latency, in frames.
-        numbers: parameters of the errors.
+        parameters: parameters of the errors.
 
     Raises:
         ValueError: if `filtered` is True and the bandwidth is None.
@@ -356,10 +356,10 @@ class MotionCapture(FleetSystem):
         filtered: bool = False,
         drifts: bool = False,
         longest_latency: int = 0,
-        numbers: CameraNumbers = CameraNumbers(),
+        parameters: CameraParameters = CameraParameters(),
     ) -> None:
         """Declare ports, states and parameters."""
-        if filtered and numbers.derivative_bandwidth is None:
+        if filtered and parameters.derivative_bandwidth is None:
             raise ValueError("derivative_bandwidth is None, but filters need a bandwidth")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
         noise = random = before = drift = drift_noise = None
@@ -370,10 +370,10 @@ class MotionCapture(FleetSystem):
             random = self.random_input("dropout", Dropout, uniform, period=period)
         line = declare_delay_line(self, "measurement", _zero_state, longest_latency)
         if filtered:
-            before = self.state("pose_before", lambda numbers: Pose.of(_zero_state(numbers)))
+            before = self.state("pose_before", lambda parameters: Pose.of(_zero_state(parameters)))
         if drifts:
             drift_noise = self.random_input("velocity_drift", VelocityDrift, gaussian, period=period)
-            drift = self.state("drift", lambda numbers: VelocityDrift(0.0, 0.0, 0.0))
+            drift = self.state("drift", lambda parameters: VelocityDrift(0.0, 0.0, 0.0))
         writes = *line, before, drift
         first_arguments = state, noise, cameras, misaligned, velocity_scaled, filtered, longest_latency
         self.initialize(first_frame, *first_arguments, writes=writes)
@@ -381,7 +381,7 @@ class MotionCapture(FleetSystem):
         next_arguments = (
             state,
             line.out,
-            line.under_way,
+            line.in_transit,
             before,
             drift,
             *sources,

@@ -14,18 +14,18 @@ from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.hovering import as_believed, at_rest, symmetric_hover
+from drake_quad.scenario.hovering import at_rest, nominal_hover, symmetric_hover
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import joined
+from drake_quad.scenario.paths import join_path
 from drake_quad.scenario.routes.hover import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import hover_equivalent
-from drake_quad.vehicle.motors import ThrottleModel, believed_rotor_speeds
+from drake_quad.vehicle.motors import ThrottleModel, nominal_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # These subsystems only observe the loop.
@@ -95,7 +95,9 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
                 f"{name} is {other:g} s, but must be at most {period:g} s, the link period, for margins at the link"
             )
     user_systems = UserSystems(position_controller, control)
-    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=user_systems, injects=True)
+    diagram = build_fleet_diagram(
+        Batch.draw(resting, [0]), plan_route(resting), user_systems=user_systems, injects=True
+    )
     context = diagram.CreateDefaultContext()
     port = diagram.GetInputPort("injection")
     port.FixValue(context, np.zeros(port.size()))
@@ -171,7 +173,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
 
     Args:
         scenario: scenario with the laboratory.
-        vehicle: "nominal" for the vehicle of `as_believed`; "actual" for the vehicle of the scenario, without effects
+        vehicle: "nominal" for the vehicle of `nominal_hover`; "actual" for the vehicle of the scenario, without effects
             that couple its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
 
     Raises:
@@ -191,9 +193,9 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
     hover = _hover_speeds(resting)
     wrench = _hover_wrench(resting, hover)
     link, command = recipes["command_link"], resting.laboratory.autopilot.command
-    initial = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
+    initial = link.parameters.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
     laboratory.GetInputPort(command).FixValue(context, initial)
-    link._replace(numbers=link.numbers._replace(initial=initial)).reset(laboratory, "command_link", context)
+    link._replace(parameters=link.parameters._replace(initial=initial)).reset(laboratory, "command_link", context)
     at_tick(laboratory, _NUM_SETTLING_TICKS * period, context)
     system, change = linearize(laboratory, context, period=period, inputs=[command], outputs=["measurement"])
     worst = int(np.argmax(np.abs(change)))
@@ -210,7 +212,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["nominal", "actual"]) -> Scenario:
     """Return the scenario of a plant: the vehicle in hover at (0, 0, 1), in still air."""
-    return as_believed(scenario) if vehicle == "nominal" else symmetric_hover(at_rest(scenario))
+    return nominal_hover(scenario) if vehicle == "nominal" else symmetric_hover(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
@@ -219,7 +221,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
     Raises:
         InputError: the rotors cannot hold the vehicle in hover.
     """
-    parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_numbers()
+    parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_parameters()
     hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
@@ -231,12 +233,14 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     """Return the wrench that commands given rotor speeds according to the nominal model."""
-    believed, commanded = nominal_parameters(resting), hover
-    flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
-    if flown is not None and known is not None:
+    nominal, commanded = nominal_parameters(resting), hover
+    known_curve, known = resting.vehicle.effect_parameters().thrust_curve, resting.nominal.motors.thrust_curve()
+    if known_curve is not None and known is not None:
         parameters = vehicle_parameters(resting.vehicle)
-        commanded = believed_rotor_speeds(hover, ThrottleModel.of(parameters, flown), ThrottleModel.of(believed, known))
-    return rotor_action(commanded, believed).wrench
+        commanded = nominal_rotor_speeds(
+            hover, ThrottleModel.of(parameters, known_curve), ThrottleModel.of(nominal, known)
+        )
+    return rotor_action(commanded, nominal).wrench
 
 
 def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
@@ -312,6 +316,6 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 
 def _periods(scenario: Scenario) -> dict[str, float]:
     """Return all periods of a loop by name, s; 0 for a vehicle that moves continuously."""
-    periods = {joined(*path): period for path, period in scenario.periods.items()}
+    periods = {join_path(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
     return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

@@ -83,7 +83,7 @@ def port_rows(port: str, size: int) -> tuple[str, ...]:
     return tuple(f"{port}.{name}" for name in names)
 
 
-def undotted(names: Sequence[str]) -> list[str]:
+def without_dots(names: Sequence[str]) -> list[str]:
     """Return names for python-control, with underscores instead of dots."""
     return [name.replace(".", "_") for name in names]
 

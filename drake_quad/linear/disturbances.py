@@ -14,9 +14,9 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_quad.assembly.laboratory import laboratory_recipes, vehicle_parameters
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.laboratory.wind.wind import build_wind
-from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.randomness.noise import Samples, connect_noise, random_streams
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.reference.plan import Plan
@@ -71,7 +71,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
-    position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
+    position, velocity, acceleration = (np.array(evaluate(plan.extended_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
     # The shape of plan data is (times, 1), and of vehicle parameters (N,), so that the shape of results is (times, N).
@@ -81,7 +81,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
     # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
-    effects = fleet.vehicle.effect_numbers()._replace(thrust_curve=None, battery=None, slung_load=None)
+    effects = fleet.vehicle.effect_parameters()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
     axes, motion = BodyAxes.of(*angles), Motion(*columns)

@@ -152,8 +152,8 @@ def _crossings(
         pairs = np.stack([first, first + 1], axis=1)
         ends, values = (np.take_along_axis(each, pairs, axis=1) for each in (inside, values))
     (low, high), (start, end) = ends.T, values.T
-    share = np.divide(start, start - end, out=np.zeros_like(start), where=start != end)
-    return low + np.clip(share, 0.0, 1.0) * (high - low)
+    fraction = np.divide(start, start - end, out=np.zeros_like(start), where=start != end)
+    return low + np.clip(fraction, 0.0, 1.0) * (high - low)
 
 
 def _passes_zero(values: np.ndarray) -> np.ndarray:

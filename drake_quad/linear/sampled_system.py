@@ -26,7 +26,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.errors import InputError
 from drake_quad.framework.wiring import subsystem
-from drake_quad.linear.context_vector import ContextVector, leaf_paths, port_rows, undotted
+from drake_quad.linear.context_vector import ContextVector, leaf_paths, port_rows, without_dots
 from drake_quad.process_settings import single_threaded_blas
 
 if TYPE_CHECKING:
@@ -61,7 +61,11 @@ class SampledSystem:
         """Return python-control's StateSpace with the same period and names, with "_" in place of "."."""
         import control
 
-        names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
+        names = {
+            "states": without_dots(self.states),
+            "inputs": without_dots(self.inputs),
+            "outputs": without_dots(self.outputs),
+        }
         return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
 
     to_state_space = to_control
@@ -221,7 +225,7 @@ def linearize(
     y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
     # Arithmetic on arrays of objects raises floating-point flags without meaning.
     with np.errstate(all="ignore"):
-        simulator = resume(Simulator_[AutoDiffXd](converted, root))
+        simulator = initialize_without_events(Simulator_[AutoDiffXd](converted, root))
         simulator.AdvanceTo(tick_after(context.get_time(), period))
 
     after = layout.read(converted, root)
@@ -249,7 +253,7 @@ def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Co
     return simulator.get_mutable_context()
 
 
-def resume(simulator: Simulator) -> Simulator:
+def initialize_without_events(simulator: Simulator) -> Simulator:
     """Return the simulator, initialised to continue a flight, without the events at its start."""
     keep = InitializeParams()
     keep.suppress_initialization_events = True

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, ClosedLoop
 from drake_quad.linear.context_vector import ContextVector
-from drake_quad.linear.sampled_system import resume, tick_after
+from drake_quad.linear.sampled_system import initialize_without_events, tick_after
 
 
 class StepResponse(NamedTuple):
@@ -26,7 +26,7 @@ class StepResponse(NamedTuple):
     nonlinear: np.ndarray
 
 
-def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
+def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
     """Return the response of a loop that starts at a displacement from its equilibrium.
 
     Relative to the new reference, it equals the response to a step of the reference.
@@ -54,7 +54,7 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
 
     root = loop.context.Clone()
     layout.write(loop.diagram, root, equilibrium + state)
-    simulator = resume(Simulator(loop.diagram, root))
+    simulator = initialize_without_events(Simulator(loop.diagram, root))
     start, period = root.get_time(), loop.system.period
     port = loop.diagram.GetOutputPort("state")
     ticks = round(duration / period) + 1

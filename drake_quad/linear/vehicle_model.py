@@ -21,13 +21,13 @@ from pydrake.systems.primitives import (
 
 from drake_quad.errors import InputError
 from drake_quad.geometry.axes import BodyAxes
-from drake_quad.linear.context_vector import port_rows, undotted
+from drake_quad.linear.context_vector import port_rows, without_dots
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import Motion, hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.slung_load import HANGING, rod_of
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
     import control
 
     states = (*STATES, *SWING_STATES)[: len(system.A())]
-    names = {"states": undotted(states), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
+    names = {"states": without_dots(states), "inputs": without_dots(INPUTS), "outputs": without_dots(OUTPUTS)}
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 
 
@@ -176,9 +176,9 @@ def _at(
     """Return the vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
     acting = _of_motion(effects)
-    numbers = QuadrotorNumbers(parameters, effects=acting)
+    config = QuadrotorConfig(parameters, effects=acting)
     vehicle = builder.AddNamedSystem(
-        "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, numbers=numbers)
+        "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, parameters=config)
     )
     inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
     for i, name in enumerate(("rotor_speed_command", "wind")):

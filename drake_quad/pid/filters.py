@@ -50,9 +50,9 @@ def butterworth(bandwidth: AngleRate, period: Time) -> LowPass:
 def first_order(bandwidth: AngleRate, period: Time) -> LowPass:
     """Return the filter y⁺ = y + α (u - y) with α = ω h / (1 + ω h); arguments are those of `butterworth`."""
     angle: Any = np.asarray(bandwidth) * period
-    share = angle / (1.0 + angle)
-    zero = 0.0 * share
-    return LowPass(share, zero, zero, share - 1.0, zero)
+    fraction = angle / (1.0 + angle)
+    zero = 0.0 * fraction
+    return LowPass(fraction, zero, zero, fraction - 1.0, zero)
 
 
 def low_pass(bandwidth: AngleRate, period: Time, order: Order) -> LowPass:
@@ -60,7 +60,7 @@ def low_pass(bandwidth: AngleRate, period: Time, order: Order) -> LowPass:
     return first_order(bandwidth, period) if order == 1 else butterworth(bandwidth, period)
 
 
-def filtered(sample: Row, low_pass: LowPass, state: FilterState) -> tuple[Row, FilterState]:
+def filter_step(sample: Row, low_pass: LowPass, state: FilterState) -> tuple[Row, FilterState]:
     """Return the output of a filter for one sample, and its next state."""
     inner = sample - low_pass.a_1 * state.last - low_pass.a_2 * state.second_last
     output = low_pass.b_0 * inner + low_pass.b_1 * state.last + low_pass.b_2 * state.second_last

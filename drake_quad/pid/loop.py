@@ -11,7 +11,7 @@ nothing.
 from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, wrap_angle
-from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filtered
+from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filter_step
 from drake_quad.signals import Row, Time
 
 
@@ -93,21 +93,21 @@ class Memory(NamedTuple):
         )
 
 
-def saturated(value: Row, limit: Row) -> Row:
+def saturate(value: Row, limit: Row) -> Row:
     """Return the value, saturated at plus and minus the limit."""
     return maximum(minimum(value, limit), -limit)
 
 
-def integrated(term: Row, error: Row, integral: Integral, period: Time) -> Row:
+def integrate(term: Row, error: Row, integral: Integral, period: Time) -> Row:
     """Return the integral term after adding the error of one tick."""
     growth = integral.k_i * error * period
     if integral.fade is not None:
-        share = error / integral.fade
-        growth = growth * maximum(1.0 - share * share, 0.0)
-    return saturated(term + growth, integral.limit)
+        fraction = error / integral.fade
+        growth = growth * maximum(1.0 - fraction * fraction, 0.0)
+    return saturate(term + growth, integral.limit)
 
 
-def differentiated(
+def differentiate(
     measured: Row, derivative: Derivative, memory: Memory, period: Time, *, is_angle: bool = False
 ) -> tuple[Row, Memory]:
     """Return the filtered rate of the measurement, which is 0 at the first tick, and the updated memory."""
@@ -118,7 +118,7 @@ def differentiated(
     delayed = memory.delayed
     if derivative.low_pass is not None:
         assert delayed is not None
-        rate, delayed = filtered(rate, derivative.low_pass, delayed)
+        rate, delayed = filter_step(rate, derivative.low_pass, delayed)
     return rate, Memory(memory.integral, LastMeasurement(measured, 1.0), delayed)
 
 
@@ -150,15 +150,15 @@ def pid(
     if terms is None:
         return output, memory
     if terms.derivative is not None:
-        rate, memory = differentiated(measured, terms.derivative, memory, period, is_angle=is_angle)
+        rate, memory = differentiate(measured, terms.derivative, memory, period, is_angle=is_angle)
         output = output - terms.derivative.k_d * rate
     if terms.integral is not None:
         assert memory.integral is not None
-        term = integrated(memory.integral, error, terms.integral, period)
+        term = integrate(memory.integral, error, terms.integral, period)
         output = output + (term if integrates_first else memory.integral)
         memory = memory._replace(integral=term)
     if terms.k_ff is not None:
         output = output + terms.k_ff * setpoint
     if terms.limit is not None:
-        output = saturated(output, terms.limit)
+        output = saturate(output, terms.limit)
     return output, memory

@@ -64,9 +64,9 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
     try:
         check_rotors(plan, scenario, times)
         if moves_at_end(plan.path, PATH_ORDERS):
-            _check_room(evaluate(plan.flown_path, times), scenario)
+            _check_room(evaluate(plan.extended_path, times), scenario)
             if scenario.space is not None:
-                braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
+                braking = PolynomialPath(plan.extended_path.times[-3:-1], plan.extended_path.coefficients[-2:-1])
                 check_obstacles(braking, scenario.room())
     except InputError as error:
         raise InputError(

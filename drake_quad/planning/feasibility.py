@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.feasibility import first_violation
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate
@@ -17,8 +17,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
     """Return the rotor speeds, attitude and body rates that a plan requires at times (samples,), s."""
-    position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
-    ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
+    position, velocity, acceleration, jerk, snap = (evaluate(plan.extended_path, times, order) for order in range(5))
+    ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.extended_yaw, times, order) for order in range(3))
     reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
     return rotor_demand(reference, Jerk._make(jerk), Snap._make([*snap, yaw_acceleration]), parameters)
 
@@ -33,8 +33,8 @@ def check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
         max_rotor_speed=parameters.max_rotor_speed,
     )
     if violation is not None:
-        own = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
-        of_throttle = "" if violation.limit in own else ", which is the limit of the throttle"
+        rotor_limits = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
+        of_throttle = "" if violation.limit in rotor_limits else ", which is the limit of the throttle"
         raise InputError(f"the rotors cannot fly this route: {violation}{of_throttle}")
 
 

@@ -3,7 +3,7 @@
 from drake_quad.errors import InputError
 from drake_quad.planning.feasibility import check_obstacles, check_rotors
 from drake_quad.reference.feasibility import sample_times
-from drake_quad.scenario.limits import LONGEST
+from drake_quad.scenario.limits import MAX_DURATION
 from drake_quad.scenario.models import Mission
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.routes.route import Planned
@@ -24,9 +24,10 @@ def plan_in(mission: Mission, space: Space | None) -> Planned:
             raise InputError(f"{field} is a distribution, but must be a number, since all vehicles fly the same plan")
     planned = mission.route.plan(space)
     plan = planned.plan
-    if not plan.duration <= LONGEST:
+    if not plan.duration <= MAX_DURATION:
         raise InputError(
-            f"within its limits the route would take {plan.duration:g} s, more than the longest flight, {LONGEST:g} s"
+            f"within its limits the route would take {plan.duration:g} s, more than the longest flight,"
+            f" {MAX_DURATION:g} s"
         )
     check_rotors(plan, mission, sample_times(plan.path))
     if space is not None and planned.waypoints is None:

@@ -24,11 +24,11 @@ class Samples(NamedTuple):
 
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
-        numbers: index of the sample of each vehicle.
+        indices: index of the sample of each vehicle.
     """
 
     seed: Seeds
-    numbers: Sequence[int]
+    indices: Sequence[int]
 
 
 class Exported(NamedTuple):
@@ -91,10 +91,10 @@ class NoiseSource(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        numbers: samples of the vehicles.
+        parameters: samples of the vehicles.
     """
 
-    def declare(self, *, streams: Sequence[Stream], numbers: Samples) -> None:
+    def declare(self, *, streams: Sequence[Stream], parameters: Samples) -> None:
         """Declare ports and parameters."""
 
         def states(samples: Samples) -> tuple[StreamState, ...]:
@@ -155,13 +155,13 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
         ports: random input port of each stream.
         samples: samples of the vehicles.
     """
-    num_vehicles = len(samples.numbers)
+    num_vehicles = len(samples.indices)
     if num_vehicles > 1:
         for stream, port in ports.items():
-            source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], numbers=samples)
+            source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], parameters=samples)
             builder.Connect(builder.AddNamedSystem(f"noise_{stream.name}", source).get_output_port(), port)
     elif ports:
-        outputs = split_output(builder, "noise", NoiseSource(streams=list(ports), numbers=samples))
+        outputs = split_output(builder, "noise", NoiseSource(streams=list(ports), parameters=samples))
         for stream, port in ports.items():
             builder.Connect(outputs[stream.name], port)
 

@@ -18,14 +18,14 @@ class ActiveConstraint(NamedTuple):
     """Constraint that is active at a point of a path.
 
     Attributes:
-        what: type of the constraint: "speed", "acceleration" or "corridor".
-        where: wall of the corridor, such as "y max" or "face 0"; empty for a limit.
+        quantity: type of the constraint: "speed", "acceleration" or "corridor".
+        location: wall of the corridor, such as "y max" or "face 0"; empty for a limit.
         segment: index of the segment.
         time: time at which the constraint is active, s.
     """
 
-    what: str
-    where: str
+    quantity: str
+    location: str
     segment: int
     time: float
 

@@ -50,7 +50,7 @@ def path_of_laps(
     if stops is not None:
         free[stops] = 0.0
     at_rest = rest_at_ends(2, axes)
-    seam = periodic_seam(lap, durations.between, free[lead:])
+    seam = periodic_boundary_derivatives(lap, durations.between, free[lead:])
     laps_in_order = [_between(waypoints, durations.first, free, at_rest[0], seam)]
     laps_in_order += [_between(lap, durations.between, free[lead:], seam, seam)] * (laps - 2)
     laps_in_order += [_between(lap, durations.last, free[lead:], seam, at_rest[0])]
@@ -61,7 +61,7 @@ def path_of_laps(
     return path, tuple(times[starts].tolist())
 
 
-def periodic_seam(points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
+def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
     """Return the (3, axes) velocity, acceleration and jerk at the seam of the periodic minimum-snap path.
 
     Args:

@@ -325,10 +325,10 @@ class MinimumSnapProgram:
     def _tighten(self, path: PolynomialPath) -> bool:
         """Add bounds where the path violates a limit or a corridor, and return whether any bound was added."""
         is_violated = False
-        share = 1.0 + (self.excess if self._slack is RelaxedBounds.LIMITS else 0.0)
+        fraction = 1.0 + (self.excess if self._slack is RelaxedBounds.LIMITS else 0.0)
         for order, limit in self._problem.limits.by_order.items():
             peaks = norm_peaks(path, order)
-            violates = peaks.norm > _with_rounding(limit) * share
+            violates = peaks.norm > _with_rounding(limit) * fraction
             for segment, s in zip(peaks.segment[violates], peaks.s[violates], strict=True):
                 is_violated = True
                 self.bound_norm(int(segment), float(s), order, (1.0 - _LIMIT_MARGIN) * limit)

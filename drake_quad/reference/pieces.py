@@ -16,7 +16,7 @@ from drake_quad.errors import InputError
 from drake_quad.extras import import_extra
 from drake_quad.files import write_table
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.polynomial_path import PolynomialPath, knots, refined
+from drake_quad.reference.polynomial_path import PolynomialPath, knots, subdivide
 
 AXES = ("x", "y", "z", "yaw")
 POWERS = 8
@@ -34,7 +34,7 @@ def pieces_of(plan: Plan) -> np.ndarray:
     Raises:
         InputError: if a polynomial has a degree higher than 7.
     """
-    path, yaw = refined(plan.path, plan.yaw.times), refined(plan.yaw, plan.path.times)
+    path, yaw = subdivide(plan.path, plan.yaw.times), subdivide(plan.yaw, plan.path.times)
     polynomials = [_in_seconds(part) for part in (path, yaw)]
     rows = np.column_stack([path.durations, *(part.reshape(len(part), -1) for part in polynomials)])
     start = float(path.times[0])
@@ -132,7 +132,7 @@ def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
         )
     powers = np.arange(coefficients.shape[1])
     path = PolynomialPath(times, coefficients * np.diff(times)[:, np.newaxis, np.newaxis] ** powers[:, np.newaxis])
-    return Plan.facing(path, yaw)
+    return Plan.with_constant_yaw(path, yaw)
 
 
 def _in_seconds(path: PolynomialPath) -> np.ndarray:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.reference.polynomial_path import PolynomialPath, path_derivative, refined
+from drake_quad.reference.polynomial_path import PolynomialPath, path_derivative, subdivide
 from drake_quad.reference.rest import moves_at_end, with_rest
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.yaw import constant_yaw
@@ -50,7 +50,7 @@ class Plan:
     laps: tuple[float, ...] = ()
 
     @classmethod
-    def facing(
+    def with_constant_yaw(
         cls, path: PolynomialPath, yaw: float = 0.0, legs: tuple[Leg, ...] = (), laps: tuple[float, ...] = ()
     ) -> "Plan":
         """Return the plan that follows a path with a constant yaw (rad)."""
@@ -61,7 +61,7 @@ class Plan:
         """Return the plan that stays at a position (3,), m, for a duration, s."""
         coefficients = np.zeros((1, 8, 3))
         coefficients[0, 0] = position
-        return cls.facing(PolynomialPath(np.array([0.0, duration]), coefficients), yaw, (Leg("hover", 0),))
+        return cls.with_constant_yaw(PolynomialPath(np.array([0.0, duration]), coefficients), yaw, (Leg("hover", 0),))
 
     @property
     def duration(self) -> float:
@@ -69,12 +69,12 @@ class Plan:
         return self.path.duration
 
     @cached_property
-    def flown_path(self) -> PolynomialPath:
+    def extended_path(self) -> PolynomialPath:
         """Path with rest before and after it, and with braking if it ends in motion."""
         return with_rest(self.path, orders=PATH_ORDERS, acceleration=_BRAKING_ACCELERATION)
 
     @cached_property
-    def flown_yaw(self) -> PolynomialPath:
+    def extended_yaw(self) -> PolynomialPath:
         """Yaw with rest before and after it, and with braking if it ends in motion."""
         return with_rest(self.yaw, orders=YAW_ORDERS, acceleration=_YAW_BRAKING_ACCELERATION)
 
@@ -86,7 +86,7 @@ class Plan:
     @property
     def rest_time(self) -> float:
         """Time after which the reference stays at rest, s."""
-        return max(float(part.times[-2]) for part in (self.flown_path, self.flown_yaw))
+        return max(float(part.times[-2]) for part in (self.extended_path, self.extended_yaw))
 
     @property
     def lap_times(self) -> tuple[float, ...]:
@@ -114,13 +114,13 @@ class Plan:
         Args:
             order: order of the derivative, 0 for the position itself.
         """
-        return to_piecewise_polynomial(path_derivative(self.flown_path, order))
+        return to_piecewise_polynomial(path_derivative(self.extended_path, order))
 
     def reference(self) -> PiecewisePolynomial:
         """Return a trajectory with the rows of all ports in `REFERENCE_PORTS`, in order, that is valid at any time."""
-        end = max(self.flown_path.times[-1], self.flown_yaw.times[-1])
-        path, yaw = (_until(end, part) for part in (self.flown_path, self.flown_yaw))
-        path, yaw = refined(path, yaw.times), refined(yaw, path.times)
+        end = max(self.extended_path.times[-1], self.extended_yaw.times[-1])
+        path, yaw = (_until(end, part) for part in (self.extended_path, self.extended_yaw))
+        path, yaw = subdivide(path, yaw.times), subdivide(yaw, path.times)
         position, velocity, acceleration, jerk, snap = (_by_axis(path_derivative(path, order)) for order in range(5))
         (angle,), (rate,), (angular_acceleration,) = (_by_axis(path_derivative(yaw, order)) for order in range(3))
         rows: list[Any] = [

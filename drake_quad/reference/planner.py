@@ -12,10 +12,10 @@ from drake_quad.reference.regions import Box, WaypointRegion
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
-    least_snap_path,
+    minimum_snap_path,
+    minimum_time_path,
     path_or_reason,
-    path_through_given_motion,
-    shortest_path,
+    path_with_fixed_derivatives,
 )
 
 # Largest duration of a path, one day, s. Longer durations are taken to be mistakes.
@@ -23,7 +23,7 @@ _MAX_DURATION = 86_400.0
 
 
 @dataclass(frozen=True)
-class GivenTimes:
+class FixedTimes:
     """Timing with given times.
 
     Attributes:
@@ -34,7 +34,7 @@ class GivenTimes:
 
 
 @dataclass(frozen=True)
-class Heuristic:
+class HeuristicTiming:
     """Heuristic timing: the faster of a non-stop and a stop-at-every-waypoint profile, scaled to the limits.
 
     If a nonzero derivative is given at a waypoint, scaling would change it. The timing is then the first feasible
@@ -43,7 +43,7 @@ class Heuristic:
 
 
 @dataclass(frozen=True)
-class LeastSnap:
+class MinimumSnapTiming:
     """Timing with the smallest integrated squared snap for a given total duration.
 
     Attributes:
@@ -54,14 +54,14 @@ class LeastSnap:
 
 
 @dataclass(frozen=True)
-class Shortest:
+class MinimumTimeTiming:
     """Timing with the shortest total duration for which the minimum-snap path satisfies the limits.
 
     The duration is a local optimum. If a flight that stops at every waypoint is not slower, its times are used.
     """
 
 
-Timing = GivenTimes | Heuristic | LeastSnap | Shortest
+Timing = FixedTimes | HeuristicTiming | MinimumSnapTiming | MinimumTimeTiming
 """Method to choose the times of a path."""
 
 
@@ -80,24 +80,24 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
             necessary limits are missing, or all waypoints are equal.
     """
     match timing:
-        case GivenTimes(times):
+        case FixedTimes(times):
             return _at_given_times(problem, np.asarray(times, dtype=float))
-        case LeastSnap(duration):
+        case MinimumSnapTiming(duration):
             if not 0.0 < duration <= _MAX_DURATION:
                 raise InputError(
                     f"the total duration is {duration:g} s, but must be positive and at most {_MAX_DURATION:g} s"
                 )
-            return least_snap_path(without_repeats(problem), duration)
-    if not isinstance(timing, Heuristic | Shortest):
+            return minimum_snap_path(without_repeats(problem), duration)
+    if not isinstance(timing, HeuristicTiming | MinimumTimeTiming):
         raise TypeError(f"{timing!r} is not a GivenTimes, Heuristic, LeastSnap or Shortest")
     if not problem.limits.by_order:
         raise InputError("the total time cannot be chosen without limits; give a limit on the speed or acceleration")
-    shorten = isinstance(timing, Shortest)
+    shorten = isinstance(timing, MinimumTimeTiming)
     problem = without_repeats(problem)
     _check_duration(problem)
     if not problem.stretchable:
-        return path_through_given_motion(problem, shorten=shorten)
-    return shortest_path(problem) if shorten else heuristic_path(problem)
+        return path_with_fixed_derivatives(problem, shorten=shorten)
+    return minimum_time_path(problem) if shorten else heuristic_path(problem)
 
 
 def _check_duration(problem: PathProblem) -> None:

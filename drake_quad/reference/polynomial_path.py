@@ -43,7 +43,7 @@ class PolynomialPath(NamedTuple):
         """(segments + 1, axes) points at which the segments begin and end, m."""
         return np.vstack([self.coefficients[:, 0], self.coefficients[-1:].sum(axis=1)])
 
-    def stretched(self, factor: float) -> "PolynomialPath":
+    def scaled_in_time(self, factor: float) -> "PolynomialPath":
         """Return the path with all durations multiplied by a factor."""
         return PolynomialPath(self.times[0] + factor * (self.times - self.times[0]), self.coefficients)
 
@@ -160,7 +160,7 @@ def evaluate_at(path: PolynomialPath, segment: np.ndarray, s: np.ndarray, order:
     return np.einsum("nk,nka->na", basis * scale[:, np.newaxis], path.coefficients[segment])
 
 
-def refined(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
+def subdivide(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     """Return the same path, with its segments divided at further times (instants,), s."""
     next_index = np.clip(np.searchsorted(path.times, times), 1, len(path.times) - 1)
     distance = np.minimum(np.abs(times - path.times[next_index - 1]), np.abs(times - path.times[next_index]))
@@ -169,12 +169,12 @@ def refined(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     joined = np.union1d(path.times, times[inside & (distance > 1e-9 * path.durations.min())])
     segment = np.searchsorted(path.times, joined[:-1], side="right") - 1
     duration = path.durations[segment]
-    start, share = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
+    start, fraction = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
     # The coefficients belong to the Taylor series of p(start + share u) in u. A segment that is not divided keeps
     # its coefficients.
     powers = path.coefficients.shape[1]
     taylor = np.stack([power_basis(k, start, powers) / math.factorial(k) for k in range(powers)], axis=1)
-    taylor *= share[:, np.newaxis, np.newaxis] ** np.arange(powers)[:, np.newaxis]
+    taylor *= fraction[:, np.newaxis, np.newaxis] ** np.arange(powers)[:, np.newaxis]
     return PolynomialPath(joined, taylor @ path.coefficients[segment])
 
 
@@ -184,14 +184,14 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
     powers = components.shape[1]
     # The derivative of half the squared norm is the sum over the axes of products of two polynomials.
     rates = components[:, 1:] * np.arange(1.0, powers)[:, np.newaxis]
-    slopes = np.zeros((len(components), 2 * powers - 2))
+    derivatives = np.zeros((len(components), 2 * powers - 2))
     for power in range(powers):
-        slopes[:, power : power + powers - 1] += np.einsum("na,nka->nk", components[:, power], rates)
+        derivatives[:, power : power + powers - 1] += np.einsum("na,nka->nk", components[:, power], rates)
 
-    def slope(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
-        return np.einsum("nk,nk->n", power_basis(0, s, 2 * powers - 2), slopes[segment])
+    def derivative(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return np.einsum("nk,nk->n", power_basis(0, s, 2 * powers - 2), derivatives[segment])
 
-    segment, s = _find_maxima(slopes @ power_basis(0, _SAMPLES, 2 * powers - 2).T, slope)
+    segment, s = _find_maxima(derivatives @ power_basis(0, _SAMPLES, 2 * powers - 2).T, derivative)
     segments_in_order = np.arange(len(components))
     segment = np.concatenate([segment, segments_in_order, segments_in_order])
     s = np.concatenate([s, np.zeros(len(segments_in_order)), np.ones(len(segments_in_order))])
@@ -226,26 +226,26 @@ def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     powers = rows.shape[1]
 
-    def slope(row: np.ndarray, s: np.ndarray) -> np.ndarray:
+    def derivative(row: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.einsum("nk,nk->n", power_basis(1, s, powers), rows[row])
 
-    row, s = _find_maxima(rows @ power_basis(1, _SAMPLES, powers).T, slope)
+    row, s = _find_maxima(rows @ power_basis(1, _SAMPLES, powers).T, derivative)
     return row, s, np.einsum("nk,nk->n", power_basis(0, s, powers), rows[row])
 
 
 def _find_maxima(
-    slopes: np.ndarray, slope: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    derivatives: np.ndarray, derivative: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows and arguments at which functions on [0, 1] have maxima.
 
     Args:
-        slopes: (rows, samples) derivatives of the functions at the samples.
-        slope: function that returns derivatives for rows and arguments.
+        derivatives: (rows, samples) derivatives of the functions at the samples.
+        derivative: function that returns derivatives for rows and arguments.
     """
-    row, sample = np.nonzero((slopes[:, :-1] > 0.0) & (slopes[:, 1:] <= 0.0))
+    row, sample = np.nonzero((derivatives[:, :-1] > 0.0) & (derivatives[:, 1:] <= 0.0))
     low, high = _SAMPLES[sample], _SAMPLES[sample + 1]
     for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (low + high)
-        rising = slope(row, middle) > 0.0
+        rising = derivative(row, middle) > 0.0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
     return row, 0.5 * (low + high)

@@ -33,13 +33,13 @@ _MIN_GAIN = 1e-4
 _EXCESS_WEIGHT = 10.0
 
 
-def least_snap_durations(
+def minimum_snap_durations(
     points: np.ndarray,
     durations: np.ndarray,
     derivatives: np.ndarray | None = None,
     *,
     contacts: Sequence[Contact] = (),
-    reach: float = _MAX_LOG_CHANGE,
+    max_log_change: float = _MAX_LOG_CHANGE,
 ) -> np.ndarray:
     """Return the durations (segments,) with the same sum that minimise the cost of the minimum-snap path, s.
 
@@ -50,7 +50,8 @@ def least_snap_durations(
         durations: (segments,) initial durations, s.
         derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
         contacts: further conditions on the path.
-        reach: largest change of the logarithms of the durations, before the durations are scaled to the given sum.
+        max_log_change: largest change of the logarithms of the durations, before the durations are scaled to the given
+            sum.
     """
     total = float(durations.sum())
 
@@ -66,13 +67,13 @@ def least_snap_durations(
         solution = MinimumSnap(points, durations, derivatives, contacts=contacts)
         value = math.log(solution.cost)
         best = min(best, (value, durations), key=lambda pair: pair[0])
-        slope = durations * solution.cost_gradient() / solution.cost
-        return value, slope - slope.sum() * durations / total
+        derivative = durations * solution.cost_gradient() / solution.cost
+        return value, derivative - derivative.sum() * durations / total
 
     if len(durations) == 1 or MinimumSnap(points, durations, derivatives).cost == 0.0:
         return durations
     start = np.log(durations)
-    bounds = [(x - reach, x + reach) for x in start]
+    bounds = [(x - max_log_change, x + max_log_change) for x in start]
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
     # The search can reach durations so unequal that the matrix is not positive definite in floating point. The result
     # is then the best of the durations found before.
@@ -81,14 +82,14 @@ def least_snap_durations(
     return best[1]
 
 
-def shortest_durations(
+def minimum_time_durations(
     points: np.ndarray,
     durations: np.ndarray,
     limits: PathLimits,
     derivatives: np.ndarray | None = None,
     *,
     contacts: Sequence[Contact] = (),
-    reach: float = math.inf,
+    max_log_change: float = math.inf,
 ) -> np.ndarray:
     """Return (segments,) durations with the smallest sum whose minimum-snap path satisfies the limits, s.
 
@@ -104,7 +105,7 @@ def shortest_durations(
         limits: limits, of which at least one is finite.
         derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
         contacts: further conditions on the path.
-        reach: largest change of the logarithms of the durations, before the final scaling.
+        max_log_change: largest change of the logarithms of the durations, before the final scaling.
     """
     stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
     weight, floor = (1.0, -math.inf) if stretchable else (_EXCESS_WEIGHT, 0.0)
@@ -116,14 +117,14 @@ def shortest_durations(
         return _limit_peaks(MinimumSnap(points, durations, derivatives, contacts=contacts), limits)
 
     start = np.log(durations)
-    radius = min(_INITIAL_TRUST_RADIUS, reach)
+    radius = min(_INITIAL_TRUST_RADIUS, max_log_change)
     peaks = peaks_of(durations)
     for _ in range(_MAX_STEPS):
         value = merit(durations, peaks.worst)
         gradients = _excess_gradients(peaks)
         while True:
             log_change = np.log(durations) - start
-            box = np.maximum(-radius, -reach - log_change), np.minimum(radius, reach - log_change)
+            box = np.maximum(-radius, -max_log_change - log_change), np.minimum(radius, max_log_change - log_change)
             change, gain = _best_change(durations, peaks.excess, gradients, box=box, weight=weight, floor=floor)
             candidate = durations * np.exp(change)
             candidate_peaks = peaks_of(candidate)
@@ -221,12 +222,12 @@ def _best_change(
     max_change = np.abs(gradients) @ np.maximum(-low, high)
     is_relevant = excess + max_change >= max(float((excess - max_change).max()), floor)
     segments = len(durations)
-    slope = np.append(durations / durations.sum(), weight)
+    derivative = np.append(durations / durations.sum(), weight)
     rows = np.column_stack([gradients[is_relevant], np.full(int(is_relevant.sum()), -1.0)])
     # SciPy's linprog takes 5 to 18 times as long for such small programs.
     program = MathematicalProgram()
     x = program.NewContinuousVariables(segments + 1)
-    program.AddLinearCost(slope, 0.0, x)
+    program.AddLinearCost(derivative, 0.0, x)
     program.AddLinearConstraint(rows, np.full(len(rows), -math.inf), worst - excess[is_relevant], x)
     program.AddBoundingBoxConstraint(np.append(low, floor - worst), np.append(high, math.inf), x)
     result = ClpSolver().Solve(program)

@@ -13,7 +13,7 @@ from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, path_with
 from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
-from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
+from drake_quad.reference.time_optimization import minimum_snap_durations, minimum_time_durations
 from drake_quad.reference.walls import wall_approaches
 
 # Cost that the search minimises.
@@ -33,9 +33,9 @@ _CONTACT_TOLERANCE = 1e-4
 # Distance from the ends of a segment, in unit time, within which contacts are ignored.
 _CONTACT_END_MARGIN = 0.02
 # Largest change of the logarithms of the durations in the first round.
-_INITIAL_REACH = 0.3
+_INITIAL_LOG_CHANGE = 0.3
 # Limit on this change below which the search ends.
-_MIN_REACH = 0.02
+_MIN_LOG_CHANGE = 0.02
 _NUM_BISECTIONS = 6  # number of bisections between optimal and feasible times
 # Total duration, s, below which any motion of a path is a rounding error.
 _MIN_TOTAL_DURATION = 1e-3
@@ -87,8 +87,8 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
     """Return durations of which none is much shorter than the longest duration; all 1 s if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
-    share = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
-    return np.maximum(durations, share * durations.max())
+    fraction = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
+    return np.maximum(durations, fraction * durations.max())
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
@@ -109,26 +109,26 @@ def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPat
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
         raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")
-    return path.stretched(factor)
+    return path.scaled_in_time(factor)
 
 
-def shortest_path(problem: PathProblem) -> PolynomialPath:
+def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     """Return the minimum-snap path with the shortest total time within the limits, a local optimum.
 
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
     heuristic = heuristic_path(problem)
-    best = _locally_shortest(problem, heuristic, smooth=True)
+    best = _local_minimum_time_path(problem, heuristic, smooth=True)
     # A flight that stops everywhere satisfies the limits. For very unequal segments, it can be as fast as the optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
     # Paths that touch a wall and paths that do not can be different local optima.
     if not problem.passes_points or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
-        best = min(best, _locally_shortest(problem, heuristic, smooth=False), key=_DURATION)
+        best = min(best, _local_minimum_time_path(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
 
 
-def _locally_shortest(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
+def _local_minimum_time_path(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
     """Return a path with locally optimal times.
 
     Args:
@@ -139,17 +139,19 @@ def _locally_shortest(problem: PathProblem, path: PolynomialPath, *, smooth: boo
     """
     unlimited = problem.without_limits()
     start = (
-        _scaled_to_limits(_least_snap_with_same_duration(unlimited, path.durations), problem.limits) if smooth else path
+        _scaled_to_limits(_minimum_snap_with_same_duration(unlimited, path.durations), problem.limits)
+        if smooth
+        else path
     )
 
-    def shortened(path: PolynomialPath, reach: float) -> PolynomialPath:
-        durations = shortest_durations(
+    def shortened(path: PolynomialPath, max_log_change: float) -> PolynomialPath:
+        durations = minimum_time_durations(
             path.waypoints,
             path.durations,
             problem.limits,
             problem.derivatives,
             contacts=_contacts(problem, path),
-            reach=reach,
+            max_log_change=max_log_change,
         )
         return _scaled_to_limits(path_within(unlimited, durations), problem.limits)
 
@@ -174,23 +176,23 @@ def improve_repeatedly(
             durations.
         cost: function that returns the cost of a path.
     """
-    reach = _INITIAL_REACH
+    max_log_change = _INITIAL_LOG_CHANGE
     for _ in range(_MAX_ROUNDS):
         try:
-            changed = change(path, reach)
+            changed = change(path, max_log_change)
         except PLANNING_ERRORS:
             break
         gain = 1.0 - cost(changed) / cost(path)
         if gain > 0.0:
             path = changed
-        if abs(gain) < _MIN_GAIN or reach < _MIN_REACH:
+        if abs(gain) < _MIN_GAIN or max_log_change < _MIN_LOG_CHANGE:
             break
         if gain < 0.0:
-            reach /= 3.0
+            max_log_change /= 3.0
     return path
 
 
-def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
+def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
     """Return the fastest path that is found for a problem with nonzero derivatives given at waypoints.
 
     Such a path cannot simply be slowed down to satisfy the limits. The search therefore tries several total durations,
@@ -221,33 +223,35 @@ def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bo
     """Yield (segments,) durations with the smallest snap for several sums, and nearby ones with the smallest sum, s."""
     for factor in _TRIED_FACTORS:
         try:
-            path = _least_snap_with_same_duration(problem.without_limits(), factor * stopping)
+            path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)
         except PLANNING_ERRORS:
             continue
         yield path.durations
         if shorten:
-            yield shortest_durations(
+            yield minimum_time_durations(
                 path.waypoints, path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
             )
 
 
-def _least_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+def _minimum_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
     """Return the path with the smallest snap for the same total duration; limits are ignored."""
     if problem.passes_points:
-        durations = least_snap_durations(problem.representatives(), durations, problem.derivatives)
+        durations = minimum_snap_durations(problem.representatives(), durations, problem.derivatives)
         return path_within(problem, durations)
 
-    def smoothed(path: PolynomialPath, reach: float) -> PolynomialPath:
+    def smoothed(path: PolynomialPath, max_log_change: float) -> PolynomialPath:
         points, contacts = path.waypoints, _contacts(problem, path)
         return path_within(
             problem,
-            least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
+            minimum_snap_durations(
+                points, path.durations, problem.derivatives, contacts=contacts, max_log_change=max_log_change
+            ),
         )
 
     return improve_repeatedly(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
 
 
-def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
+def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
     """Return the path with the smallest snap for a total time, within the limits.
 
     If the times with the smallest snap violate the limits, they are moved towards the times of the fastest path until
@@ -262,7 +266,7 @@ def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
     """
     start = _path_by_rule(problem, _stopping_durations).durations
     try:
-        durations = _least_snap_with_same_duration(problem.without_limits(), start * (total / start.sum())).durations
+        durations = _minimum_snap_with_same_duration(problem.without_limits(), start * (total / start.sum())).durations
     except PLANNING_ERRORS:
         raise InputError(explain_infeasibility(problem, start * (total / start.sum()))) from None
     try:
@@ -283,18 +287,18 @@ def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> Polyn
         durations: (segments,) durations with the smallest snap, s.
     """
     total = float(durations.sum())
-    shortest = shortest_path(problem).durations
+    shortest = minimum_time_path(problem).durations
     shortest *= total / shortest.sum()
     best = path_or_reason(problem, shortest)
     low, high = 0.0, 1.0
     for _ in range(_NUM_BISECTIONS):
-        share = 0.5 * (low + high)
-        between = durations ** (1.0 - share) * shortest**share
+        fraction = 0.5 * (low + high)
+        between = durations ** (1.0 - fraction) * shortest**fraction
         try:
             best = path_within(problem, between * (total / between.sum()))
-            high = share
+            high = fraction
         except PLANNING_ERRORS:
-            low = share
+            low = fraction
     return best
 
 

@@ -80,10 +80,10 @@ def _yaml_text(plan: Plan, name: str) -> str:
 def _follows_from_knots(path: PolynomialPath, orders: int) -> bool:
     """Return True if the derivatives of a path up to order `orders` - 1 at its knots determine the path."""
     rebuilt = hermite_path(path.times, knots(path, orders)).coefficients
-    own = np.zeros((len(rebuilt), max(rebuilt.shape[1], path.coefficients.shape[1]), rebuilt.shape[2]))
-    padded = own.copy()
-    own[:, : path.coefficients.shape[1]], padded[:, : rebuilt.shape[1]] = path.coefficients, rebuilt
-    return np.allclose(own, padded, rtol=0.0, atol=_COEFFICIENT_TOLERANCE * max(1.0, np.abs(own).max()))
+    original = np.zeros((len(rebuilt), max(rebuilt.shape[1], path.coefficients.shape[1]), rebuilt.shape[2]))
+    padded = original.copy()
+    original[:, : path.coefficients.shape[1]], padded[:, : rebuilt.shape[1]] = path.coefficients, rebuilt
+    return np.allclose(original, padded, rtol=0.0, atol=_COEFFICIENT_TOLERANCE * max(1.0, np.abs(original).max()))
 
 
 def _yaml_entry(fields: Mapping[str, float | list[float]]) -> str:

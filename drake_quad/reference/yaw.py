@@ -99,8 +99,8 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
         return constant_yaw(path.times[0], path.times[-1], 0.0)
     direction = np.zeros_like(times)
     direction[has_direction] = np.unwrap(np.arctan2(v_y[has_direction], v_x[has_direction]))
-    share = np.where(has_direction, speed / top, 0.0) ** 2
-    return _smoothing_spline(times, direction, share / response**4)
+    fraction = np.where(has_direction, speed / top, 0.0) ** 2
+    return _smoothing_spline(times, direction, fraction / response**4)
 
 
 def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray) -> PolynomialPath:
@@ -121,10 +121,10 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
     for row in range(4):
         for column in range(row + 1):
             bands[row - column, column : column + 2 * len(dt) : 2] += form[:, row, column]
-    share = weights * np.gradient(times)
-    bands[0, ::2] += share
+    fraction = weights * np.gradient(times)
+    bands[0, ::2] += fraction
     right_side = np.zeros(2 * len(times))
-    right_side[::2] = share * values
+    right_side[::2] = fraction * values
     # The derivatives at both ends are zero, so their rows are decoupled from the other unknowns.
     for end in (1, 2 * len(times) - 1):
         bands[:, end] = 0.0

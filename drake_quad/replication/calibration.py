@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.replication.printed import Cell, printed_table
+from drake_quad.replication.published import Cell, published_table
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.comparison import fly_samples
@@ -140,7 +140,7 @@ def calibrate(
     Raises:
         InputError: if no value of a parameter reproduces the printed error.
     """
-    printed = printed_table()
+    printed = published_table()
     errors = partial(_errors, num_samples=num_samples, compiled=compiled)
     fixed = list(hypothesis.overrides)
     x = _fit(hypothesis.pd, lambda more: errors(load(PD_CELL, [*fixed, *more])), printed[PD_CELL].rmse.mean)

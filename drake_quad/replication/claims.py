@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 import scipy
 
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment, cells_of
 from drake_quad.replication.sweeps import EXPONENTS, NOISE_LEVELS, Q_VALUES, SLOPES, Sweep
-from drake_quad.reports.claims import Claim, judge, reduction
+from drake_quad.reports.claims import Claim, reduction, verdict_of
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
@@ -49,16 +49,16 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
         "PD+T2FNN is 50 % better than PD",
         f"reductions of {_range_text(reductions.values())} over winds and widths; at most {best.percent()} with another"
         " λ, which is a fitted number",
-        judge([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
+        verdict_of([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
         "holds if all reductions are above 50 %; in part if some are, or with another λ",
-        printed=f"Table II: {_span_text(_printed_reductions(reductions, 'pd'), 100.0, '.0f')} %",
+        printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
         details=f"{_listed_text(reductions)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
 
 
 def judge_reduction_without_wind(experiment: Experiment) -> Claim:
     """Judge the claim that the error without wind is about 43 % smaller."""
-    pd, network = (printed_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
+    pd, network = (published_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
     decrease = _reduction(experiment, Cell("no_wind", "pd_t2fnn"), "pd")
     other = {cell: _reduction(experiment, cell, "pd") for cell in cells_of(("pd_t1fnn", "pd_t2fnn_wide"), ["no_wind"])}
     return Claim(
@@ -83,9 +83,9 @@ def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
         f"reductions of {_range_text(windy.values())} in wind; without wind, with the better width,"
         f" {_range_text(over_noise)} with noise from 0 to 20 mm, {_range_text(mixed)} with q from 0.25 to 0.75, and"
         f" {only_upper.percent()} with q = 0, where only the upper memberships count",
-        judge([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
+        verdict_of([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
         "holds if all reductions in wind are above 2 %; in part if some are, or with other noise or 0 < q < 1",
-        printed=f"Table II in wind: {_span_text(_printed_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
+        printed=f"Table II in wind: {_span_text(_published_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
         f" from three runs each, which is not significant (in low wind, {_welch_text('pd_t1fnn', 'pd_t2fnn')})",
         details=_listed_text(gains),
         figure="advantage",
@@ -100,7 +100,7 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
     ]
     gains = [_error_reduction(wide, narrow) for narrow, wide in errors]
     trend = _reduction_difference(errors[-1], errors[0])
-    printed = [printed_table()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2_CONTROLLERS]
+    printed = [published_table()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2_CONTROLLERS]
     text = ", ".join(
         f"{(-gain).percent()} at {1e3 * level:g} mm" for level, gain in zip(NOISE_LEVELS, gains, strict=True)
     )
@@ -108,7 +108,7 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
         "more noise favours wider membership functions",
         f"wider sets have an error that is larger by {(-gains[0]).percent()} without position noise and by"
         f" {(-gains[-1]).percent()} with 20 mm, so noise reduces their disadvantage by {trend.percent()} of the error",
-        judge([gains[-1].is_above(0.0), trend.is_above(0.0)]),
+        verdict_of([gains[-1].is_above(0.0), trend.is_above(0.0)]),
         "holds if noise favours the wider sets and they are better at 20 mm; in part if one of these is true",
         printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant"
         f" ({_welch_text(*_TYPE_2_CONTROLLERS)}); noise is not varied",
@@ -126,7 +126,7 @@ def judge_peak_without_wind(experiment: Experiment) -> Claim:
     return Claim(
         "without wind the peak error falls from 1.3 to 0.8 m",
         f"{pd.metres()} and {network.metres()}, a reduction of {decrease.percent()}",
-        judge([decrease.is_above(0.38)], decrease.is_above(0.0)),
+        verdict_of([decrease.is_above(0.38)], decrease.is_above(0.0)),
         "holds if the peak falls by more than 38 %; in part if it falls at all",
         printed="Fig. 9: about 1.3 and 0.8 m, 38 %",
     )
@@ -142,7 +142,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
     return Claim(
         "in wind type 2 has smaller error peaks than type 1",
         f"peaks of type 2 minus those of type 1: {low.millimetres()} to {high.millimetres()}",
-        judge([(-each).is_above(0.0) for each in differences.values()]),
+        verdict_of([(-each).is_above(0.0) for each in differences.values()]),
         "holds if all differences are below zero; in part if some are",
         printed="Figs 10 and 11, one run each",
         details=_listed_text(differences, Interval.millimetres),
@@ -161,7 +161,7 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
         f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of that in the"
         f" quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of that in the 1 s"
         " before",
-        judge([(-fade).is_above(-0.5), back.is_above(1.0)]),
+        verdict_of([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",
         details=f"ratio of the last quarter: {_listed_text(fades)}; ratio after a change of segment:"
@@ -171,18 +171,20 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
 
 def judge_least_effort(experiment: Experiment) -> Claim:
     """Judge the claim that the PD has the smallest control effort."""
-    shares = {
+    fractions = {
         (cell, axis): experiment.comparison(cell, Cell(cell.wind, "pd"), f"effort_{axis}").ratio
         for cell in cells_of(_NETWORK_CONTROLLERS)
         for axis in "xy"
     }
-    low, high = _smallest_and_largest(shares.values())
-    printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
-    text = "; ".join(f"{cell.label} on {axis.upper()} {each.ratio()}" for (cell, axis), each in shares.items())
+    low, high = _smallest_and_largest(fractions.values())
+    printed = [
+        fraction for fractions in published_effort_ratios().values() for fraction in fractions if np.isfinite(fraction)
+    ]
+    text = "; ".join(f"{cell.label} on {axis.upper()} {each.ratio()}" for (cell, axis), each in fractions.items())
     return Claim(
         "the PD costs the least effort",
         f"the networks need {low.ratio()} to {high.ratio()} times the PD's effort",
-        judge([each.is_above(1.0) for each in shares.values()]),
+        verdict_of([each.is_above(1.0) for each in fractions.values()]),
         "holds if all ratios are above 1; in part if some are",
         printed=f"Table II: the networks need {_span_text(printed, 1.0, '.1f')} times the PD's effort",
         details=text,
@@ -199,13 +201,13 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
     return Claim(
         "the controllers are insensitive to wind",
         f"errors increase by {_range_text(rises.values())}",
-        judge(
+        verdict_of(
             [(-each).is_above(-0.02) for each in rises.values()],
             *((-each).is_above(-0.1) for each in rises.values()),
         ),
         "holds if all errors increase by less than 2 %; in part if some increase by less than 10 %",
         printed="Table II, without wind, in low and in high wind: "
-        + "; ".join(f"{CONTROLLERS[name]} {_printed_levels_text(name)} m" for name in ("pd", "pd_t2fnn")),
+        + "; ".join(f"{CONTROLLERS[name]} {_published_levels_text(name)} m" for name in ("pd", "pd_t2fnn")),
         details=_listed_text(rises),
     )
 
@@ -230,7 +232,7 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
         f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the former have"
         f" a {error_increase.percent()} larger error on curves, and with the latter the command varies"
         f" {variation_ratio.ratio()} times as much on straight lines",
-        judge([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
+        verdict_of([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
         "holds if the former have a larger error on curves and the command varies more with the latter; in part if one"
         " of these is true",
         printed="a statement without numbers",
@@ -239,8 +241,8 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
 
 def judge_circle_of_gains(experiment: Experiment) -> Claim:
     """Judge the claim that, with a network, any stabilising gains are sufficient."""
-    pd, network = (_mean(near_best_share(experiment.maps[name])) for name in MAPPED_CONTROLLERS)
-    more = _mean(near_best_share(experiment.maps["pd_t2fnn"]) - near_best_share(experiment.maps["pd"]))
+    pd, network = (_mean(near_best_fraction(experiment.maps[name])) for name in MAPPED_CONTROLLERS)
+    more = _mean(near_best_fraction(experiment.maps["pd_t2fnn"]) - near_best_fraction(experiment.maps["pd"]))
     typical = [_mean(median_to_best_ratio(experiment.maps[name])) for name in MAPPED_CONTROLLERS]
     best = [_mean(np.nanmin(_errors(experiment.maps[name]), axis=0)) for name in MAPPED_CONTROLLERS]
     return Claim(
@@ -248,7 +250,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
         f"of the gains that stabilise the loop, {pd.percent()} have an error within 20 % of the best with the PD, and"
         f" {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the best one with the PD,"
         f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
-        judge([more.is_above(0.0), network.is_above(0.5)]),
+        verdict_of([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the network increases the share and the share is above 50 %; in part if one of these is true",
         printed="a statement without numbers",
         details=f"{_grid_text(experiment.maps['pd'])}; a sample crashes with"
@@ -259,12 +261,12 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
     )
 
 
-def near_best_share(sweep: Sweep) -> np.ndarray:
+def near_best_fraction(sweep: Sweep) -> np.ndarray:
     """Return the fraction (samples,) of the gains without a crash whose error is within 20 % of the smallest error."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
-    shares: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
-    return shares
+    fractions: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
+    return fractions
 
 
 def median_to_best_ratio(sweep: Sweep) -> np.ndarray:
@@ -287,12 +289,12 @@ def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Inte
     )
 
 
-def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
+def published_effort_ratios() -> dict[Cell, tuple[float, float]]:
     """Return the printed mean efforts on X and Y of each network, divided by the PD's in the same wind, by cell.
 
     A ratio is NaN if one of the two efforts is missing in the paper.
     """
-    table = printed_table()
+    table = published_table()
     return {
         cell: (
             line.effort_x.mean / table[Cell(cell.wind, "pd")].effort_x.mean,
@@ -308,9 +310,9 @@ def _reduction(experiment: Experiment, cell: Cell, baseline: str, metric: str = 
     return reduction(experiment.comparison(cell, Cell(cell.wind, baseline), metric).ratio)
 
 
-def _printed_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
+def _published_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
     """Return the relative reductions of the printed mean errors, compared with a baseline, for all printed cells."""
-    means = {cell: line.rmse.mean for cell, line in printed_table().items() if np.isfinite(line.rmse.mean)}
+    means = {cell: line.rmse.mean for cell, line in published_table().items() if np.isfinite(line.rmse.mean)}
     return [1.0 - means[cell] / means[Cell(cell.wind, baseline)] for cell in cells if cell in means]
 
 
@@ -325,8 +327,8 @@ def _errors_at_setting(sweep: Sweep, setting: str, value: float, controller: str
     """
     a1, a2 = EXPONENTS[controller]
     chosen = (sweep.settings[setting] == value) & (sweep.settings["a1"] == a1) & (sweep.settings["a2"] == a2)
-    (place,) = np.flatnonzero(chosen)
-    errors: np.ndarray = _errors(sweep)[place]
+    (index,) = np.flatnonzero(chosen)
+    errors: np.ndarray = _errors(sweep)[index]
     return errors
 
 
@@ -349,10 +351,10 @@ def _errors(sweep: Sweep) -> np.ndarray:
 def _reduction_at_slope(experiment: Experiment, wind: str, slope: float) -> Interval:
     """Return the relative reduction of the mean error from PD to PD+T2FNN with a given slope λ."""
     sweep = experiment.slopes[wind]
-    (place,) = np.flatnonzero(sweep.settings["slope"] == slope)
+    (index,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = experiment.cells[Cell(wind, "pd")].metrics
     baseline = np.where(pd.crashed, np.nan, pd.rmse)[sweep.samples]
-    return _error_reduction(_errors(sweep)[place], baseline)
+    return _error_reduction(_errors(sweep)[index], baseline)
 
 
 def _error_reduction(errors: np.ndarray, baseline: np.ndarray) -> Interval:
@@ -389,16 +391,16 @@ def _mean(values: np.ndarray) -> Interval:
 
 def _welch_text(first: str, second: str) -> str:
     """Return the p-value of Welch's test between the printed runs of two controllers in low wind, as text."""
-    runs = [printed_table()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
+    runs = [published_table()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
     return f"Welch, p = {scipy.stats.ttest_ind(*runs, equal_var=False).pvalue:.2f}"
 
 
-def _printed_levels_text(controller: str) -> str:
+def _published_levels_text(controller: str) -> str:
     """Return the printed mean errors of a controller in all winds, as text."""
     means = [
-        printed_table()[cell].rmse.mean
+        published_table()[cell].rmse.mean
         for cell in (Cell(wind, controller) for wind in WINDS)
-        if cell in printed_table()
+        if cell in published_table()
     ]
     return ", ".join("–" if np.isnan(mean) else f"{mean:.3f}" for mean in means)
 
@@ -425,7 +427,7 @@ def _smallest_and_largest(estimates: Iterable[Interval]) -> tuple[Interval, Inte
     return ordered[0], ordered[-1]
 
 
-def _range_text(shares: Iterable[Interval]) -> str:
+def _range_text(fractions: Iterable[Interval]) -> str:
     """Return the smallest and the largest value as text, in per cent."""
-    low, high = _smallest_and_largest(shares)
+    low, high = _smallest_and_largest(fractions)
     return f"{low.percent()} to {high.percent()}"

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.replication.claims import printed_effort_ratios
+from drake_quad.replication.claims import published_effort_ratios
 from drake_quad.replication.measures import EFFORTS
-from drake_quad.replication.printed import Cell, printed_table
+from drake_quad.replication.published import Cell, published_table
 from drake_quad.replication.results import Experiment
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
@@ -35,7 +35,7 @@ class EffortMatch(NamedTuple):
 
 def effort_matches(experiment: Experiment) -> list[EffortMatch]:
     """Return the agreement of each definition, with intervals over the recorded samples; the closest is first."""
-    printed = printed_effort_ratios()
+    printed = published_effort_ratios()
     printed_values = np.array([printed[cell] for cell in printed]).T
     matches = []
     for name in EFFORTS:
@@ -55,19 +55,19 @@ def write_efforts(path: Path, matches: Sequence[EffortMatch]) -> Path:
     return write_rows(path, [dict(zip(columns, row, strict=True)) for row in rows])
 
 
-def printed_ratios() -> tuple[float, float]:
+def published_ratios() -> tuple[float, float]:
     """Return the geometric means of the printed effort ratios on X and on Y."""
-    x, y = np.exp(np.nanmean(np.log(list(printed_effort_ratios().values())), axis=0))
+    x, y = np.exp(np.nanmean(np.log(list(published_effort_ratios().values())), axis=0))
     return float(x), float(y)
 
 
-def printed_scatter() -> float:
+def published_scatter() -> float:
     """Return the typical factor between a printed effort ratio and its expected value, due to the scatter of the runs.
 
     Both efforts in a ratio are means of three runs. The factor follows from the standard deviation of the logarithms of
     the printed runs, pooled over all lines of the table with three runs.
     """
-    printed = [each.runs for line in printed_table().values() for each in (line.effort_x, line.effort_y)]
+    printed = [each.runs for line in published_table().values() for each in (line.effort_x, line.effort_y)]
     variance = float(np.nanmean([np.var(np.log(runs), ddof=1) for runs in printed]))
     return math.exp(math.sqrt(2.0 * variance / 3.0))
 

@@ -16,7 +16,7 @@ import numpy as np
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.replication.measures import measures
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, cells_of, write_recorded
 from drake_quad.replication.sweeps import (
     BEST_GAIN_RANGES,

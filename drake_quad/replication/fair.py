@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.replication.printed import CONTROLLERS, Cell
+from drake_quad.replication.published import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval

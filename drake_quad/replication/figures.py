@@ -16,7 +16,7 @@ from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight.flight import Flight
 from drake_quad.replication.claims import advantage
 from drake_quad.replication.fair import COMPARED_CONTROLLERS
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES, Sweep
 from drake_quad.reports.figures import print_panels
@@ -47,7 +47,7 @@ _LINE_STYLES = {
     "pd_t2fnn_wide": (PURPLE, "--"),
 }
 # Peak errors read from the paper's Fig. 9, m.
-_PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
+_PUBLISHED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
 def paper_figures(experiment: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
@@ -171,7 +171,7 @@ def errors_figure(
 
 def errors_in_wind(flights: Flights, wind: str) -> Figure:
     """Plot the Euclidean errors of all controllers in a wind, with the mean RMSE of Table II."""
-    means = {name: printed_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
+    means = {name: published_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
     levels = {name: mean for name, mean in means.items() if np.isfinite(mean)}
     return errors_figure(flights, wind, tuple(CONTROLLERS), levels, "mean RMSE in Table II")
 
@@ -202,7 +202,7 @@ FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
         errors_figure,
         wind="no_wind",
         controllers=("pd", "pd_t2fnn"),
-        levels=_PRINTED_PEAKS,
+        levels=_PUBLISHED_PEAKS,
         caption="peak in the paper's Fig. 9",
     ),
     "figure_10": partial(errors_in_wind, wind="low_wind"),
@@ -225,8 +225,8 @@ def table_figure(experiment: Experiment) -> Figure:
                 errors = values_without_crashes(experiment.cells[cell].metrics, "rmse")
                 axes.plot(np.quantile(errors, [0.025, 0.975]), [row + 0.17] * 2, zorder=2, **spread)
                 axes.plot(errors.mean(), row + 0.17, zorder=3, **ours)
-                if cell in printed_table():
-                    printed = printed_table()[cell].rmse
+                if cell in published_table():
+                    printed = published_table()[cell].rmse
                     axes.plot(printed.runs, [row - 0.17] * 3, zorder=2, **runs)
                     axes.plot(printed.mean, row - 0.17, zorder=3, **mean)
             name_rows(axes, list(CONTROLLERS.values()))
@@ -271,8 +271,8 @@ def advantage_figure(experiment: Experiment) -> Figure:
             axes.axhline(0.0, **LIMIT)
             for name, marker in (("pd_t2fnn", "o"), ("pd_t2fnn_wide", "s")):
                 gains = [advantage(sweep, number, value, name) for value in values]
-                own = {**_style(name), "marker": marker, "markersize": 3.0, "capsize": 2.0}
-                plot_intervals(axes, size * np.array(values), gains, label=CONTROLLERS[name], **own)
+                options = {**_style(name), "marker": marker, "markersize": 3.0, "capsize": 2.0}
+                plot_intervals(axes, size * np.array(values), gains, label=CONTROLLERS[name], **options)
             axes.set_xlabel(label)
         left.set_ylabel("reduction of the RMSE")
         left.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -282,7 +282,7 @@ def advantage_figure(experiment: Experiment) -> Figure:
 
 def gain_figure(experiment: Experiment) -> Figure:
     """Plot the error over the gains of the PD, with and without a network."""
-    calibrated = experiment.cells[Cell("no_wind", "pd")].scenario.cascade.position.plain()
+    calibrated = experiment.cells[Cell("no_wind", "pd")].scenario.cascade.position.without_estimator()
     errors = {name: _mean_errors(experiment.maps[name]) for name in MAPPED_CONTROLLERS}
     finite = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
     smallest, largest = float(finite.min()), float(min(finite.max(), 16.0 * finite.min()))

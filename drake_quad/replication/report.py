@@ -12,11 +12,17 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import all_claims
-from drake_quad.replication.effort import EffortMatch, effort_matches, printed_ratios, printed_scatter, write_efforts
+from drake_quad.replication.effort import (
+    EffortMatch,
+    effort_matches,
+    published_ratios,
+    published_scatter,
+    write_efforts,
+)
 from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry, fair_entries, write_fair
 from drake_quad.replication.figures import Flights, paper_figures
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import (
     QUANTITIES,
@@ -170,8 +176,8 @@ def _scenario_fields(scenario: Scenario) -> dict[str, Any]:
         "jet": first,
         "jets": " and ".join(f"({outlet}) m" for outlet in outlets),
         "turbulence": 100.0 * first.turbulence,
-        "num_sets": len(network.inputs.given["error"].centres),
-        "centres": ", ".join(f"{centre:g}" for centre in network.inputs.given["error"].centres),
+        "num_sets": len(network.inputs.specified["error"].centres),
+        "centres": ", ".join(f"{centre:g}" for centre in network.inputs.specified["error"].centres),
     }
 
 
@@ -180,7 +186,7 @@ def _calibration_fields() -> dict[str, str]:
         fitted = read_groups(path, ("hypothesis", "wind", "controller"))
     rows, numbers, spreads = [], [], {}
     deviations: dict[tuple[str, Cell], float] = {}
-    for cell, line in printed_table().items():
+    for cell, line in published_table().items():
         errors = {name: float(fitted[name, *cell]["rmse_m"][0]) for name in HYPOTHESES}
         deviations |= {(name, cell): error / line.rmse.mean - 1.0 for name, error in errors.items()}
         ours = (f"{error:.3f}{_in_brackets(deviations[name, cell])}" for name, error in errors.items())
@@ -190,7 +196,7 @@ def _calibration_fields() -> dict[str, str]:
         values = (fitted[name, *PD_CELL][column][0] for column in ("pd_number", "network_number"))
         texts = (f"{number.label} {value:.4g}" for number, value in zip(free, values, strict=True))
         numbers.append(f"- {label}: {'; '.join(texts)}.")
-        predicted = [deviations[name, cell] for cell in printed_table() if cell not in _FITTED]
+        predicted = [deviations[name, cell] for cell in published_table() if cell not in _FITTED]
         spreads[f"spread_{name}"] = f"{100.0 * np.nanmin(predicted):+.1f} to {100.0 * np.nanmax(predicted):+.1f} %"
     header = ("", "", "printed", *(hypothesis.label for hypothesis in HYPOTHESES.values()))
     return {"fitted": "\n".join(numbers), "calibration": table(header, rows), **spreads}
@@ -254,22 +260,22 @@ def _fair_fields(experiment: Experiment, entries: Sequence[FairEntry]) -> dict[s
     return {
         "fair": table(header, rows),
         **{
-            f"{name}_over_network": _shares_by_wind_text({wind: over_network[Cell(wind, name)] for wind in WINDS})
+            f"{name}_over_network": _fractions_by_wind_text({wind: over_network[Cell(wind, name)] for wind in WINDS})
             for name in ("pd_retuned", "pd_feed_forward")
         },
-        "network_over_feed_forward": _shares_by_wind_text(network_ratios),
+        "network_over_feed_forward": _fractions_by_wind_text(network_ratios),
     }
 
 
 def _effort_fields(matches: Sequence[EffortMatch]) -> dict[str, Any]:
-    x, y = printed_ratios()
+    x, y = published_ratios()
     rows = [("*printed*", f"{x:.2f}", f"{y:.2f}", "")]
     for match in matches:
         definition = EFFORTS[match.name].definition + (" (ours)" if match.name == OUR_EFFORT else "")
         rows.append((definition, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", match.distance.ratio()))
     return {
         "effort": table(("definition", "ratio on X", "ratio on Y", "factor between ours and printed"), rows),
-        "scatter": printed_scatter(),
+        "scatter": published_scatter(),
         "closest": f"the {EFFORTS[matches[0].name].definition}",
     }
 
@@ -278,8 +284,8 @@ def _cell_text(entry: TableEntry) -> str:
     return f"{CONTROLLERS[entry.cell.controller]} in {WINDS[entry.cell.wind]} ({percent_or_dash(entry.deviation)})"
 
 
-def _shares_by_wind_text(shares: Mapping[str, Interval]) -> str:
-    return ", ".join(f"{share.percent()} ({WINDS[wind]})" for wind, share in shares.items())
+def _fractions_by_wind_text(fractions: Mapping[str, Interval]) -> str:
+    return ", ".join(f"{fraction.percent()} ({WINDS[wind]})" for wind, fraction in fractions.items())
 
 
 def _in_brackets(deviation: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.sweeps import Sweep, load_sweep, num_rows
 from drake_quad.reports.results import read_groups, write_groups
 from drake_quad.studies.statistics import Comparison, compare_studies

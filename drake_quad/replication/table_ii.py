@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
 from drake_quad.replication.results import cells_of
 from drake_quad.reports.page import row
 from drake_quad.reports.results import write_rows
@@ -57,7 +57,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
     If the paper does not print a cell, its printed values are NaN.
     """
     missing = Runs((math.nan, math.nan, math.nan), math.nan)
-    printed = printed_table()
+    printed = published_table()
     entries = []
     for quantity in QUANTITIES:
         for cell in cells_of(CONTROLLERS):
@@ -115,6 +115,6 @@ def number_or_dash(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.3f}"
 
 
-def percent_or_dash(share: float) -> str:
+def percent_or_dash(fraction: float) -> str:
     """Return a relative difference in per cent, or a dash if it is NaN."""
-    return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"
+    return "–" if math.isnan(fraction) else f"{100.0 * fraction:+.1f} %"

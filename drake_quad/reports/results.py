@@ -68,7 +68,7 @@ def read_groups(
     columns = read_columns(path, (*keys, *required))
     labels = list(zip(*(map(str, columns.pop(key)) for key in keys), strict=True))
     chosen = {group: np.array([label == group for label in labels]) for group in dict.fromkeys(labels)}
-    return {group: {name: values[own] for name, values in columns.items()} for group, own in chosen.items()}
+    return {group: {name: values[indices] for name, values in columns.items()} for group, indices in chosen.items()}
 
 
 def read_columns(path: Path, required: Sequence[str]) -> dict[str, np.ndarray]:

@@ -9,9 +9,9 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.randomness.streams import Seeds
 from drake_quad.scenario.correlation import MIN_PROBABILITY, drawn_values, shared_names, shared_stream, values_at
-from drake_quad.scenario.inertia import rigid_draws
+from drake_quad.scenario.inertia import rigid_inertias
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, joined, replaced, steps_of
+from drake_quad.scenario.paths import distributions_in, join_path, map_leaves, steps_of
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Batch:
 
         Only the assembly of diagrams uses this form of a scenario.
         """
-        return replaced(self.scenario, self.varying.get)
+        return map_leaves(self.scenario, self.varying.get)
 
     def __len__(self) -> int:
         """Return the number of vehicles, N."""
@@ -116,9 +116,9 @@ class Batch:
         def number(path: str, value: Any) -> Any:
             return float(self.varying[path][vehicle]) if path in self.varying else value
 
-        own: Scenario = replaced(self.scenario, number)
+        scenario: Scenario = map_leaves(self.scenario, number)
         seed = self.scenario.seed if self.seeds is None else self.seeds[vehicle]
-        return own.model_copy(update={"seed": seed, "sample": self.samples[vehicle]})
+        return scenario.model_copy(update={"seed": seed, "sample": self.samples[vehicle]})
 
 
 def coordinates(scenario: Scenario) -> tuple[str, ...]:
@@ -144,22 +144,22 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
 
 
-def at_quantile(scenario: Scenario, share: float) -> Scenario:
+def scenario_at_quantile(scenario: Scenario, probability: float) -> Scenario:
     """Return the scenario with the quantile of each distribution at a given probability.
 
     Moments of inertia that no rigid body can have are replaced by the nearest possible moments.
 
     Args:
         scenario: scenario with distributions.
-        share: probability, between 0 and 1.
+        probability: probability, between 0 and 1.
     """
-    varying = {path: np.array([each.quantile(share)]) for path, each in distributions_in(scenario).items()}
+    varying = {path: np.array([each.quantile(probability)]) for path, each in distributions_in(scenario).items()}
     return Batch(scenario, (0,), _with_rigid_bodies(scenario, varying)).scenario_of(0)
 
 
-def middle_of(scenario: Scenario) -> Scenario:
+def median_scenario(scenario: Scenario) -> Scenario:
     """Return the scenario with the median of each of its distributions."""
-    return at_quantile(scenario, 0.5)
+    return scenario_at_quantile(scenario, 0.5)
 
 
 def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -173,11 +173,11 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
     effects = {f"vehicle.{name}": effect for name, effect in scenario.vehicle.effects().items()}
     bodies: dict[str, Any] = {"vehicle": scenario.vehicle, **effects}
     for path, body in bodies.items():
-        fields = [joined(path, "inertia", axis) for axis in range(3)]
+        fields = [join_path(path, "inertia", axis) for axis in range(3)]
         if not any(field in varying for field in fields):
             continue
         drawn = [varying.get(field, moment) for field, moment in zip(fields, body.inertia, strict=True)]
-        rigid = zip(fields, rigid_draws(body.inertia, drawn), strict=True)
+        rigid = zip(fields, rigid_inertias(body.inertia, drawn), strict=True)
         result |= {field: moments for field, moments in rigid if field in varying}
     return result
 

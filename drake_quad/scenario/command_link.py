@@ -7,9 +7,9 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory import command_link
-from drake_quad.laboratory.command_link import LinkNumbers
+from drake_quad.laboratory.command_link import LinkParameters
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_of, largest_ticks
+from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_of, max_ticks
 from drake_quad.signals import AttitudeTarget, Wrench
 
 
@@ -18,7 +18,7 @@ class CommandLinkSettings(Model):
 
     period: Period = Field(default=0.02, description="period of the control (s); the paper's 50 Hz")
     delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole ticks")
-    loss_rate: Probability = field_of(LinkNumbers, "loss_rate", "fraction of packets that are lost")
+    loss_rate: Probability = field_of(LinkParameters, "loss_rate", "fraction of packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
         """Return the recipe for the links of a fleet.
@@ -31,7 +31,7 @@ class CommandLinkSettings(Model):
         structure = {
             "signal": signal,
             "period": self.period,
-            "longest_delay": largest_ticks(self.delay_ticks, fleet.delay_ticks),
+            "longest_delay": max_ticks(self.delay_ticks, fleet.delay_ticks),
             "loses_packets": any_nonzero(self.loss_rate, fleet.loss_rate),
         }
-        return Recipe(command_link.CommandLink, structure, record_like(LinkNumbers, fleet, initial=initial))
+        return Recipe(command_link.CommandLink, structure, record_like(LinkParameters, fleet, initial=initial))

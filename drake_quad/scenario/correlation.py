@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
@@ -74,8 +74,8 @@ def values_at(distributions: Mapping[str, Distribution], uniform: Callable[[str]
     def probability(stream: str, weights: Mapping[str, float]) -> np.ndarray:
         if not weights:
             return uniform(stream)
-        own = math.sqrt(max(0.0, 1.0 - math.fsum(weight * weight for weight in weights.values())))
-        total = own * scipy.special.ndtri(uniform(stream))
+        independent_weight = math.sqrt(max(0.0, 1.0 - math.fsum(weight * weight for weight in weights.values())))
+        total = independent_weight * scipy.special.ndtri(uniform(stream))
         for name, weight in weights.items():
             total = total + weight * common[name]
         # Φ of a weighted sum can round to 0 or 1, at which quantiles are infinite.
@@ -240,7 +240,7 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
     for name, centre, each in zip(names, mean, variance, strict=True):
         if not (np.isfinite(centre) and np.isfinite(each) and each > 0.0):
             raise InputError(
-                f"{shown(name)} has mean {centre:g} and variance {each:g}; both must be finite, and the variance"
+                f"{short_repr(name)} has mean {centre:g} and variance {each:g}; both must be finite, and the variance"
                 " positive"
             )
     deviation: np.ndarray = np.sqrt(variance)

@@ -5,7 +5,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from drake_quad.scenario.description import unit_in
 from drake_quad.scenario.distributions import Model, is_number_or_distribution
-from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.limits import MAX_MAGNITUDE
 from drake_quad.scenario.quantities import Rule
 from drake_quad.scenario.unions import alternatives
 
@@ -67,8 +67,8 @@ def _declaration(unit: str, rules: Sequence[Rule]) -> Declaration:
     binding = [rule for rule in rules if not rule.is_of_numbers]
     return Declaration(
         unit,
-        max([-LARGEST, *(rule.lower for rule in rules if rule.lower is not None)]),
-        min([LARGEST, *(rule.upper for rule in rules if rule.upper is not None)]),
+        max([-MAX_MAGNITUDE, *(rule.lower for rule in rules if rule.lower is not None)]),
+        min([MAX_MAGNITUDE, *(rule.upper for rule in rules if rule.upper is not None)]),
         any(rule.lower is not None for rule in binding),
         any(rule.upper is not None for rule in binding),
         any(rule.is_whole for rule in rules),

@@ -24,12 +24,12 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from drake_quad.errors import listed, shown
+from drake_quad.errors import join_names, short_repr
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, declared_inactive_settings
-from drake_quad.scenario.limits import LARGEST, SMALLEST
+from drake_quad.scenario.limits import MAX_MAGNITUDE, MIN_MAGNITUDE
 from drake_quad.scenario.user_code import import_option
 
-Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Real = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
 # Pattern of the names of shared variables.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
 # Tolerance on the sum of squared correlations, for the rounding of decimal numbers.
@@ -61,10 +61,10 @@ class Model(BaseModel):
                     raise PydanticCustomError(
                         "unknown_field",
                         "is unknown; allowed are {allowed}",
-                        {"path": (key,), "fields": [*cls.model_fields], "allowed": listed([*cls.model_fields])},
+                        {"path": (key,), "fields": [*cls.model_fields], "allowed": join_names([*cls.model_fields])},
                     )
         elif not isinstance(data, Model):
-            raise refused(f"must be a mapping of fields such as {listed([*cls.model_fields], 4)}")
+            raise validation_error(f"must be a mapping of fields such as {join_names([*cls.model_fields], 4)}")
         return data
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
@@ -95,10 +95,10 @@ class Model(BaseModel):
         value: Any = self
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
-        return refused(demand, path=path, value=value)
+        return validation_error(demand, path=path, value=value)
 
 
-def refused(demand: str, **context: Any) -> PydanticCustomError:
+def validation_error(demand: str, **context: Any) -> PydanticCustomError:
     """Return a validation error whose message is a demand on the value, such as "must be finite"."""
     return PydanticCustomError("refused", "{demand}", {"demand": demand, **context})
 
@@ -135,14 +135,14 @@ class Range(Model):
 class PositiveRange(Range):
     """Interval between a smaller and a larger positive number."""
 
-    min: Annotated[float, Field(ge=SMALLEST, le=LARGEST)] = Field(description="smallest value")
+    min: Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)] = Field(description="smallest value")
 
 
 class Bell(Model):
     """A normal distribution, truncated at its limits if it has any."""
 
     mean: Real = Field(description="mean of the normal distribution before truncation")
-    standard_deviation: Annotated[float, Field(gt=0.0, le=LARGEST)] = Field(
+    standard_deviation: Annotated[float, Field(gt=0.0, le=MAX_MAGNITUDE)] = Field(
         description="standard deviation of the normal distribution before truncation"
     )
     min: Real | None = Field(default=None, description="lower limit; none if not given")
@@ -159,13 +159,13 @@ class Bell(Model):
     def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
         wrong_name = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
         if wrong_name is not None:
-            raise refused(
-                f"must not have the name {shown(wrong_name)}: the name of a shared variable has at most 60 letters,"
-                " digits and '_', and does not begin with a digit"
+            raise validation_error(
+                f"must not have the name {short_repr(wrong_name)}: the name of a shared variable has at most 60"
+                " letters, digits and '_', and does not begin with a digit"
             )
         total = math.fsum(each * each for each in shared.values())
         if total > 1.0 + _ROUNDING:
-            raise refused(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
+            raise validation_error(f"must have correlations whose squares sum to at most 1, not {total:.6g}")
         return shared
 
     _serialized = omits_defaults("shared")

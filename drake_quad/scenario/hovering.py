@@ -6,7 +6,7 @@ from drake_quad.errors import InputError
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.models import MetricWindow, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import distributions_in, updated
+from drake_quad.scenario.paths import distributions_in, with_values
 from drake_quad.scenario.routes.hover import HoverRoute
 
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
@@ -33,7 +33,7 @@ def at_rest(scenario: Scenario) -> Scenario:
         "laboratory.autopilot": laboratory.autopilot.without_noise(),
         "laboratory.wind": tuple([source for source in calm if source is not None]),
     }
-    return updated(hovering, settings)
+    return with_values(hovering, settings)
 
 
 def in_hover(scenario: Scenario) -> Scenario:
@@ -67,30 +67,30 @@ def in_hover(scenario: Scenario) -> Scenario:
         "initial": InitialState(),
         "requirements": {},
     }
-    return updated(scenario, settings)
+    return with_values(scenario, settings)
 
 
 def without_losses(scenario: Scenario) -> Scenario:
     """Return the scenario without lost frames and packets, which a linear model cannot represent."""
     losses = "laboratory.motion_capture.dropout_rate", "laboratory.command_link.loss_rate"
-    return updated(scenario, dict.fromkeys(losses, 0.0))
+    return with_values(scenario, dict.fromkeys(losses, 0.0))
 
 
-def as_believed(scenario: Scenario) -> Scenario:
+def nominal_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover at (0, 0, 1) in still air, with the vehicle that controllers are designed for.
 
     This vehicle has the parameters of `nominal`. It also has those parts of `vehicle` that the ground station knows:
     the lag of accelerating rotors, the drag, and the aerodynamic forces on the rotors.
     """
-    return symmetric_hover(with_believed_vehicle(at_rest(scenario)))
+    return symmetric_hover(with_nominal_vehicle(at_rest(scenario)))
 
 
-def with_believed_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with the vehicle that the ground station knows, see `as_believed`."""
-    believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
-    effects = [name for name, effect in EFFECTS.members.items() if effect.is_believed]
+def with_nominal_vehicle(scenario: Scenario) -> Scenario:
+    """Return the scenario with the vehicle that the ground station knows, see `nominal_hover`."""
+    nominal = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
+    effects = [name for name, effect in EFFECTS.members.items() if effect.is_nominal]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
-    vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
+    vehicle = Vehicle().model_copy(update=nominal | {name: getattr(scenario.vehicle, name) for name in kept})
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
@@ -112,4 +112,4 @@ def symmetric_hover(resting: Scenario) -> Scenario:
         "laboratory.motion_capture.misalignment": (0.0, 0.0, 0.0),
         "laboratory.autopilot": resting.laboratory.autopilot.without_bias(),
     }
-    return updated(resting, settings)
+    return with_values(resting, settings)

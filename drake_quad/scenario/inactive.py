@@ -120,11 +120,14 @@ def _reason(mapping: Any, fields: tuple[str, ...], path: str) -> str:
 
     If none of them is given, the clause names all of them.
     """
-    given = [name for name in fields if getattr(mapping, name) is not None]
-    if not given:
+    specified = [name for name in fields if getattr(mapping, name) is not None]
+    if not specified:
         return f"{_joined(fields, path)} {'is' if len(fields) == 1 else 'are'} not given"
-    texts = {_text(getattr(mapping, name)) for name in given}
-    return f"{_joined(given, path)} {'is' if len(given) == 1 else 'are'} {texts.pop() if len(texts) == 1 else 'zero'}"
+    texts = {_text(getattr(mapping, name)) for name in specified}
+    return (
+        f"{_joined(specified, path)} {'is' if len(specified) == 1 else 'are'}"
+        f" {texts.pop() if len(texts) == 1 else 'zero'}"
+    )
 
 
 def _joined(names: Any, path: str) -> str:

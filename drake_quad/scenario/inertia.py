@@ -15,15 +15,15 @@ INERTIA_RULE = (
 )
 
 
-def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
+def explain_invalid_inertia(moments: Sequence[NumberOrDistribution]) -> str:
     """Return an error message if no draw of the moments of inertia belongs to a rigid body; empty otherwise."""
     lowest, _ = bounds = _bounds(moments)
-    flaw = rigid_body.inertia_flaw(rigid_body.nearest_rigid(lowest, *bounds).tolist())
+    flaw = rigid_body.explain_invalid_inertia(rigid_body.nearest_rigid_inertia(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
     return f"must belong to a rigid body: {'for every draw, ' * drawn}{flaw}" if flaw else ""
 
 
-def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
+def rigid_inertias(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
     """Return the moments of inertia of the rigid bodies that are nearest to drawn moments.
 
     Args:
@@ -33,7 +33,7 @@ def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -
     Returns:
         (3, N) moments, kg m².
     """
-    return rigid_body.nearest_rigid(drawn, *_bounds(moments))
+    return rigid_body.nearest_rigid_inertia(drawn, *_bounds(moments))
 
 
 def _bounds(moments: Sequence[NumberOrDistribution]) -> tuple[list[float], list[float]]:

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from drake_quad.scenario.distributions import Model, NumberOrDistribution
-from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, bounded, radians
-from drake_quad.vehicle.quadrotor import InitialMotion, Place
+from drake_quad.scenario.quantities import Direction, NonNegative, Number, Position, bounds, radians
+from drake_quad.vehicle.quadrotor import HoverPose, InitialMotion
 
-_Roll = Annotated[NumberOrDistribution, bounded(least=-math.pi, most=math.pi), radians(math.pi)]
-_Pitch = Annotated[NumberOrDistribution, bounded(least=-0.5 * math.pi, most=0.5 * math.pi), radians(0.5 * math.pi)]
+_Roll = Annotated[NumberOrDistribution, bounds(ge=-math.pi, le=math.pi), radians(math.pi)]
+_Pitch = Annotated[NumberOrDistribution, bounds(ge=-0.5 * math.pi, le=0.5 * math.pi), radians(0.5 * math.pi)]
 
 
 class InitialState(Model):
@@ -33,7 +33,7 @@ class InitialState(Model):
         default=(1.0, 1.0, 1.0, 1.0), description="speed of each rotor, as a multiple (1) of its speed in hover"
     )
 
-    def place(self, fleet: Any, start: Place) -> Place:
+    def place(self, fleet: Any, start: HoverPose) -> HoverPose:
         """Return the position and yaw of the vehicles of a fleet.
 
         Args:
@@ -41,10 +41,10 @@ class InitialState(Model):
             start: position and yaw of the reference at time 0.
         """
         x, y, z = fleet.position
-        place = Place(x, y, z, fleet.attitude[2])
+        place = HoverPose(x, y, z, fleet.attitude[2])
         if self.frame == "world":
             return place
-        return Place._make(offset + value for offset, value in zip(place, start, strict=True))
+        return HoverPose._make(offset + value for offset, value in zip(place, start, strict=True))
 
     @staticmethod
     def motion(fleet: Any) -> InitialMotion:

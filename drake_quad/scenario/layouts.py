@@ -70,9 +70,9 @@ class _Alternating(RotorLayout):
     @model_validator(mode="after")
     def _both_or_none(self) -> "_Alternating":
         if (self.length is None) != (self.width is None):
-            given, other = ("length", "width") if self.width is None else ("width", "length")
+            specified, other = ("length", "width") if self.width is None else ("width", "length")
             demand = "must have {other} and {given}, or neither of them"
-            raise PydanticCustomError("distances", demand, {"other": other, "given": given})
+            raise PydanticCustomError("distances", demand, {"other": other, "given": specified})
         return self
 
     @property
@@ -120,7 +120,7 @@ class HLayout(_Alternating):
     has_sides: ClassVar = True
 
 
-class RotorPlace(Model):
+class RotorPlacement(Model):
     """Position, direction of rotation and factors of one rotor."""
 
     position: Annotated[Position, PLAUSIBLE_SIZE] = Field(
@@ -141,8 +141,8 @@ class RotorsLayout(RotorLayout):
     """Four rotors at any positions, numbered from 1 in the order of the list."""
 
     kind: Literal["rotors"]
-    rotors: Annotated[tuple[RotorPlace, RotorPlace, RotorPlace, RotorPlace], Field(strict=False)] = Field(
-        description="rotors 1 to 4, in this order"
+    rotors: Annotated[tuple[RotorPlacement, RotorPlacement, RotorPlacement, RotorPlacement], Field(strict=False)] = (
+        Field(description="rotors 1 to 4, in this order")
     )
     is_paired: ClassVar = False
     has_sides: ClassVar = False
@@ -154,7 +154,7 @@ class RotorsLayout(RotorLayout):
 
     def rotors_of(self, airframe: Any) -> Rotors:
         """Return the rotors; a factor that a rotor omits is the factor of the airframe."""
-        return Rotors._make(_rotor(place, airframe) for place in self.rotors)
+        return Rotors._make(_rotor(placement, airframe) for placement in self.rotors)
 
 
 def rotors_of(airframe: Any) -> Rotors:
@@ -173,13 +173,13 @@ def arm_length_of(airframe: Any) -> float:
     return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 
-def _rotor(place: Any, airframe: Any) -> Rotor:
-    x, y, z = place.position
+def _rotor(placement: Any, airframe: Any) -> Rotor:
+    x, y, z = placement.position
     return Rotor(
         x,
         y,
         z,
-        _DIRECTIONS[place.turns],
-        airframe.thrust_factor if place.thrust_factor is None else place.thrust_factor,
-        airframe.drag_factor if place.drag_factor is None else place.drag_factor,
+        _DIRECTIONS[placement.turns],
+        airframe.thrust_factor if placement.thrust_factor is None else placement.thrust_factor,
+        airframe.drag_factor if placement.drag_factor is None else placement.drag_factor,
     )

@@ -42,14 +42,14 @@ MAX_NETWORK_BYTES = 300_000
 MAX_SHARED = 64
 
 # Largest magnitude of a number in any unit. No product of such numbers overflows in a formula.
-LARGEST = 1e9
+MAX_MAGNITUDE = 1e9
 # Smallest positive number in any unit. A smaller number does not affect a vehicle: the moment of inertia of a winged
 # insect is 1e-9 kg m².
-SMALLEST = 1e-12
+MIN_MAGNITUDE = 1e-12
 # Shortest period, and shortest time between two waypoints, s. Cameras and autopilots are not faster than 10 kHz.
-SHORTEST = 1e-4
+MIN_DURATION = 1e-4
 # Longest flight, and latest time in a flight, s: one day.
-LONGEST = 86_400.0
+MAX_DURATION = 86_400.0
 # Largest number of ticks of the shortest period in a flight. A day has 8,640,000 ticks of the default 10 ms, and its
 # simulation takes a quarter of an hour.
 MAX_TICKS = 10_000_000

@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from drake_quad.errors import InputError, listed, shortened
+from drake_quad.errors import InputError, join_names, shorten_text
 from drake_quad.laboratory.metrics import METRICS as EVERY_METRIC
 from drake_quad.laboratory.metrics import Metrics, metrics_type
 from drake_quad.scenario.actions.action import ACTIONS
@@ -30,17 +30,17 @@ from drake_quad.scenario.command_link import CommandLinkSettings
 from drake_quad.scenario.controls.cascade import CascadeControl
 from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
-from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
-from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
 from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
 from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
 from drake_quad.scenario.metrics.metric import METRICS, AnyMetric
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
-from drake_quad.scenario.motors import BelievedMotors, Motors, SpeedMotors
-from drake_quad.scenario.paths import distributions_in, joined, keys_of
+from drake_quad.scenario.motors import Motors, NominalMotors, SpeedMotors
+from drake_quad.scenario.paths import distributions_in, join_path, keys_of
 from drake_quad.scenario.plausible import (
     PLAUSIBLE_LAG,
     PLAUSIBLE_SHARE,
@@ -53,18 +53,18 @@ from drake_quad.scenario.plausible import (
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.proportions import proportion_questions
 from drake_quad.scenario.quantities import (
+    FixedMoment,
+    FixedNonNegative,
+    FixedPositive,
+    FixedSpan,
+    FixedTilt,
     NonNegative,
     Number,
-    PlainMoment,
-    PlainNonNegative,
-    PlainPositive,
-    PlainSpan,
-    PlainTilt,
     Positive,
-    Share,
+    RelativeError,
     Span,
     Step,
-    bounded,
+    bounds,
     extremes,
     field_of,
 )
@@ -76,11 +76,11 @@ from drake_quad.scenario.winds.source import WINDS, AnyWindSource
 from drake_quad.signals import numbered
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
-from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
+from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.responding import RESPONDING_EFFECTS
 
 # Pattern of the name of a scenario, which also names folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
@@ -144,7 +144,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     def check_inertia(self) -> None:
         """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
-        if flaw := inertia_flaw(self.inertia):
+        if flaw := explain_invalid_inertia(self.inertia):
             raise self.field_error(flaw, "inertia")
 
     def _check_arm(self) -> None:
@@ -165,16 +165,16 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             )
 
 
-class Nominal(Airframe[PlainPositive, PlainNonNegative]):
+class Nominal(Airframe[FixedPositive, FixedNonNegative]):
     """Vehicle that planner and controllers assume. Defaults are from the paper's Table I, if it gives a value."""
 
-    motors: BelievedMotors = Field(
+    motors: NominalMotors = Field(
         default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"
     )
 
     @field_validator("layout")
     @classmethod
-    def _believed(cls, layout: Layout) -> Layout:
+    def _nominal(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
             raise layout.field_error("must be a number, since planner and controllers use it", *keys_of(path))
         return layout
@@ -185,7 +185,7 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
             raise self.field_error(f"must be larger than min_rotor_speed, {self.min_rotor_speed}", "max_rotor_speed")
         self.check_inertia()
         self.check_layout()
-        flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
+        flaw = explain_infeasible_hover(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
         if flaw:
             raise self.field_error(f"must produce thrust without torque: {flaw}", "layout")
         return self
@@ -198,9 +198,9 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
 class Vehicle(Airframe[Positive, NonNegative]):
     """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
 
-    thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False), PLAUSIBLE_SHARE] = Field(
-        default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)"
-    )
+    thrust_factor_error: Annotated[
+        tuple[RelativeError, RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_SHARE
+    ] = Field(default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)")
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False), _PLAUSIBLE_OFFSET] = Field(
         default=(0.0, 0.0),
         description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
@@ -218,7 +218,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=SpeedMotors(kind="speed"),
         description="quantity by which the motors are commanded; of the same kind as in `nominal`",
     )
-    battery_sag: Annotated[Number, bounded(least=0.0, below=1.0, is_fraction=True)] = Field(
+    battery_sag: Annotated[Number, bounds(ge=0.0, lt=1.0, is_fraction=True)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
     )
     reaction_torque: Annotated[bool, needs("rotor_inertia")] = Field(
@@ -241,17 +241,17 @@ class Vehicle(Airframe[Positive, NonNegative]):
         fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
-    def effect_numbers(self) -> Effects:
+    def effect_parameters(self) -> Effects:
         """Return the numbers of the effects for the equations of motion."""
-        numbers = {name: effect.numbers() for name, effect in self.effects().items() if name != "rotor_failure"}
-        own = {name: record for name, record in numbers.items() if name in Effects._fields}
+        numbers = {name: effect.parameters() for name, effect in self.effects().items() if name != "rotor_failure"}
+        named = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
         return Effects(
-            **own,
+            **named,
             reaction_torque=ReactionTorque(self.rotor_inertia) if self.reaction_torque else None,
             spin_down=None if down is None else SpinDown(down),
             thrust_curve=self.motors.thrust_curve(),
-            loads=tuple([record for name, record in numbers.items() if name not in own]),
+            loads=tuple([record for name, record in numbers.items() if name not in named]),
         )
 
     def wind_flaw(self) -> str:
@@ -260,12 +260,12 @@ class Vehicle(Airframe[Positive, NonNegative]):
         names = ["linear_drag", "quadratic_drag", *effects]
         if can_act(tuple([getattr(self, name) for name in names])):
             return ""
-        return f"the vehicle has no drag: {listed([f'vehicle.{name}' for name in names])} are zero or not given"
+        return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
     def without_response(self) -> tuple[str, ...]:
         """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
-        return (*failure, *(name for name in self.effect_numbers().names if name not in RESPONDING_EFFECTS))
+        return (*failure, *(name for name in self.effect_parameters().names if name not in ATTITUDE_RESPONSE_EFFECTS))
 
 
 EFFECTS.extend(Vehicle)
@@ -336,21 +336,23 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
     for name in names:
         if not _METRIC_NAME.fullmatch(name):
             demand = "must have a name of small letters, digits and '_' that begins with a letter"
-            raise refused(demand, path=(shortened(name),))
+            raise validation_error(demand, path=(shorten_text(name),))
         if name in taken:
-            raise refused("must have another name, since a study has another column of this name", path=(name,))
+            raise validation_error(
+                "must have another name, since a study has another column of this name", path=(name,)
+            )
 
 
 class MetricWindow(Model):
     """Metrics of a flight: the part of the flight over which they are computed, and additional metrics."""
 
-    start: PlainMoment = Field(default=0.0, description="start of the window (s)")
+    start: FixedMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
         default=None,
         description="first lap of the window, in place of `start`; the window then ends with the last lap of the route,"
         " and a route without laps is one lap",
     )
-    end: PlainMoment | None = Field(
+    end: FixedMoment | None = Field(
         default=None, description="end of the window (s); the end of the flight if not given"
     )
 
@@ -395,11 +397,11 @@ class MetricWindow(Model):
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
 
-    tilt: PlainTilt | None = Field(
+    tilt: FixedTilt | None = Field(
         default=math.radians(80.0),
         description="largest magnitude of roll or pitch (rad); null for a vehicle that may turn over",
     )
-    position_error: PlainPositive = Field(default=5.0, description="largest distance from the reference (m)")
+    position_error: FixedPositive = Field(default=5.0, description="largest distance from the reference (m)")
     height: Real = Field(default=-0.5, description="smallest height (m)")
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
@@ -460,7 +462,7 @@ class Scenario(Mission):
     vehicle: Vehicle = Field(default_factory=Vehicle, json_schema_extra={"default": Vehicle().model_dump(mode="json")})
     laboratory: Laboratory = Laboratory()
     control: AnyControl
-    duration: PlainSpan | None = Field(
+    duration: FixedSpan | None = Field(
         default=None, description="duration of the flight (s); the duration of the route if not given"
     )
     initial: InitialState = InitialState()
@@ -548,11 +550,11 @@ class Scenario(Mission):
 
     @field_validator("requirements")
     @classmethod
-    def _with_new_names(cls, given: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
+    def _with_new_names(cls, specified: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
         metrics = info.data.get("metrics")
         taken = (*_TAKEN_METRIC_NAMES, *(() if metrics is None else metrics.additional))
-        _check_metric_names(given, taken)
-        return given
+        _check_metric_names(specified, taken)
+        return specified
 
     @model_validator(mode="after")
     def _control_and_autopilot_fit(self) -> "Scenario":
@@ -568,12 +570,12 @@ class Scenario(Mission):
             names.update(shared_names([distribution]))
             if len(names) > MAX_SHARED:
                 demand = f"must not add a shared variable, since the scenario already has {MAX_SHARED}, the limit"
-                raise refused(demand, path=(*keys_of(path), "normal", "shared"))
+                raise validation_error(demand, path=(*keys_of(path), "normal", "shared"))
         return self
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":
-        base, shortest = min((period, joined(*path)) for path, period in self.periods.items())
+        base, shortest = min((period, join_path(*path)) for path, period in self.periods.items())
         if self.vehicle.time_step > base:
             demand = f"must not be longer than the shortest period, {base} s of {shortest}"
             raise self.field_error(demand, "vehicle", "time_step")

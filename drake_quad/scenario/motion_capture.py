@@ -7,7 +7,7 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import record_like
 from drake_quad.laboratory import motion_capture
-from drake_quad.laboratory.motion_capture import CameraNumbers
+from drake_quad.laboratory.motion_capture import CameraParameters
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import (
@@ -23,12 +23,12 @@ from drake_quad.scenario.quantities import (
     Period,
     Positive,
     Probability,
-    Share,
+    RelativeError,
     Span,
     Ticks,
     any_nonzero,
     field_of,
-    largest_ticks,
+    max_ticks,
 )
 
 # Markers are aligned by eye at least, within 20 degrees.
@@ -40,30 +40,30 @@ class MotionCaptureSettings(Model):
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
     position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_of(
-        CameraNumbers, "position_noise", "standard deviation of each coordinate"
+        CameraParameters, "position_noise", "standard deviation of each coordinate"
     )
     attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = field_of(
-        CameraNumbers, "attitude_noise", "standard deviation of roll, pitch and yaw"
+        CameraParameters, "attitude_noise", "standard deviation of roll, pitch and yaw"
     )
     misalignment: Annotated[Misalignment, _PLAUSIBLE_MISALIGNMENT] = field_of(
-        CameraNumbers, "misalignment", "roll, pitch and yaw of the axes of the markers in B"
+        CameraParameters, "misalignment", "roll, pitch and yaw of the axes of the markers in B"
     )
     derivative_bandwidth: Positive | None = field_of(
-        CameraNumbers,
+        CameraParameters,
         "derivative_bandwidth",
         "bandwidth of the filters that compute velocity and body rates",
         rule="; if not given, velocity and body rates are measured exactly",
     )
-    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False), PLAUSIBLE_SHARE] = field_of(
-        CameraNumbers, "velocity_error", "relative error of the velocity along X, Y, Z"
-    )
+    velocity_error: Annotated[
+        tuple[RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_SHARE
+    ] = field_of(CameraParameters, "velocity_error", "relative error of the velocity along X, Y, Z")
     velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
-        CameraNumbers, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
+        CameraParameters, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
     )
     drift_time: Annotated[Span, needs("velocity_drift")] = field_of(
-        CameraNumbers, "drift_time", "correlation time of velocity_drift"
+        CameraParameters, "drift_time", "correlation time of velocity_drift"
     )
-    dropout_rate: Probability = field_of(CameraNumbers, "dropout_rate", "fraction of frames that are lost")
+    dropout_rate: Probability = field_of(CameraParameters, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frames")
 
     def recipe(self, fleet: Any) -> Recipe:
@@ -84,6 +84,6 @@ class MotionCaptureSettings(Model):
             "velocity_scaled": any_of("velocity_error"),
             "filtered": fleet.derivative_bandwidth is not None,
             "drifts": any_of("velocity_drift"),
-            "longest_latency": largest_ticks(self.latency_frames, fleet.latency_frames),
+            "longest_latency": max_ticks(self.latency_frames, fleet.latency_frames),
         }
-        return Recipe(motion_capture.MotionCapture, structure, record_like(CameraNumbers, fleet))
+        return Recipe(motion_capture.MotionCapture, structure, record_like(CameraParameters, fleet))

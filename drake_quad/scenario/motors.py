@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from drake_quad.scenario.distributions import Model, Real, refused
-from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.distributions import Model, Real, validation_error
+from drake_quad.scenario.limits import MIN_MAGNITUDE
 from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Number
 from drake_quad.vehicle.motors import ThrustCurve
@@ -40,7 +40,7 @@ class ThrottleMotors(Model):
         return ThrustCurve(*self.curve)
 
 
-class BelievedThrottleMotors(ThrottleMotors):
+class NominalThrottleMotors(ThrottleMotors):
     """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
 
     curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(
@@ -51,8 +51,8 @@ class BelievedThrottleMotors(ThrottleMotors):
     @classmethod
     def _rises(cls, curve: tuple[float, float, float]) -> tuple[float, float, float]:
         k_0, k_1, k_2 = curve
-        if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= SMALLEST:
-            raise refused(
+        if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= MIN_MAGNITUDE:
+            raise validation_error(
                 "must increase from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 must be at least"
                 " 0, and K1 + K2 positive"
             )
@@ -60,4 +60,4 @@ class BelievedThrottleMotors(ThrottleMotors):
 
 
 Motors = Annotated[SpeedMotors | ThrottleMotors, Field(discriminator="kind")]
-BelievedMotors = Annotated[SpeedMotors | BelievedThrottleMotors, Field(discriminator="kind")]
+NominalMotors = Annotated[SpeedMotors | NominalThrottleMotors, Field(discriminator="kind")]

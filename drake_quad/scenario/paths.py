@@ -7,7 +7,7 @@ are called `rotor_1` to `rotor_4`, as in `vehicle.thrust_factor_error.rotor_1`.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from drake_quad.errors import InputError, did_you_mean, shown
+from drake_quad.errors import InputError, did_you_mean, short_repr
 from drake_quad.scenario.distributions import Distribution, Model
 
 # Fields whose value is a list with one item for each rotor.
@@ -17,7 +17,7 @@ _ROTOR_PREFIX = "rotor_"
 _AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
-def joined(*steps: str | int) -> str:
+def join_path(*steps: str | int) -> str:
     """Return the steps, each of which may be a path itself, joined to one path."""
     path = ""
     for step in map(str, steps):
@@ -44,7 +44,8 @@ def steps_of(path: str) -> list[str]:
             number = step.removeprefix(_ROTOR_PREFIX)
             if number == step or number not in ("1", "2", "3", "4"):
                 raise InputError(
-                    f"{path} does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4 instead of {shown(step)}"
+                    f"{path} does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4 instead of"
+                    f" {short_repr(step)}"
                 )
             step = str(int(number) - 1)
         steps.append(step)
@@ -76,7 +77,7 @@ def mappings_in(value: Any, path: str = "") -> Iterator[tuple[str, Model]]:
     if isinstance(value, Model) and not isinstance(value, Distribution):
         yield path, value
     for step, part in parts_of(value):
-        yield from mappings_in(part, joined(path, step))
+        yield from mappings_in(part, join_path(path, step))
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -89,7 +90,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     has_parts = isinstance(value, dict)
     for step, part in parts_of(value):
         has_parts = True
-        yield from leaves(part, joined(path, step))
+        yield from leaves(part, join_path(path, step))
     if not has_parts and not isinstance(value, tuple):
         yield path, value
 
@@ -115,7 +116,7 @@ def value_at(scenario: Model, path: str) -> Any:
     return value
 
 
-def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> Any:
+def map_leaves(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> Any:
     """Return a copy of a part of a scenario in which leaves are replaced.
 
     Args:
@@ -126,7 +127,7 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     parts = dict(parts_of(value))
     if not parts:
         return value if isinstance(value, tuple | dict) else replace(path, value)
-    new_parts = {step: replaced(part, replace, joined(path, step)) for step, part in parts.items()}
+    new_parts = {step: map_leaves(part, replace, join_path(path, step)) for step, part in parts.items()}
     changed = {step: part for step, part in new_parts.items() if part is not parts[step]}
     if not changed:
         return value
@@ -135,7 +136,7 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     return tuple(new_parts.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
 
 
-def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
+def with_values(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
     """Return a copy of a mapping with new values of some fields, without validation.
 
     Args:
@@ -147,7 +148,8 @@ def updated(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
         field, _, rest = path.partition(".")
         values_by_field.setdefault(field, {})[rest] = value
     parts = {
-        field: own[""] if "" in own else updated(getattr(model, field), own) for field, own in values_by_field.items()
+        field: field_values[""] if "" in field_values else with_values(getattr(model, field), field_values)
+        for field, field_values in values_by_field.items()
     }
     return model.model_copy(update=parts)
 

@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandle
 from pydantic_core import CoreSchema, PydanticUndefined
 
 from drake_quad.control.integral import Integration
-from drake_quad.scenario.distributions import Distribution, NumberOrDistribution, Real, refused
-from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
+from drake_quad.scenario.distributions import Distribution, NumberOrDistribution, Real, validation_error
+from drake_quad.scenario.limits import MAX_DURATION, MAX_MAGNITUDE, MIN_DURATION, MIN_MAGNITUDE
 from drake_quad.scenario.plausible import PLAUSIBLE_DELAY, numbers_in
 
 
@@ -74,28 +74,28 @@ class Rule:
         return validator.__get_pydantic_core_schema__(source, handler)
 
 
-def bounded(
+def bounds(
     *,
-    above: float | None = None,
-    least: float | None = None,
-    below: float | None = None,
-    most: float | None = None,
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    le: float | None = None,
     is_fraction: bool = False,
 ) -> Rule:
     """Return a rule that requires a number, or all values of a distribution, to be within bounds.
 
     Args:
-        above: exclusive lower bound.
-        least: inclusive lower bound.
-        below: exclusive upper bound.
-        most: inclusive upper bound.
+        gt: exclusive lower bound.
+        ge: inclusive lower bound.
+        lt: exclusive upper bound.
+        le: inclusive upper bound.
         is_fraction: True if a number beyond the upper bound was probably given in percent, which the message mentions.
     """
     rules = (
-        ("larger than", above, 0, operator.gt),
-        ("at least", least, 0, operator.ge),
-        ("smaller than", below, 1, operator.lt),
-        ("at most", most, 1, operator.le),
+        ("larger than", gt, 0, operator.gt),
+        ("at least", ge, 0, operator.ge),
+        ("smaller than", lt, 1, operator.lt),
+        ("at most", le, 1, operator.le),
     )
     bounds = [(words, bound, side, holds) for words, bound, side, holds in rules if bound is not None]
 
@@ -104,52 +104,55 @@ def bounded(
         if any((end := ends[side]) is None or not holds(end, bound) for _, bound, side, holds in bounds):
             percent = is_fraction and isinstance(value, float) and 1.0 <= value <= 100.0
             hint = f"; {value:g} % {'is' if value == 1.0 else 'are'} {0.01 * value:g}" if percent else ""
-            raise refused("must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds) + hint)
+            raise validation_error(
+                "must be " + " and ".join(f"{words} {bound:g}" for words, bound, *_ in bounds) + hint
+            )
         return value
 
-    lower = least if above is None else math.nextafter(above, math.inf)
-    upper = most if below is None else math.nextafter(below, -math.inf)
+    lower = ge if gt is None else math.nextafter(gt, math.inf)
+    upper = le if lt is None else math.nextafter(lt, -math.inf)
     return Rule(check, lower, upper)
 
 
-def radians(most: float) -> Rule:
+def radians(max_angle: float) -> Rule:
     """Return a rule that rejects angles that must have been given in degrees.
 
     Args:
-        most: largest plausible magnitude of an angle, or of a parameter of its distribution, rad.
+        max_angle: largest plausible magnitude of an angle, or of a parameter of its distribution, rad.
     """
 
     def check(value: Any) -> Any:
-        large = next((number for number in numbers_in(value) if abs(number) > most), None)
+        large = next((number for number in numbers_in(value) if abs(number) > max_angle), None)
         if large is not None:
-            raise refused(radians_demand(large, most))
+            raise validation_error(radians_demand(large, max_angle))
         return value
 
-    return Rule(check, -most, most, is_of_numbers=True)
+    return Rule(check, -max_angle, max_angle, is_of_numbers=True)
 
 
-def radians_demand(degrees: float, most: float) -> str:
+def radians_demand(degrees: float, max_angle: float) -> str:
     """Return the error message for an angle that must have been given in degrees.
 
     Args:
         degrees: given number.
-        most: largest plausible magnitude of the angle, rad.
+        max_angle: largest plausible magnitude of the angle, rad.
     """
     return (
-        f"must be in radians, at most {most:.4g} in magnitude; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
+        f"must be in radians, at most {max_angle:.4g} in magnitude; {degrees:g} degrees are {math.radians(degrees):.4g}"
+        " rad"
     )
 
 
-def whole(*, least: int, most: int) -> Rule:
+def integer_bounds(*, ge: int, le: int) -> Rule:
     """Return a rule that requires a number, or all numbers of a choice, to be whole numbers within bounds."""
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
-        if numbers is None or not all(number.is_integer() and least <= number <= most for number in numbers):
-            raise refused(f"must be a whole number from {least} to {most}, or a choice of such numbers")
+        if numbers is None or not all(number.is_integer() and ge <= number <= le for number in numbers):
+            raise validation_error(f"must be a whole number from {ge} to {le}, or a choice of such numbers")
         return value
 
-    return Rule(check, least, most, is_whole=True)
+    return Rule(check, ge, le, is_whole=True)
 
 
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
@@ -157,50 +160,50 @@ def can_differ_from_zero(value: NumberOrDistribution) -> bool:
     return not isinstance(value, float | int) or value != 0.0
 
 
-def any_nonzero(written: Any, flown: Any) -> bool:
+def any_nonzero(settings: Any, drawn: Any) -> bool:
     """Return whether a quantity or an item of it can differ from zero.
 
     Args:
-        written: quantity, or tuple of quantities, of a scenario.
-        flown: the same quantity of its `Batch.fleet_scenario`.
+        settings: quantity, or tuple of quantities, of a scenario.
+        drawn: the same quantity of its `Batch.fleet_scenario`.
     """
-    if isinstance(written, tuple):
-        return any(map(any_nonzero, written, flown))
-    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
+    if isinstance(settings, tuple):
+        return any(map(any_nonzero, settings, drawn))
+    return can_differ_from_zero(settings) or bool(np.any(np.not_equal(drawn, 0.0)))
 
 
-def largest_ticks(written: Any, flown: Any) -> int:
+def max_ticks(settings: Any, drawn: Any) -> int:
     """Return the largest number of ticks that a delay can take; the arguments are as in `any_nonzero`."""
-    _, largest = extremes(written)
-    return int(max(largest or 0.0, np.max(flown)))
+    _, largest = extremes(settings)
+    return int(max(largest or 0.0, np.max(drawn)))
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """Return whether all values of a quantity have the same sign and at least the magnitude `SMALLEST`."""
+    """Return whether all values of a quantity have the same sign and at least the magnitude `MIN_MAGNITUDE`."""
     values = _values_of(value)
     if values is not None:
-        return all(abs(number) >= SMALLEST for number in values)
+        return all(abs(number) >= MIN_MAGNITUDE for number in values)
     lowest, highest = extremes(value)
-    return (lowest is not None and lowest >= SMALLEST) or (highest is not None and highest <= -SMALLEST)
+    return (lowest is not None and lowest >= MIN_MAGNITUDE) or (highest is not None and highest <= -MIN_MAGNITUDE)
 
 
 def _no_shorter_step(step: float) -> float:
-    if 0.0 < step < SHORTEST:
-        raise refused(f"must be 0, or at least {SHORTEST}")
+    if 0.0 < step < MIN_DURATION:
+        raise validation_error(f"must be 0, or at least {MIN_DURATION}")
     return step
 
 
 Number = NumberOrDistribution
-Positive = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SMALLEST)]
-NonNegative = Annotated[NumberOrDistribution, bounded(least=0.0)]
-Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0, is_fraction=True)]
+Positive = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_MAGNITUDE)]
+NonNegative = Annotated[NumberOrDistribution, bounds(ge=0.0)]
+Probability = Annotated[NumberOrDistribution, bounds(ge=0.0, le=1.0, is_fraction=True)]
 # Relative error of a quantity. Above -1, so that the quantity does not change its sign.
-Share = Annotated[NumberOrDistribution, bounded(above=-1.0)]
+RelativeError = Annotated[NumberOrDistribution, bounds(gt=-1.0)]
 # Delay in whole periods. Fifty periods of the control link are one second by default.
-Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50), PLAUSIBLE_DELAY]
+Ticks = Annotated[NumberOrDistribution, integer_bounds(ge=0, le=50), PLAUSIBLE_DELAY]
 # Times and durations in a flight, s.
-Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
-Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
+Moment = Annotated[NumberOrDistribution, bounds(ge=0.0, le=MAX_DURATION)]
+Span = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_DURATION, le=MAX_DURATION)]
 # Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
 TWO_TURNS = 4.0 * math.pi
 _UPRIGHT = 0.5 * math.pi
@@ -208,27 +211,27 @@ Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
 _Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]
 Misalignment = Annotated[tuple[_Misalignment, _Misalignment, _Misalignment], Field(strict=False)]
 AngleNoise = Annotated[NonNegative, radians(_UPRIGHT)]
-Tilt = Annotated[NumberOrDistribution, bounded(above=0.0, below=_UPRIGHT), radians(_UPRIGHT)]
+Tilt = Annotated[NumberOrDistribution, bounds(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
 # Types of the same quantities without distributions.
-PlainPositive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
-PlainNonNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
-PlainMoment = Annotated[float, Field(ge=0.0, le=LONGEST)]
-PlainSpan = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
-PlainPositives = Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)]
-PlainSpans = Annotated[tuple[PlainSpan, PlainSpan, PlainSpan], Field(strict=False)]
+FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
+FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
+FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]
+FixedSpan = Annotated[float, Field(ge=MIN_DURATION, le=MAX_DURATION)]
+FixedPositives = Annotated[tuple[FixedPositive, FixedPositive, FixedPositive], Field(strict=False)]
+FixedSpans = Annotated[tuple[FixedSpan, FixedSpan, FixedSpan], Field(strict=False)]
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
-PlainDirection = Annotated[Real, radians(TWO_TURNS)]
-PlainDirections = Annotated[tuple[PlainDirection, PlainDirection, PlainDirection], Field(strict=False)]
-PlainAngleNoise = Annotated[PlainPositive, radians(_UPRIGHT)]
-PlainTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+FixedDirection = Annotated[Real, radians(TWO_TURNS)]
+FixedDirections = Annotated[tuple[FixedDirection, FixedDirection, FixedDirection], Field(strict=False)]
+FixedAngleNoise = Annotated[FixedPositive, radians(_UPRIGHT)]
+FixedTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
 HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
 # Period of cameras, control or integration, s. No vehicle can be flown with less than one tick per second.
-Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]
+Period = Annotated[float, Field(ge=MIN_DURATION, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
 
 IntegrationRule = Annotated[

@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from drake_quad.errors import InputError
 from drake_quad.reference.regions import Box, Corridor, Polytope
-from drake_quad.scenario.distributions import Model, omits_defaults, refused
-from drake_quad.scenario.quantities import PlainPositive, Point
+from drake_quad.scenario.distributions import Model, omits_defaults, validation_error
+from drake_quad.scenario.quantities import FixedPositive, Point
 
 _MAX_FACES = 100  # largest number of half-spaces of a corridor
 _MIN_NORMAL = 1e-9  # the direction of a shorter normal is undefined
@@ -67,7 +67,7 @@ class CorridorRegion(Model):
             missing = "min" if self.min is None else "max"
             raise self.field_error("must be given, since a box needs both corners", missing)
         if self.min is None and self.half_spaces is None:
-            raise refused("must have min and max, or half_spaces, or all three")
+            raise validation_error("must have min and max, or half_spaces, or all three")
         if self.min is not None and self.max is not None:
             _check_corners(self, self.min, self.max)
         if self.half_spaces is not None:
@@ -82,7 +82,7 @@ class CorridorRegion(Model):
                 remainder = "only a plane, a line or a point"
             else:
                 return self
-            raise refused(f"must have a volume, but its half-spaces leave {remainder}{of_box}")
+            raise validation_error(f"must have a volume, but its half-spaces leave {remainder}{of_box}")
         return self
 
     def region(self) -> Corridor | None:
@@ -104,4 +104,4 @@ class SphereRegion(Model):
     """A ball."""
 
     centre: Point = Field(description="centre, in W (m)")
-    radius: PlainPositive = Field(description="radius (m)")
+    radius: FixedPositive = Field(description="radius (m)")

@@ -9,9 +9,9 @@ from drake_quad.errors import InputError
 from drake_quad.laboratory import requirements
 from drake_quad.laboratory.derived_signals import scalar_signal
 from drake_quad.laboratory.metrics import Accumulator, Metric
-from drake_quad.scenario.distributions import Model, Real, refused
+from drake_quad.scenario.distributions import Model, Real, validation_error
 from drake_quad.scenario.metrics.metric import Appearance
-from drake_quad.scenario.quantities import PlainMoment
+from drake_quad.scenario.quantities import FixedMoment
 
 
 class Condition(Model):
@@ -34,20 +34,20 @@ class Condition(Model):
             if name is not None:
                 scalar_signal(name)
         except InputError as error:
-            raise refused(f"must be a scalar signal: {error}") from None
+            raise validation_error(f"must be a scalar signal: {error}") from None
         return name
 
     @model_validator(mode="after")
     def _is_of_one_form(self) -> "Condition":
         if [self.signal, self.all, self.any].count(None) != 2:
-            raise refused("must have exactly one of signal, all and any")
+            raise validation_error("must have exactly one of signal, all and any")
         bounded = self.above is not None or self.below is not None
         if bounded != (self.signal is not None):
-            raise refused("must have a bound, above or below, if it has a signal, and only then")
+            raise validation_error("must have a bound, above or below, if it has a signal, and only then")
         if self.above is not None and self.below is not None and not self.above < self.below:
             raise self.field_error(f"must be larger than above, {self.above}", "below")
         if len(units := self.units()) > 1:
-            raise refused(
+            raise validation_error(
                 f"must not combine signals in {' and '.join(sorted(units))}, since their margins cannot be compared;"
                 " write a requirement for each"
             )
@@ -83,21 +83,21 @@ class Requirement(Model):
         description="condition that must hold at one tick of the window; the condition of `always` must then hold from"
         " the start of the flight up to this tick only",
     )
-    after: PlainMoment = Field(default=0.0, description="start of the window (s)")
-    before: PlainMoment | None = Field(
+    after: FixedMoment = Field(default=0.0, description="start of the window (s)")
+    before: FixedMoment | None = Field(
         default=None, description="end of the window (s); the end of the flight if not given"
     )
 
     @model_validator(mode="after")
     def _is_of_one_form(self) -> "Requirement":
         if (self.always is None) == (self.eventually is None):
-            raise refused("must have either always or eventually")
+            raise validation_error("must have either always or eventually")
         if self.until is not None and self.always is None:
-            raise refused("must have always with until")
+            raise validation_error("must have always with until")
         if self.before is not None and not self.before > self.after:
             raise self.field_error(f"must be later than after, {self.after}", "before")
         if len(units := {unit for each in self._conditions() for unit in each.units()}) > 1:
-            raise refused(
+            raise validation_error(
                 f"must not combine signals in {' and '.join(sorted(units))}, since their margins cannot be compared"
             )
         return self

@@ -197,7 +197,9 @@ _COMPARISON_SIGNS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximu
 def _bounds(node: dict[str, Any]) -> str:
     # The general limit on the magnitude of numbers is given only in the introduction of the page.
     bounds = [
-        (sign, node[key]) for key, sign in _COMPARISON_SIGNS.items() if key in node and abs(node[key]) < limits.LARGEST
+        (sign, node[key])
+        for key, sign in _COMPARISON_SIGNS.items()
+        if key in node and abs(node[key]) < limits.MAX_MAGNITUDE
     ]
-    texts = ["> 0" if bound == limits.SMALLEST else f"{sign} {bound:g}" for sign, bound in bounds]
+    texts = ["> 0" if bound == limits.MIN_MAGNITUDE else f"{sign} {bound:g}" for sign, bound in bounds]
     return f" {', '.join(texts)}" if texts else ""

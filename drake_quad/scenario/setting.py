@@ -12,7 +12,7 @@ class ControlSetting(NamedTuple):
     """Properties of a scenario that the systems of its control depend on.
 
     Attributes:
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
         plan: plan that is flown.
         tick: period of the control, s.
         frame: period of the cameras, s.
@@ -21,7 +21,7 @@ class ControlSetting(NamedTuple):
         space: obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
     """
 
-    believed: QuadrotorParameters
+    nominal: QuadrotorParameters
     plan: Plan
     tick: float
     frame: float

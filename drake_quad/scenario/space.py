@@ -6,16 +6,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from drake_quad.errors import InputError, InputWarning, shortened
-from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, refused
+from drake_quad.errors import InputError, InputWarning, shorten_text
+from drake_quad.scenario.distributions import DISTRIBUTIONS, Model, validation_error
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.limits import MAX_CORNERS, MAX_OBSTACLES, MAX_POINTS
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
-from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
+from drake_quad.scenario.quantities import FixedDirections, FixedNonNegative, FixedPositive, FixedPositives, Point
 from drake_quad.scenario.regions import BoxRegion
 from drake_quad.space import space as room
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, transformed_points
-from drake_quad.space.simplification import MAX_GROWTH, surrounding
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, convex_hull, transformed_points
+from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
 # Names that obstacles must not have, since these keys of a mapping have a special meaning when layers are merged.
@@ -31,8 +31,8 @@ class BoxObstacle(Model):
 
     kind: Literal["box"]
     centre: Point = Field(description=_CENTRE_DESCRIPTION)
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
-    size: PlainPositives = Field(description="lengths of the edges along the axes of the box (m)")
+    rotation: FixedDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
+    size: FixedPositives = Field(description="lengths of the edges along the axes of the box (m)")
 
     def shape(self) -> Cuboid:
         """Return the solid."""
@@ -44,9 +44,9 @@ class CylinderObstacle(Model):
 
     kind: Literal["cylinder"]
     centre: Point = Field(description=_CENTRE_DESCRIPTION)
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
-    radius: PlainPositive = Field(description="radius (m)")
-    height: PlainPositive = Field(description="height along the axis of the cylinder (m)")
+    rotation: FixedDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
+    radius: FixedPositive = Field(description="radius (m)")
+    height: FixedPositive = Field(description="height along the axis of the cylinder (m)")
 
     def shape(self) -> Cylinder:
         """Return the solid."""
@@ -58,7 +58,7 @@ class SphereObstacle(Model):
 
     kind: Literal["sphere"]
     centre: Point = Field(description=_CENTRE_DESCRIPTION)
-    radius: PlainPositive = Field(description="radius (m)")
+    radius: FixedPositive = Field(description="radius (m)")
 
     def shape(self) -> Ball:
         """Return the solid."""
@@ -75,16 +75,16 @@ class HullObstacle(Model):
         f" {100.0 * MAX_GROWTH:g} % of its size"
     )
     centre: Point = Field(default=(0.0, 0.0, 0.0), description="position of the origin of the points, in W (m)")
-    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
-    scale: PlainPositive = Field(default=1.0, description="scale factor of the points (1)")
+    rotation: FixedDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION_DESCRIPTION)
+    scale: FixedPositive = Field(default=1.0, description="scale factor of the points (1)")
 
     @field_validator("points")
     @classmethod
     def _few_corners(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
         try:
-            hull = surrounding(points, MAX_CORNERS)
+            hull = simplified_hull(points, MAX_CORNERS)
         except InputError as error:
-            raise refused(str(error)) from None
+            raise validation_error(str(error)) from None
         if not hull.is_simpler:
             return points
         warnings.warn(f"obstacle of kind hull: {hull}", InputWarning, stacklevel=2)
@@ -100,7 +100,9 @@ class HullObstacle(Model):
 
     def shape(self) -> Hull:
         """Return the solid."""
-        return hull_of(transformed_points(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale))
+        return convex_hull(
+            transformed_points(self.points, centre=self.centre, rotation=self.rotation, scale=self.scale)
+        )
 
 
 AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullObstacle, Field(discriminator="kind")]
@@ -114,15 +116,15 @@ class SpaceSettings(Model):
         description="box inside which a plan keeps the centre of mass; leaving the box in flight is not a crash",
     )
     obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
-    margin: Annotated[PlainNonNegative, needs("obstacles")] = Field(
+    margin: Annotated[FixedNonNegative, needs("obstacles")] = Field(
         default=0.0, description="distance that a plan keeps from obstacles in addition to the radius (m)"
     )
-    radius: Annotated[PlainPositive | None, needs("obstacles"), PLAUSIBLE_SIZE] = Field(
+    radius: Annotated[FixedPositive | None, needs("obstacles"), PLAUSIBLE_SIZE] = Field(
         default=None,
         description="radius of the vehicle around its centre of mass (m); if not given, the distance of the farthest"
         " rotor centre in `nominal`",
     )
-    tracking: Annotated[PlainNonNegative | None, needs("obstacles")] = Field(
+    tracking: Annotated[FixedNonNegative | None, needs("obstacles")] = Field(
         default=None,
         description="multiple (1) of the predicted RMS position error that a plan keeps from obstacles in addition to"
         " the margin; the prediction is for a hover of the nominal vehicle with the scenario's control, steady wind,"
@@ -133,13 +135,13 @@ class SpaceSettings(Model):
     @classmethod
     def _named(cls, obstacles: Any) -> Any:
         if not isinstance(obstacles, dict):
-            raise refused("must be a mapping of names to solids")
+            raise validation_error("must be a mapping of names to solids")
         if len(obstacles) > MAX_OBSTACLES:
-            raise refused(f"must have at most {MAX_OBSTACLES} obstacles, not {len(obstacles)}")
+            raise validation_error(f"must have at most {MAX_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
             if not _NAME.fullmatch(str(name)) or name in _RESERVED_NAMES:
                 demand = "the name of an obstacle must consist of letters, digits, '_' and '-', and not be one of "
-                raise refused(demand + ", ".join(_RESERVED_NAMES), path=(shortened(str(name)),))
+                raise validation_error(demand + ", ".join(_RESERVED_NAMES), path=(shorten_text(str(name)),))
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:

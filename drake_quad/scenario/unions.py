@@ -18,8 +18,8 @@ from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from drake_quad.errors import listed
-from drake_quad.scenario.distributions import Model, refused
+from drake_quad.errors import join_names
+from drake_quad.scenario.distributions import Model, validation_error
 
 _Member = TypeVar("_Member", bound=type[Model])
 
@@ -105,14 +105,14 @@ class OpenUnion(_Members):
 
     def _with_kind(self, value: Any) -> Any:
         """Return the value, with the default kind added to a mapping that does not state its kind."""
-        kinds = f"the kinds are {listed([*self.members], 20)}"
+        kinds = f"the kinds are {join_names([*self.members], 20)}"
         if isinstance(value, dict):
             if "kind" not in value and not self.default_kind:
                 raise PydanticCustomError("kind_missing", "is missing; {kinds}", {"path": ("kind",), "kinds": kinds})
             return value if "kind" in value else {"kind": self.default_kind, **value}
         if not isinstance(value, Model):
             example = value if value in self.members else next(iter(self.members))
-            raise refused(f"must be a mapping of fields, as in {{kind: {example}}}; {kinds}")
+            raise validation_error(f"must be a mapping of fields, as in {{kind: {example}}}; {kinds}")
         return value
 
 
@@ -125,24 +125,24 @@ def alternatives(hint: Any, metadata: Iterable[Any]) -> tuple[Any, ...]:
 class OpenFields(_Members):
     """Optional fields of a model, None if they are not given.
 
-    Each member has a class attribute `field`, the name of the field, and `meaning`, its description.
+    Each member has a class attribute `field`, the name of the field, and `description`, its description.
     """
 
     _taken: Set[str] = frozenset()
 
     def extend(self, model: type[Model]) -> None:
         """Add the fields to a model, now and whenever a further member is registered."""
-        own = self._taken = {*model.model_fields}
+        fields = self._taken = {*model.model_fields}
 
         def rebuild() -> None:
-            for name in {*model.model_fields} - own:
+            for name in {*model.model_fields} - fields:
                 del model.model_fields[name]
                 delattr(model, name)
             for name, member in self.members.items():
                 model.model_fields[name] = FieldInfo(
                     annotation=member | None,  # type: ignore[arg-type]
                     default=None,
-                    description=member.meaning,
+                    description=member.description,
                 )
                 # Instances that were created before the member was registered lack the field.
                 setattr(model, name, None)

@@ -12,7 +12,14 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperrectangle
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
 from drake_quad.reference.path_problem import PathLimits, PathProblem
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, plan_path
+from drake_quad.reference.planner import (
+    FixedTimes,
+    HeuristicTiming,
+    MinimumSnapTiming,
+    MinimumTimeTiming,
+    Timing,
+    plan_path,
+)
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Sphere, WaypointRegion, intersection_of, overlap
 from drake_quad.space.blocked import explain_blockage
@@ -93,7 +100,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
         InputError: if there is no such path or none is found; the message says which obstacles are in the way.
     """
     routes = _routes_around(space, bounds, problem)
-    if isinstance(timing, Shortest | LeastSnap) and len(routes) > _MAX_OPTIMISED_ROUTES:
+    if isinstance(timing, MinimumTimeTiming | MinimumSnapTiming) and len(routes) > _MAX_OPTIMISED_ROUTES:
         # The shortest route is always optimised, together with the routes of the lowest estimated cost.
         order = sorted(range(1, len(routes)), key=lambda i: _estimated_cost(routes[i], timing))[
             : _MAX_OPTIMISED_ROUTES - 1
@@ -115,10 +122,10 @@ def _estimated_cost(route: RouteAround, timing: Timing) -> float:
             problem.waypoints, derivatives=problem.derivatives, corridors=problem.corridors, limits=_ANY_LIMITS
         )
     try:
-        path = plan_path(problem, Heuristic())
+        path = plan_path(problem, HeuristicTiming())
     except InputError:
         return np.inf
-    if not isinstance(timing, LeastSnap):
+    if not isinstance(timing, MinimumSnapTiming):
         return path.duration
     # The integral of the squared snap is proportional to the seventh power of the speed.
     return float(snap_cost(path).sum()) * (path.duration / timing.duration) ** 7
@@ -133,19 +140,19 @@ def _paths_and_costs(routes: Sequence[RouteAround], timing: Timing) -> list[tupl
         except InputError as error:
             results.append((error, np.inf))
         else:
-            minimises_time = isinstance(timing, Shortest | Heuristic)
+            minimises_time = isinstance(timing, MinimumTimeTiming | HeuristicTiming)
             results.append((path, path.duration if minimises_time else float(snap_cost(path).sum())))
     return results
 
 
 def _timing_for(route: RouteAround, timing: Timing) -> Timing:
     """Return the timing for a route. Given times are interpolated at additional waypoints by the polyline's length."""
-    if not isinstance(timing, GivenTimes):
+    if not isinstance(timing, FixedTimes):
         return timing
     steps = np.linalg.norm(np.diff(route.problem.representatives(), axis=0), axis=1)
     # The small increment keeps the lengths increasing if successive waypoints are equal.
     lengths = np.concatenate([[0.0], np.cumsum(steps + 1e-3)])
-    return GivenTimes(tuple(np.interp(lengths, lengths[route.waypoints], timing.times).tolist()))
+    return FixedTimes(tuple(np.interp(lengths, lengths[route.waypoints], timing.times).tolist()))
 
 
 def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[RouteAround]:
@@ -155,8 +162,10 @@ def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[Rout
         InputError: if no route is found.
     """
     free = _free_points(problem, space, bounds)
-    for most, finest in _GRIDS:
-        routes = _routes(space, bounds, problem, Grid.of(space, bounds, most=most, finest=finest), free)
+    for max_points, min_spacing in _GRIDS:
+        routes = _routes(
+            space, bounds, problem, Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), free
+        )
         if routes:
             return routes
     raise InputError(explain_blockage(space, bounds, problem))
@@ -170,7 +179,7 @@ def check_waypoint_clearance(space: Space, problem: PathProblem) -> None:
             if distance < space.clearance + SLACK:
                 raise InputError(
                     f"waypoint {i}, {region} m, is {distance:.3g} m from {space.names[number]}, but the clearance is"
-                    f" {space.clearance:.3g} m ({space.clearance_in_words})"
+                    f" {space.clearance:.3g} m ({space.clearance_text})"
                 )
 
 
@@ -193,10 +202,10 @@ def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
     In each piece, a free straight line joins the first point to every other point.
     """
     pieces: list[np.ndarray] = []
-    shares = np.linspace(0.0, 1.0, _POINTS_PER_AXIS)[:, np.newaxis, np.newaxis]
+    fractions = np.linspace(0.0, 1.0, _POINTS_PER_AXIS)[:, np.newaxis, np.newaxis]
     while len(points) and len(pieces) < _MAX_PIECES:
-        between = points[0] + shares * (points - points[0])
-        distances = space.nearest(between.reshape(-1, 3))[0].reshape(len(shares), -1)
+        between = points[0] + fractions * (points - points[0])
+        distances = space.nearest(between.reshape(-1, 3))[0].reshape(len(fractions), -1)
         is_joined = distances.min(axis=0) >= space.clearance
         is_joined[0] = True
         pieces.append(points[is_joined])
@@ -307,11 +316,11 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
         distances, numbers = space.nearest(points)
         free = points[(distances >= space.clearance + SLACK) & is_near(bounds, points)]
         if not len(free):
-            most = int(distances.argmax())
-            count = "no point" if distances[most] + 0.5 * diagonal < space.clearance else "almost no point"
+            farthest = int(distances.argmax())
+            count = "no point" if distances[farthest] + 0.5 * diagonal < space.clearance else "almost no point"
             raise InputError(
                 f"waypoint {i}, {region} m, has {count} with a clearance of {space.clearance:.3g} m"
-                f" ({space.clearance_in_words}): {space.names[numbers[most]]} is too near"
+                f" ({space.clearance_text}): {space.names[numbers[farthest]]} is too near"
             )
         free_points.append(free[np.linalg.norm(free - middle, axis=1).argsort(kind="stable")])
     return free_points

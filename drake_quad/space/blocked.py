@@ -33,8 +33,8 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         problem: waypoints and corridors of the path.
     """
     legs = len(problem.corridors)
-    for most, finest in _GRIDS:
-        search = _Search(Grid.of(space, bounds, most=most, finest=finest), problem, certain=False)
+    for max_points, min_spacing in _GRIDS:
+        search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
             # Every single leg may have a route, but no route from the points at which the preceding leg ends.
@@ -42,7 +42,7 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
     return (
-        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_in_words}); a way may exist"
+        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_text}); a way may exist"
         f" through gaps that are narrower than {2.0 * search.half_diagonal:.2g} m for the centre of mass"
     )
 
@@ -107,7 +107,7 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
         return f"{between} within the bounds of the space"
     remedies = [_join_names([space.names[number] for number in without]) for without in blocking.sets]
     would = "would" if blocking.is_sure else "may"
-    return f"{between} ({space.clearance_in_words}); without {', or without '.join(remedies)}, there {would} be a way"
+    return f"{between} ({space.clearance_text}); without {', or without '.join(remedies)}, there {would} be a way"
 
 
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
@@ -117,8 +117,8 @@ def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, 
     the remaining obstacles exceeds the clearance by half a cell's diagonal, so that the lines between neighbours are
     free.
     """
-    most, finest = _GRIDS[0]
-    grid = Grid.of(space, bounds, most=most, finest=finest)
+    max_points, min_spacing = _GRIDS[0]
+    grid = Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)
     every = tuple(range(len(space.obstacles)))
 
     for is_sure in (True, False):

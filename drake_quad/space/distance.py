@@ -52,10 +52,10 @@ def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | No
     best, location, name = np.inf, (0, 0.0), ""
     while len(segment):
         distance, number = space.nearest(evaluate_at(path, segment, middle))
-        least = int(distance.argmin())
-        if distance[least] < best:
-            best, location = float(distance[least]), (int(segment[least]), float(middle[least]))
-            name = space.names[int(number[least])]
+        nearest = int(distance.argmin())
+        if distance[nearest] < best:
+            best, location = float(distance[nearest]), (int(segment[nearest]), float(middle[nearest]))
+            name = space.names[int(number[nearest])]
         is_candidate = distance - half * lengths[segment] < best - _DISTANCE_TOLERANCE
         segment, middle, half = np.repeat(segment[is_candidate], 2), np.repeat(middle[is_candidate], 2), 0.5 * half
         middle[::2] -= half

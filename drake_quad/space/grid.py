@@ -36,17 +36,17 @@ class Grid:
     space: Space
 
     @classmethod
-    def of(cls, space: Space, bounds: Box, *, most: int, finest: float) -> "Grid":
+    def of(cls, space: Space, bounds: Box, *, max_points: int, min_spacing: float) -> "Grid":
         """Return a grid over bounds with the smallest possible spacing.
 
         Args:
             space: obstacles.
             bounds: bounds of the grid.
-            most: largest number of points.
-            finest: smallest spacing, m.
+            max_points: largest number of points.
+            min_spacing: smallest spacing, m.
         """
-        extent, spacing = bounds.high - bounds.low, finest
-        while np.prod(np.ceil(extent / spacing) + 1.0) > most:
+        extent, spacing = bounds.high - bounds.low, min_spacing
+        while np.prod(np.ceil(extent / spacing) + 1.0) > max_points:
             spacing *= 1.05
         shape = tuple((np.ceil(extent / spacing).astype(int) + 1).tolist())
         axes = [np.linspace(low, high, n) for low, high, n in zip(bounds.low, bounds.high, shape, strict=True)]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pydrake.geometry.optimization import CartesianProduct, ConvexSet, HPolyhedron, Hyperellipsoid, VPolytope
 from pydrake.math import RollPitchYaw
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.framework.elementary import dot, maximum, minimum, sqrt, total, where
 from drake_quad.signals import Row
 
@@ -107,7 +107,7 @@ class Cuboid(_Solid):
 
     def triangles(self) -> np.ndarray:
         """Return the corners (12, 3, 3) of the triangles of the surface, m."""
-        return hull_of(self.corners()).triangles()
+        return convex_hull(self.corners()).triangles()
 
     def extent(self) -> np.ndarray:
         """Return the lowest and the highest corner (2, 3) of the axis-aligned bounding box, m."""
@@ -152,7 +152,7 @@ class Cylinder(_Solid):
         angles = 2.0 * math.pi * np.arange(_CIRCLE_SIDES) / _CIRCLE_SIDES
         rim = np.column_stack([self.radius * np.cos(angles), self.radius * np.sin(angles)])
         ends = [np.column_stack([rim, np.full(_CIRCLE_SIDES, sign * 0.5 * self.height)]) for sign in (-1.0, 1.0)]
-        return hull_of(self._to_world(np.vstack(ends))).triangles()
+        return convex_hull(self._to_world(np.vstack(ends))).triangles()
 
     def extent(self) -> np.ndarray:
         """Return the lowest and the highest corner (2, 3) of the axis-aligned bounding box, m."""
@@ -192,7 +192,7 @@ class Ball(_Solid):
         around = 2.0 * math.pi * np.arange(_CIRCLE_SIDES) / _CIRCLE_SIDES
         belts = np.stack(np.broadcast_arrays(np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)), -1)
         points = np.vstack([belts.reshape(-1, 3), [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
-        return hull_of(self._to_world(self.radius * points)).triangles()
+        return convex_hull(self._to_world(self.radius * points)).triangles()
 
     def extent(self) -> np.ndarray:
         """Return the lowest and the highest corner (2, 3) of the axis-aligned bounding box, m."""
@@ -201,7 +201,7 @@ class Ball(_Solid):
 
 @dataclass(frozen=True)
 class Hull:
-    """Convex hull of points, which `hull_of` constructs.
+    """Convex hull of points, which `convex_hull` constructs.
 
     Attributes:
         corners: corners of the hull, m.
@@ -252,7 +252,7 @@ class Hull:
     def _squared_edge_distance(self, p: tuple[Row, Row, Row]) -> Row:
         """Return the squared distance from the nearest edge for a point relative to the centre, m²."""
         corners = np.array(self.corners) - self.centre
-        least: Row = math.inf
+        min_squared: Row = math.inf
         squared = [_squared([each - c for each, c in zip(p, corner, strict=True)]) for corner in corners.tolist()]
         for first, second in self.edges:
             along = corners[second] - corners[first]
@@ -261,9 +261,9 @@ class Hull:
             ahead = _product(along.tolist(), p) - float(along @ corners[first])
             # The step is the distance from the first corner to the nearest point of the edge, m.
             step = minimum(length, maximum(0.0, ahead))
-            least = minimum(least, squared[first] + step * (step - 2.0 * ahead))
+            min_squared = minimum(min_squared, squared[first] + step * (step - 2.0 * ahead))
         # Rounding can make the result slightly negative for a point on an edge.
-        return maximum(0.0, least)
+        return maximum(0.0, min_squared)
 
     def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row:
         """Return the distance of a point of W from a ball around the hull, m, a lower bound of the distance."""
@@ -295,7 +295,7 @@ class Hull:
 Shape = Cuboid | Cylinder | Ball | Hull
 
 
-def hull_of(points: ArrayLike) -> Hull:
+def convex_hull(points: ArrayLike) -> Hull:
     """Return the convex hull of points (n, 3), m.
 
     Raises:
@@ -373,7 +373,7 @@ def _check_pose(solid: _Solid) -> None:
     """Raise InputError if centre or rotation are not three finite numbers."""
     for name, numbers in (("centre", solid.centre), ("rotation", solid.rotation)):
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-            raise InputError(f"the {name} of a solid must be three finite numbers, not {shown(numbers)}")
+            raise InputError(f"the {name} of a solid must be three finite numbers, not {short_repr(numbers)}")
 
 
 def _check_positive(name: str, *values: float) -> None:

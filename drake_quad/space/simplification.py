@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from drake_quad.errors import InputError
-from drake_quad.space.shapes import hull_of
+from drake_quad.space.shapes import convex_hull
 
 # Largest growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
 # and the hull of a drone's mesh, which has flat sides, by less than 1 %.
@@ -36,7 +36,7 @@ _MIN_ROUNDING_MARGIN = 1e-9
 _ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
-class Surrounding(NamedTuple):
+class SimplifiedHull(NamedTuple):
     """Simplified convex hull that contains an original hull.
 
     Attributes:
@@ -58,35 +58,35 @@ class Surrounding(NamedTuple):
 
     def __str__(self) -> str:
         """Return a sentence on the replacement of the original hull."""
-        share = 100.0 * self.growth / self.size
+        fraction = 100.0 * self.growth / self.size
         return (
             f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
-            f" around it, larger by at most {self.growth:.3g}, {share:.2g} % of its size"
+            f" around it, larger by at most {self.growth:.3g}, {fraction:.2g} % of its size"
         )
 
 
-def surrounding(points: ArrayLike, most: int) -> Surrounding:
+def simplified_hull(points: ArrayLike, max_corners: int) -> SimplifiedHull:
     """Return a convex hull around points that has few corners.
 
     Args:
         points: (n, 3) points that the hull contains, m.
-        most: largest number of corners. If the hull of the points has no more corners, it is returned unchanged.
+        max_corners: largest number of corners. If the hull of the points has no more corners, it is returned unchanged.
 
     Raises:
         InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
             more than `MAX_GROWTH` of its size.
     """
     array = np.ascontiguousarray(points, dtype=float)
-    return _surrounding(array.tobytes(), array.shape, most)
+    return _surrounding(array.tobytes(), array.shape, max_corners)
 
 
 @functools.lru_cache(maxsize=32)
-def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
-    hull = hull_of(np.frombuffer(data).reshape(shape))
+def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> SimplifiedHull:
+    hull = convex_hull(np.frombuffer(data).reshape(shape))
     corners = np.array(hull.corners)
     size = float(np.ptp(corners, axis=0).max())
-    if len(corners) <= most:
-        return Surrounding(corners, 0.0, len(corners), size)
+    if len(corners) <= max_corners:
+        return SimplifiedHull(corners, 0.0, len(corners), size)
     # The solver has absolute tolerances, so it needs coordinates in which the hull has the width 1 along each axis.
     middle, _, axes = _principal(corners)
     offsets = corners - middle
@@ -96,16 +96,17 @@ def _surrounding(data: bytes, shape: tuple[int, ...], most: int) -> Surrounding:
     margin = max(_MIN_ROUNDING_MARGIN, _ROUNDING_ERROR * float(np.abs(corners).max() / widths.min()))
     hulls = []
     for each in (offsets / size, as_wide_as_long):
-        enlarged = _around(as_wide_as_long, as_wide_as_long[_spread(each, most)], margin)
+        enlarged = _around(as_wide_as_long, as_wide_as_long[_spread(each, max_corners)], margin)
         hulls.append(middle + (enlarged * widths) @ axes)
     growths = [float(hull.distances(each).max()) for each in hulls]
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
         raise InputError(
-            f"the convex hull has {len(corners)} corners, and a hull with {most} corners around it would be larger by"
-            f" {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify the mesh"
+            f"the convex hull has {len(corners)} corners, and a hull with {max_corners} corners around it would be"
+            f" larger by {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify"
+            " the mesh"
         )
-    return Surrounding(hulls[best], growths[best], len(corners), size)
+    return SimplifiedHull(hulls[best], growths[best], len(corners), size)
 
 
 def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -178,15 +179,15 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
     normals, offsets = _faces(centred)
     support = (points @ normals.T).max(axis=0)
     # A face n·x <= d becomes n·x <= n·shift + factor d.
-    least = scipy.optimize.linprog(
+    smallest = scipy.optimize.linprog(
         [0.0, 0.0, 0.0, 1.0], A_ub=-np.column_stack([normals, offsets]), b_ub=-support, bounds=(None, None)
     )
-    if least.x is None:
+    if smallest.x is None:
         raise InputError(
             f"no hull with {len(corners)} corners was found around the convex hull with {len(points)} corners; simplify"
             " the mesh"
         )
-    shift = least.x[:3]
+    shift = smallest.x[:3]
     # The solver may violate a face by its tolerance, so the factor is computed again from the solution. All offsets are
     # positive.
     factor = float(((support + margin - normals @ shift) / offsets).max())

@@ -47,10 +47,10 @@ class Space:
         return self.radius + self.margin + self.tracking
 
     @property
-    def clearance_in_words(self) -> str:
+    def clearance_text(self) -> str:
         """Sum that makes up the clearance, such as "radius 0.2 + margin 0.1"."""
         parts = {"radius": self.radius, "margin": self.margin, "tracking": self.tracking}
-        return " + ".join(f"{name} {share:.3g}" for name, share in parts.items() if share or name == "radius")
+        return " + ".join(f"{name} {fraction:.3g}" for name, fraction in parts.items() if fraction or name == "radius")
 
     @property
     def names(self) -> tuple[str, ...]:

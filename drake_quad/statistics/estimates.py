@@ -37,18 +37,18 @@ def without_negative_part(estimate: Interval) -> Interval:
     return estimate._replace(low=max(estimate.low, 0.0))
 
 
-def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def bounded_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the mean of values (n,) in [0, 1] with an interval within [0, 1].
 
     The interval is Student's t interval of the log-odds of the mean, by the delta method. Like the interval of
     `mean_interval`, it is too short for few values from a skewed distribution: for the beta distribution with
     parameters 0.2 and 8, a 95 % interval contains the mean in 91 % of studies with 30 samples. If all values are 0 or
-    all are 1, their variance contains no information. The interval is then computed by `share_interval` for the
+    all are 1, their variance contains no information. The interval is then computed by `proportion_interval` for the
     fraction of nonzero values, which bounds the mean. The ends are NaN for fewer than two values.
     """
     mean = mean_interval(values, confidence)
     if len(values) > 1 and mean.value in (0.0, 1.0):
-        return share_interval(int(mean.value) * len(values), len(values), confidence)
+        return proportion_interval(int(mean.value) * len(values), len(values), confidence)
     if not 0.0 < mean.value < 1.0:
         return mean
     odds = mean.value / (1.0 - mean.value)
@@ -77,7 +77,7 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
     )
 
 
-def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
+def proportion_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
     """Return an estimated probability with the exact interval of Clopper and Pearson.
 
     The ends of the interval are quantiles of beta distributions.
@@ -116,7 +116,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
 
 
 def partial_rank_correlation(
-    x: np.ndarray, y: np.ndarray, given: np.ndarray, confidence: float = CONFIDENCE
+    x: np.ndarray, y: np.ndarray, covariates: np.ndarray, confidence: float = CONFIDENCE
 ) -> Interval:
     """Return the partial rank correlation of two variables, given k other variables.
 
@@ -125,21 +125,21 @@ def partial_rank_correlation(
     Args:
         x: (n,) values of the first variable.
         y: (n,) values of the second variable.
-        given: (k, n) values of the other variables.
+        covariates: (k, n) values of the other variables.
         confidence: probability that the interval contains the true value.
     """
-    if not len(given):
+    if not len(covariates):
         return rank_correlation(x, y, confidence)
-    if len(x) < 4 + len(given) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    if len(x) < 4 + len(covariates) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    ranks, others = (np.array([_ranks(row) for row in rows]) for rows in ((x, y), given))
+    ranks, others = (np.array([_ranks(row) for row in rows]) for rows in ((x, y), covariates))
     ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
     residuals = ranks.T - others.T @ np.linalg.lstsq(others.T, ranks.T, rcond=None)[0]
     norms, norms_before = np.linalg.norm(residuals, axis=0), np.linalg.norm(ranks, axis=1)
     if np.any(norms < _MIN_RESIDUAL * norms_before):
         return Interval(math.nan, math.nan, math.nan)
     return _correlation_interval(
-        float(residuals[:, 0] @ residuals[:, 1] / np.prod(norms)), len(x) - len(given), confidence
+        float(residuals[:, 0] @ residuals[:, 1] / np.prod(norms)), len(x) - len(covariates), confidence
     )
 
 
@@ -148,18 +148,18 @@ def two_sided_sign_test(count: int, total: int) -> float:
     return min(1.0, 2.0 * float(scipy.special.bdtr(min(count, total - count), total, 0.5))) if total else 1.0
 
 
-def _binomial_quantile(share: float, total: int, probability: float) -> int:
-    """Return the smallest count whose cumulative probability, under a binomial distribution, is at least `share`.
+def _binomial_quantile(fraction: float, total: int, probability: float) -> int:
+    """Return the smallest count whose cumulative probability, under a binomial distribution, is at least `fraction`.
 
     Args:
-        share: smallest cumulative probability.
+        fraction: smallest cumulative probability.
         total: number of trials.
         probability: probability of success in a trial.
     """
     if not total or probability in (0.0, 1.0):  # some versions of SciPy return NaN in these cases
         return round(total * probability)
-    count = math.ceil(scipy.special.bdtrik(share, total, probability))
-    return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= share else count
+    count = math.ceil(scipy.special.bdtrik(fraction, total, probability))
+    return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= fraction else count
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:

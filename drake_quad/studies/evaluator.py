@@ -52,7 +52,7 @@ class Evaluator:
         self.scenario, self.names, self.num_flights = scenario, coordinates(scenario), 0
         if not self.names:
             raise InputError(f"{scenario.name} contains no distribution, so there is nothing to vary")
-        self._fleet = StudyFleet(scenario, plan_route(scenario), num_vehicles, own=own, compiled=compiled)
+        self._fleet = StudyFleet(scenario, plan_route(scenario), num_vehicles, user_systems=own, compiled=compiled)
 
     def __call__(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Fly a vehicle for each point, and return the metrics, (n,) arrays.

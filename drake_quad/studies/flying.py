@@ -45,7 +45,7 @@ class BatchJob(NamedTuple):
 
 def code_versions(user_systems: UserSystems) -> dict[str, str]:
     """Return the versions and digests of the code in this process: its `provenance`, and the user's source files."""
-    return {**provenance(), "user_systems": source_digest(user_systems.given.values())}
+    return {**provenance(), "user_systems": source_digest(user_systems.specified.values())}
 
 
 def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
@@ -57,7 +57,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
     metrics = fly_with_metrics(fleet, batch)
-    return rows_of(batch, metrics, fleet.touched()[: len(batch)])
+    return rows_of(batch, metrics, fleet.obstacle_hit()[: len(batch)])
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
@@ -71,7 +71,7 @@ def crash_cause(job: BatchJob, samples: Sequence[int]) -> str | None:
 
     The result is None if the vehicle did not crash because of such a value.
     """
-    systems = job.user_systems.build(1).given
+    systems = job.user_systems.build(1).specified
     return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **systems).cause
 
 
@@ -104,5 +104,5 @@ def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
         size = (size + 1) // 2
     fleets: dict[int, StudyFleet] = _thread_data.fleets
     if size not in fleets:
-        fleets[size] = StudyFleet(job.scenario, job.plan, size, own=job.user_systems, compiled=job.compiled)
+        fleets[size] = StudyFleet(job.scenario, job.plan, size, user_systems=job.user_systems, compiled=job.compiled)
     return fleets[size]

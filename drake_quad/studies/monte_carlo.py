@@ -121,7 +121,7 @@ def run_monte_carlo(
     user_systems = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
         check_fleet_fits(min(batch_size or 1, num_samples), "batch")
-        check_importable({**user_systems.given, "a kind that the scenario uses": scenario})
+        check_importable({**user_systems.specified, "a kind that the scenario uses": scenario})
     rows = None
     try:
         with _open_pool(executor, num_workers, time_limit) as pool:
@@ -134,7 +134,7 @@ def run_monte_carlo(
                 user_systems,
                 compiled,
             )
-            if user_systems.given or scenario.control.contains_user_system():
+            if user_systems.specified or scenario.control.contains_user_system():
                 _check_repeatability(pool, job)
             duration = flight_duration(scenario, plan)
             with open_study(
@@ -181,7 +181,7 @@ def _fly(
             progress(len(rows) + len(rows.failures), rows.num_samples)
 
     report()
-    if missing and not job.user_systems.given and isinstance(pool, Workers) and pool.forks_workers:
+    if missing and not job.user_systems.specified and isinstance(pool, Workers) and pool.forks_workers:
         build_fleet(job)
     batches = (missing[first : first + size] for first in range(0, len(missing), size))
     for outcome in fly_batches(pool, partial(fly_batch, job), batches):
@@ -232,7 +232,7 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
         return
     alone, repeated, in_batch = outcome.result
     columns = columns_of(job.scenario)
-    names, error = " and ".join(job.user_systems.given) or "the controller", columns.index("rmse")
+    names, error = " and ".join(job.user_systems.specified) or "the controller", columns.index("rmse")
     for row, circumstance, advice in (
         (repeated, "flown again in the same diagram", "must store all state in Drake's context, not in Python objects"),
         (in_batch, "flown together with other samples", "must not mix the columns of (k, N) arrays, one per vehicle"),

@@ -16,16 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
+    bounded_mean_interval,
     mean_interval,
     partial_rank_correlation,
+    proportion_interval,
     rank_correlation,
-    share_interval,
-    share_mean_interval,
     two_sided_sign_test,
     without_negative_part,
 )
@@ -41,7 +41,7 @@ _MAX_BINS = 20
 def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is computed by `share_mean_interval` for a fraction. Otherwise it is Student's t interval, or its
+    The interval is computed by `bounded_mean_interval` for a fraction. Otherwise it is Student's t interval, or its
     nonnegative part if the metric cannot be negative.
 
     Args:
@@ -50,14 +50,14 @@ def metric_mean(metrics: Metrics, name: str) -> Interval:
     """
     values, definition = values_without_crashes(metrics, name), metrics.definitions[name]
     if definition.unit == "1":
-        return share_mean_interval(values)
+        return bounded_mean_interval(values)
     mean = mean_interval(values)
     return mean if definition.signed else without_negative_part(mean)
 
 
 def crash_probability(metrics: Metrics) -> Interval:
-    """Return the probability of a crash, with the exact interval of `share_interval`."""
-    return share_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
+    """Return the probability of a crash, with the exact interval of `proportion_interval`."""
+    return proportion_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
 
 
 def requirement_probability(metrics: Metrics, name: str) -> Interval:
@@ -72,7 +72,7 @@ def requirement_probability(metrics: Metrics, name: str) -> Interval:
     """
     robustness = values_with_crashes(metrics, name)
     known = robustness[~np.isnan(robustness)]
-    return share_interval(int(np.sum(known >= 0.0)), len(known))
+    return proportion_interval(int(np.sum(known >= 0.0)), len(known))
 
 
 def values_without_crashes(metrics: Metrics, name: str) -> np.ndarray:
@@ -131,7 +131,7 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
 
 
 def _tail_mean(values: np.ndarray, name: str) -> Interval:
-    return share_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
+    return proportion_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
 
 
 class CrashBin(NamedTuple):
@@ -168,7 +168,7 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
         InputError: the field is not a distribution, or the number of bins is less than 1.
     """
     if path not in study.parameters:
-        drawn = listed([*study.parameters]) or "none"
+        drawn = join_names([*study.parameters]) or "none"
         raise InputError(f"{path} is not a drawn field of this study; the drawn fields are: {drawn}")
     if num_bins is not None and num_bins < 1:
         raise InputError(f"the number of bins is {num_bins}; it must be at least 1")
@@ -185,7 +185,7 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
     bins = []
     for in_bin in (indices == i for i in range(len(edges))):
         drawn, count = numbers[in_bin], int(in_bin.sum())
-        probability = share_interval(int(crashed[in_bin].sum()), count)
+        probability = proportion_interval(int(crashed[in_bin].sum()), count)
         bins.append(CrashBin(drawn.min(), drawn.max(), float(np.median(drawn)), count, probability))
     return bins
 
@@ -254,7 +254,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
         len(value),
         mean_interval(value - reference),
         unknown if definition.signed else ratio_of_means(value, reference),
-        share_interval(int(np.sum(better)), len(value)),
+        proportion_interval(int(np.sum(better)), len(value)),
         only,
         baseline_only,
         two_sided_sign_test(only, only + baseline_only),

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.sequential import mean_sequence, probability_sequence
 from drake_quad.studies.statistics import values_with_crashes, values_without_crashes
-from drake_quad.written_numbers import parse_float
 
 _CRASH = "crash"
 # Numbers of samples after which rules are evaluated. The first number is large enough for the normal approximation of
@@ -51,19 +51,21 @@ class StoppingRule(NamedTuple):
         """
         match = _TEXT.fullmatch(text)
         if match is None or match[3] != "%":
-            raise InputError(f"{shown(text)} is not a stopping rule; write it as in 'crash ± 0.2 %' or 'rmse ± 1 %'")
+            raise InputError(
+                f"{short_repr(text)} is not a stopping rule; write it as in 'crash ± 0.2 %' or 'rmse ± 1 %'"
+            )
         quantity, (number, _) = match[1], (match[2], match[3])
         try:
             half_width = 0.01 * parse_float(number)
         except ValueError:
             half_width = math.nan
         if not 0.0 < half_width < 1.0:
-            raise InputError(f"{shown(text)} is not a stopping rule: the number must be above 0 % and below 100 %")
+            raise InputError(f"{short_repr(text)} is not a stopping rule: the number must be above 0 % and below 100 %")
         requirements, metrics = [*scenario.requirements], [*definitions_of(scenario.metrics_type)]
         if quantity not in (_CRASH, *metrics):
             raise InputError(
-                f"{shown(text)}: {quantity} is not {_CRASH}, a requirement or a metric of {scenario.name}; these are"
-                f" {listed([*requirements, *(name for name in metrics if name not in requirements)])}"
+                f"{short_repr(text)}: {quantity} is not {_CRASH}, a requirement or a metric of {scenario.name}; these"
+                f" are {join_names([*requirements, *(name for name in metrics if name not in requirements)])}"
             )
         return cls(quantity, half_width, quantity in (_CRASH, *requirements))
 

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.extras import import_extra
 from drake_quad.files import read_table, write_atomically
 from drake_quad.flight.remarks import flight_remarks
@@ -47,7 +47,7 @@ class Study:
         parameters: (n,) drawn numbers of each field that contains a distribution, by the path of the field.
         metrics: (n,) values of each metric; NaN if no tick counts for the metric.
         failures: reasons why samples could not be flown, by the index of the sample.
-        flown_time: total simulated time of the samples that were flown in this run and not read from a file, s.
+        simulated_time: total simulated time of the samples that were flown in this run and not read from a file, s.
         invalid_lines: line numbers of invalid rows in the results file, whose samples were flown again.
         obstacle_hit: (n,) number of the obstacle that each sample crashed into, from 1 on in the order of the scenario;
             0 if the sample did not crash into an obstacle. None if there are no obstacles.
@@ -59,7 +59,7 @@ class Study:
     parameters: Mapping[str, np.ndarray]
     metrics: Metrics
     failures: Mapping[int, str] = field(default_factory=dict)
-    flown_time: float = 0.0
+    simulated_time: float = 0.0
     invalid_lines: Sequence[int] = ()
     obstacle_hit: np.ndarray | None = None
 
@@ -71,7 +71,7 @@ class Study:
         rows: np.ndarray,
         *,
         failures: Mapping[int, str] = {},
-        flown_time: float = 0.0,
+        simulated_time: float = 0.0,
         invalid_lines: Sequence[int] = (),
     ) -> "Study":
         """Return the study with the given rows.
@@ -81,7 +81,7 @@ class Study:
             duration: duration of a flight, s.
             rows: (n, columns) rows with the columns of `columns_of`, sorted by sample.
             failures: reasons why samples could not be flown, by the index of the sample.
-            flown_time: total simulated time of the samples that were flown in this run, s.
+            simulated_time: total simulated time of the samples that were flown in this run, s.
             invalid_lines: line numbers of invalid rows in the results file.
         """
         columns = dict(zip(columns_of(scenario), rows.T, strict=True))
@@ -92,17 +92,19 @@ class Study:
             {path: columns[path] for path in distributions_in(scenario)},
             scenario.metrics_type(*(columns[name] for name in scenario.metrics_type._fields)),
             dict(failures),
-            flown_time,
+            simulated_time,
             tuple(invalid_lines),
             columns[_OBSTACLE_COLUMN].astype(int) if _OBSTACLE_COLUMN in columns else None,
         )
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
+        crashed, num_samples = int(self.metrics.crashed.sum()), len(self.samples)
         failed = f", {len(self.failures)} not flown" if self.failures else ""
-        fields = listed([*self.parameters]) or "none"
-        return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn fields: {fields}>"
+        fields = join_names([*self.parameters]) or "none"
+        return (
+            f"<Study of {self.scenario.name}: {num_samples} samples, {crashed} crashed{failed}; drawn fields: {fields}>"
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -234,8 +236,8 @@ def read_study(path: Path | str) -> Study:
     folders = study_folders(path)
     if len(folders) > 1:
         raise InputError(
-            f"{path} contains {len(folders)} studies, {listed([*folders])}; read one of these folders, or read all of"
-            " them with read_studies"
+            f"{path} contains {len(folders)} studies, {join_names([*folders])}; read one of these folders, or read all"
+            " of them with read_studies"
         )
     return _read(next(iter(folders.values())))
 
@@ -272,7 +274,11 @@ def study_folders(path: Path | str) -> dict[str, Path]:
     if not subfolders:
         content = sorted(each.name for each in folder.iterdir()) if folder.is_dir() else []
         what = (
-            f"it contains {listed(content)}" if content else "it is empty" if folder.is_dir() else "it is another file"
+            f"it contains {join_names(content)}"
+            if content
+            else "it is empty"
+            if folder.is_dir()
+            else "it is another file"
         )
         raise InputError(
             f"{path} is not the folder of a study, which contains {RESULTS_FILE}, {SCENARIO_FILE} and {STUDY_FILE};"
@@ -359,10 +365,10 @@ class Record(BaseModel):
             samples=num_samples,
             seed=scenario.seed,
             duration=duration,
-            **{name: _import_path(function) for name, function in user_systems.given.items()},
+            **{name: _import_path(function) for name, function in user_systems.specified.items()},
             flown=["compiled" if compiled else "wired"],
             versions=[provenance()],
-            columns={name: column_meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
+            columns={name: column_description(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
         )
 
     def write(self, path: Path) -> None:
@@ -395,7 +401,7 @@ def _import_path(function: Callable[..., Any]) -> str:
     return f"{function.__module__}:{function.__qualname__}"
 
 
-def column_meaning(scenario: Scenario, column: str) -> str:
+def column_description(scenario: Scenario, column: str) -> str:
     """Return the meaning of a column of a study's results, with its unit."""
     meanings = {
         "sample": "index of the sample",

@@ -61,7 +61,7 @@ class StudyRows:
             self._parts.append(stored.rows)
             self._invalid_lines = sorted(stored.invalid_lines)
         self._count = sum(map(len, self._parts))
-        self._flown_time = 0.0
+        self._simulated_time = 0.0
         self.failures: dict[int, str] = {}
 
     def __len__(self) -> int:
@@ -105,7 +105,7 @@ class StudyRows:
             self._file.append(rows)
         self._parts.append(rows)
         self._count += len(rows)
-        self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
+        self._simulated_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
 
     def study(self) -> Study:
         """Return the study with the samples that have been flown so far."""
@@ -114,7 +114,7 @@ class StudyRows:
             self._duration,
             self.rows,
             failures=dict(sorted(self.failures.items())),
-            flown_time=self._flown_time,
+            simulated_time=self._simulated_time,
             invalid_lines=self._invalid_lines,
         )
 
@@ -224,9 +224,11 @@ def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume:
     difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
     if difference is not None:
         raise InputError(f"{folder} contains a study of a different scenario: {difference}")
-    flown = [each for each in before.flown if each not in record.flown]
+    earlier_modes = [each for each in before.flown if each not in record.flown]
     versions = [each for each in before.versions if each not in record.versions]
-    return record.model_copy(update={"flown": [*flown, *record.flown], "versions": [*versions, *record.versions]})
+    return record.model_copy(
+        update={"flown": [*earlier_modes, *record.flown], "versions": [*versions, *record.versions]}
+    )
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.statistics.estimates import quantile_interval, share_interval, without_negative_part
+from drake_quad.statistics.estimates import proportion_interval, quantile_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import (
     compare_studies,
@@ -41,15 +41,17 @@ def crash_text(study: Study) -> str:
     if study.obstacle_hit is None:
         return crashes
     into_obstacles = sum(study.crashes_by_obstacle.values())
-    share = share_interval(into_obstacles, len(study.samples)).percent()
-    return f"{crashes}; {into_obstacles:,} of them into obstacles, {share}"
+    probability = proportion_interval(into_obstacles, len(study.samples)).percent()
+    return f"{crashes}; {into_obstacles:,} of them into obstacles, {probability}"
 
 
 def obstacle_table(study: Study) -> Summary:
     """Return the number and probability of the crashes into each obstacle, in the order of decreasing probability."""
     ordered = sorted(study.crashes_by_obstacle.items(), key=lambda each: -each[1])
     rows: list[tuple[str, ...]] = [
-        (name, f"{count:,}", share_interval(count, len(study.samples)).percent()) for name, count in ordered if count
+        (name, f"{count:,}", proportion_interval(count, len(study.samples)).percent())
+        for name, count in ordered
+        if count
     ]
     return Summary(("crashed into", "samples", "share"), rows, [])
 
@@ -69,7 +71,7 @@ def metric_table(study: Study) -> Summary:
         size = definition.display.size
         values, all_values = values_without_crashes(metrics, metric), values_with_crashes(metrics, metric)
         spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-        quantiles = (_quantile(all_values, share, definition.signed) for share in _QUANTILES)
+        quantiles = (_quantile(all_values, probability, definition.signed) for probability in _QUANTILES)
         rows.append(
             (
                 definition.label,
@@ -79,7 +81,7 @@ def metric_table(study: Study) -> Summary:
                 definition.display.unit,
             )
         )
-    names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)
+    names = ("median" if probability == 0.5 else f"{100.0 * probability:.0f} % quantile" for probability in _QUANTILES)
     return Summary(("", "mean", "std. dev.", *names, ""), rows, _remarks(crashed, count))
 
 
@@ -90,7 +92,7 @@ def requirement_table(study: Study) -> Summary:
     for name in study.scenario.requirements:
         display = metrics.definitions[name].display
         assert display is not None
-        quantiles = (_quantile(values_with_crashes(metrics, name), share, True) for share in _QUANTILES[:2])
+        quantiles = (_quantile(values_with_crashes(metrics, name), probability, True) for probability in _QUANTILES[:2])
         texts = [quantile.text(size=display.size, infinite=infinity_text) for quantile in quantiles]
         rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
     return Summary(("requirement", "satisfied", "5 % quantile of the margin", "median", ""), rows, [])

@@ -89,15 +89,15 @@ class _Bound(NamedTuple):
     """Inequality that bounds the share of roll and pitch torque: least <= tilt * share <= most."""
 
     tilt: Row
-    least: Row
-    most: Row
+    lower: Row
+    upper: Row
 
 
 class _Kept(NamedTuple):
     """Producible part of a wrench: thrust (N), share of roll and pitch torque, and yaw torque (N m)."""
 
     thrust: Row
-    share: Row
+    fraction: Row
     tau_z: Row
 
 
@@ -127,10 +127,10 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
         (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),
         _Kept(wrench.thrust, 1.0, wrench.tau_z),
     )
-    given_up = 1.0 - kept.share
+    given_up = 1.0 - kept.fraction
     speeds = []
     for square in squares:
-        whole = square.thrust * kept.thrust + kept.share * square.tilt + square.yaw * kept.tau_z
+        whole = square.thrust * kept.thrust + kept.fraction * square.tilt + square.yaw * kept.tau_z
         speeds.append(sqrt(minimum(maximum(whole, low), high)))
     return Allocated(
         RotorSpeed._make(speeds),
@@ -159,41 +159,43 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
     squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)
     squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
-    given, share = _THRUST_AND_SHARE[priority](squares, thrust, tau_z, low, high)
+    thrust_kept, fraction = _THRUST_AND_FRACTION[priority](squares, thrust, tau_z, low, high)
     yaw_bounds = []
     for square in squares:
-        bare = square.thrust * given + share * square.tilt
+        bare = square.thrust * thrust_kept + fraction * square.tilt
         yaw_bounds.append(_between(low - bare, high - bare, square.yaw))
-    return _Kept(given, share, _nearest(tau_z, yaw_bounds))
+    return _Kept(thrust_kept, fraction, _nearest(tau_z, yaw_bounds))
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
     """Return the thrust and the share: the largest share at any thrust, and then the nearest feasible thrust."""
-    share = _largest_share(_share_bounds(squares, tau_z, low, high))
+    fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
-        _between(bound.least - bound.tilt * share, bound.most - bound.tilt * share, factor)
-        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
+        _between(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
+        for factor, bound in _thrust_and_fraction_bounds(squares, tau_z, low, high)
     ]
-    return _nearest(thrust, bounds), share
+    return _nearest(thrust, bounds), fraction
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
     """Return the thrust and the share: the nearest thrust that is feasible without torque, then the largest share."""
-    given = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
+    thrust_kept = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
-        _Bound(bound.tilt, bound.least - factor * given, bound.most - factor * given)
-        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
+        _Bound(bound.tilt, bound.lower - factor * thrust_kept, bound.upper - factor * thrust_kept)
+        for factor, bound in _thrust_and_fraction_bounds(squares, tau_z, low, high)
     ]
-    return given, _largest_share(bounds)
+    return thrust_kept, _max_fraction(bounds)
 
 
-_THRUST_AND_SHARE: dict[Priority, Callable[..., tuple[Row, Row]]] = {
+_THRUST_AND_FRACTION: dict[Priority, Callable[..., tuple[Row, Row]]] = {
     "roll_pitch": _roll_pitch_first,
     "thrust": _thrust_first,
 }
 
 
-def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[tuple[Row, _Bound]]:
+def _thrust_and_fraction_bounds(
+    squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
+) -> list[tuple[Row, _Bound]]:
     """Return the bounds on thrust and share within which some yaw torque between zero and tau_z is feasible.
 
     Each rotor gives a bound with the most favourable yaw torque for this rotor. Each pair of rotors gives a bound that
@@ -209,7 +211,7 @@ def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, h
     return bounds
 
 
-def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
+def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
     """Return the bounds on the share within which some thrust and some yaw torque between 0 and tau_z are feasible.
 
     Each pair of rotors gives a bound that does not depend on the thrust, with the most favourable yaw torque for this
@@ -243,34 +245,34 @@ def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
     return up * low + down * high, up * high + down * low
 
 
-def _widened(least: Row, most: Row, yaw: Row) -> tuple[Row, Row]:
+def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
     """Return the limits of a sum after subtracting the contribution of yaw torque, between zero and `yaw`."""
-    return least - maximum(yaw, 0.0), most - minimum(yaw, 0.0)
+    return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 
-def _largest_share(bounds: Sequence[_Bound]) -> Row:
+def _max_fraction(bounds: Sequence[_Bound]) -> Row:
     """Return the largest share in [0, 1] of roll and pitch torque."""
-    share: Row = 1.0
-    for tilt, least, most in bounds:
-        room = where(tilt > 0.0, most, -least)
-        share = minimum(_fitting(maximum(room, 0.0), abs(tilt)), share)
-    return share
+    fraction: Row = 1.0
+    for tilt, lower, upper in bounds:
+        room = where(tilt > 0.0, upper, -lower)
+        fraction = minimum(_fitting(maximum(room, 0.0), abs(tilt)), fraction)
+    return fraction
 
 
-def _between(least: Row, most: Row, factor: Row) -> tuple[Row, Row]:
+def _between(lower: Row, upper: Row, factor: Row) -> tuple[Row, Row]:
     """Return the smallest and the largest x with least <= factor * x <= most; unbounded for a factor of zero."""
     rising, free = factor > 0.0, factor == 0.0
     inverse = 1.0 / where(free, 1.0, factor)
-    down, up = where(rising, least, most) * inverse, where(rising, most, least) * inverse
+    down, up = where(rising, lower, upper) * inverse, where(rising, upper, lower) * inverse
     return where(free, -_UNBOUNDED, down), where(free, _UNBOUNDED, up)
 
 
 def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
     """Return the number nearest to `wanted` that satisfies all bounds, each a pair of smallest and largest value."""
-    least, most = -_UNBOUNDED, _UNBOUNDED
+    lower, upper = -_UNBOUNDED, _UNBOUNDED
     for down, up in bounds:
-        least, most = maximum(down, least), minimum(up, most)
-    return minimum(maximum(wanted, least), most)
+        lower, upper = maximum(down, lower), minimum(up, upper)
+    return minimum(maximum(wanted, lower), upper)
 
 
 def _fitting(room: Row, demand: Row) -> Row:
@@ -320,12 +322,12 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
         rotor_2.tau_x * tau_x + rotor_2.tau_y * tau_y,
         rotor_1.tau_z * tau_z,
     )
-    level, share = _PAIRED_LEVEL_AND_SHARE[priority](wanted, low, high)
-    pair_13, pair_24 = share * wanted.pair_13, share * wanted.pair_24
+    level, fraction = _PAIRED_LEVEL_AND_FRACTION[priority](wanted, low, high)
+    pair_13, pair_24 = fraction * wanted.pair_13, fraction * wanted.pair_24
     size_13, size_24, above, below = abs(pair_13), abs(pair_24), high - level, level - low
-    least, most = maximum(size_13 - below, size_24 - above), minimum(above - size_13, below - size_24)
-    yaw = maximum(minimum(wanted.yaw, most), least)
-    given_up = 1.0 - share
+    lower, upper = maximum(size_13 - below, size_24 - above), minimum(above - size_13, below - size_24)
+    yaw = maximum(minimum(wanted.yaw, upper), lower)
+    given_up = 1.0 - fraction
     return Allocated(
         RotorSpeed(
             sqrt(maximum(level + pair_13 + yaw, low)),
@@ -351,13 +353,13 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
-    share = _fitting(half, maximum(size_13, size_24))
-    room_13, room_24 = half - share * size_13, half - share * size_24
+    fraction = _fitting(half, maximum(size_13, size_24))
+    room_13, room_24 = half - fraction * size_13, half - fraction * size_24
     left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
     both = 0.5 * (room_13 + room_24)
     up = minimum(minimum(room_13 - right, room_24 + left), both)
     down = minimum(minimum(room_13 + left, room_24 - right), both)
-    return minimum(maximum(wanted.level, middle - down), middle + up), share
+    return minimum(maximum(wanted.level, middle - down), middle + up), fraction
 
 
 def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
@@ -372,11 +374,11 @@ def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]
     room_13 = minimum(minimum(below + left, above - right), half)
     room_24 = minimum(minimum(above + left, below - right), half)
     room_both = 2.0 * minimum(above, below)
-    share = minimum(_fitting(room_13, size_13), _fitting(room_24, size_24))
-    return level, minimum(share, _fitting(room_both, size_13 + size_24))
+    fraction = minimum(_fitting(room_13, size_13), _fitting(room_24, size_24))
+    return level, minimum(fraction, _fitting(room_both, size_13 + size_24))
 
 
-_PAIRED_LEVEL_AND_SHARE: dict[Priority, Callable[[_Pairs, Row, Row], tuple[Row, Row]]] = {
+_PAIRED_LEVEL_AND_FRACTION: dict[Priority, Callable[[_Pairs, Row, Row], tuple[Row, Row]]] = {
     "roll_pitch": _paired_roll_pitch_first,
     "thrust": _paired_thrust_first,
 }
@@ -403,7 +405,7 @@ class Allocation(FleetSystem):
         num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
         priority: part of the wrench that has priority if the rotors cannot produce the whole wrench.
-        numbers: autopilot's model of the rotors.
+        parameters: autopilot's model of the rotors.
     """
 
     def declare(
@@ -411,7 +413,7 @@ class Allocation(FleetSystem):
         *,
         paired: bool = False,
         priority: Priority = "roll_pitch",
-        numbers: RotorModel = RotorModel.of(QuadrotorParameters()),
+        parameters: RotorModel = RotorModel.of(QuadrotorParameters()),
     ) -> None:
         """Declare ports and parameters."""
         wrench, rotors = self.input("wrench"), self.parameter("rotors", lambda rotors: rotors)

@@ -13,7 +13,7 @@ _MIN_SINGULAR_VALUE = 1e-3
 # Components of a unit vector below this magnitude are not mentioned in a message.
 _MIN_COMPONENT = 0.02
 # Tolerance on the fraction of the thrust that a rotor carries, relative to the largest fraction.
-_SHARE_TOLERANCE = 1e-9
+_FRACTION_TOLERANCE = 1e-9
 _WRENCH_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
 
 
@@ -36,8 +36,8 @@ def missing_direction(rotors: Rotors) -> str | None:
     if not arm.all():
         return "roll and pitch torque, since all its rotors are at the centre"
     scaled = maps / np.stack([np.ones_like(arm), arm, arm, lever], axis=1)[..., None]
-    largest, *_, least = np.linalg.svd(scaled, compute_uv=False).T
-    for flat in scaled[least < _MIN_SINGULAR_VALUE * largest]:
+    largest, *_, smallest = np.linalg.svd(scaled, compute_uv=False).T
+    for flat in scaled[smallest < _MIN_SINGULAR_VALUE * largest]:
         *_, direction = np.linalg.svd(flat).U.T
         return _describe_missing(direction)
     return None
@@ -61,7 +61,7 @@ def _describe_missing(direction: np.ndarray) -> str:
     return f"{lacking} without {', '.join(more) + ' and ' if more else ''}{last}{reason}"
 
 
-def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | None:
+def explain_infeasible_hover(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | None:
     """Return the reason why four rotors cannot produce thrust without torque; None if they can.
 
     Args:
@@ -69,14 +69,14 @@ def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | N
         min_speed: idle speed, rad/s.
         max_speed: maximum speed, rad/s.
     """
-    shares = [float(row.thrust) for row in mixer_of(QuadrotorParameters(rotors=rotors))]
-    for number, share in enumerate(shares, start=1):
-        if not share > _SHARE_TOLERANCE * max(shares):
-            action = "stand still" if share > -_SHARE_TOLERANCE * max(shares) else "push down"
+    fractions = [float(row.thrust) for row in mixer_of(QuadrotorParameters(rotors=rotors))]
+    for number, fraction in enumerate(fractions, start=1):
+        if not fraction > _FRACTION_TOLERANCE * max(fractions):
+            action = "stand still" if fraction > -_FRACTION_TOLERANCE * max(fractions) else "push down"
             return f"rotor {number} would have to {action}"
-    slowest, fastest = (np.sqrt(part / max(shares)) for part in (min(shares), max(shares)))
+    slowest, fastest = (np.sqrt(part / max(fractions)) for part in (min(fractions), max(fractions)))
     if not min_speed < max_speed * slowest / fastest:
-        number = shares.index(min(shares)) + 1
+        number = fractions.index(min(fractions)) + 1
         return (
             f"rotor {number} would have to turn at {slowest:.2g} times the speed of the fastest rotor, which is less"
             " than min_rotor_speed / max_rotor_speed"

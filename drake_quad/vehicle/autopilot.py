@@ -21,8 +21,8 @@ from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.geometry.flatness import in_heading
 from drake_quad.geometry.quaternion import Quaternion
-from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filtered
-from drake_quad.pid.loop import Memory, Terms, pid, saturated
+from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filter_step
+from drake_quad.pid.loop import Memory, Terms, pid, saturate
 from drake_quad.signals import (
     Angle,
     Attitude,
@@ -38,7 +38,7 @@ from drake_quad.signals import (
     Wrench,
 )
 from drake_quad.vehicle.parameters import Inertia
-from drake_quad.vehicle.runge_kutta import advanced
+from drake_quad.vehicle.runge_kutta import euler_step
 
 
 class LoopGains(NamedTuple):
@@ -93,7 +93,7 @@ class LoopAxisTerms(NamedTuple):
     yaw: Terms
 
 
-class AutopilotNumbers(NamedTuple):
+class AutopilotParameters(NamedTuple):
     """Parameters of an autopilot and of its sensors; None for an optional part that the autopilot does not contain.
 
     Attributes:
@@ -168,11 +168,11 @@ class AutopilotMemory(NamedTuple):
     lean: LeanError | None
 
     @classmethod
-    def of(cls, numbers: AutopilotNumbers) -> "AutopilotMemory":
+    def of(cls, parameters: AutopilotParameters) -> "AutopilotMemory":
         """Return the memory before the first tick."""
-        gyroscope = None if numbers.gyroscope_filter is None else (EMPTY_FILTER, EMPTY_FILTER, EMPTY_FILTER)
-        lean = None if numbers.neglected_drag is None else LeanError(0.0, 0.0)
-        return cls(LoopMemory.of(numbers.attitude), LoopMemory.of(numbers.rate), gyroscope, lean)
+        gyroscope = None if parameters.gyroscope_filter is None else (EMPTY_FILTER, EMPTY_FILTER, EMPTY_FILTER)
+        lean = None if parameters.neglected_drag is None else LeanError(0.0, 0.0)
+        return cls(LoopMemory.of(parameters.attitude), LoopMemory.of(parameters.rate), gyroscope, lean)
 
 
 class SensorNoise(NamedTuple):
@@ -183,17 +183,17 @@ class SensorNoise(NamedTuple):
 
 
 def estimated_attitude_and_rates(
-    state: State, noise: SensorNoise | None, numbers: AutopilotNumbers, lean: LeanError | None = None
+    state: State, noise: SensorNoise | None, parameters: AutopilotParameters, lean: LeanError | None = None
 ) -> tuple[Attitude, BodyRates]:
     """Return the autopilot's estimates of attitude and body rates.
 
     Args:
         state: true state of the vehicle.
         noise: standard normal samples; None if there is no noise.
-        numbers: parameters of the autopilot.
+        parameters: parameters of the autopilot.
         lean: error of the estimated thrust direction; None if the estimator is exact.
     """
-    bias = numbers.gyroscope.bias
+    bias = parameters.gyroscope.bias
     attitude = Attitude(state.roll, state.pitch, state.yaw)
     rates = BodyRates(state.p + bias.p, state.q + bias.q, state.r + bias.r)
     if lean is not None:
@@ -201,8 +201,8 @@ def estimated_attitude_and_rates(
         attitude = attitude._replace(roll=attitude.roll - left, pitch=attitude.pitch + forward)
     if noise is None:
         return attitude, rates
-    rate_noise, attitude_noise = numbers.gyroscope.noise, numbers.attitude_noise
-    return advanced(attitude, noise.attitude, attitude_noise), advanced(rates, noise.rates, rate_noise)
+    rate_noise, attitude_noise = parameters.gyroscope.noise, parameters.attitude_noise
+    return euler_step(attitude, noise.attitude, attitude_noise), euler_step(rates, noise.rates, rate_noise)
 
 
 def next_lean_error(lean: LeanError, state: State, drag: NeglectedDrag, period: Time) -> LeanError:
@@ -252,19 +252,26 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
 def _commanded_rates(
     target: AttitudeTarget,
     attitude: Attitude,
-    numbers: AutopilotNumbers,
+    parameters: AutopilotParameters,
     memory: LoopMemory,
     period: Time,
     rules: LoopRules,
 ) -> tuple[BodyRates, LoopMemory]:
     """Return the commanded body rates, and the memory of the attitude loop."""
-    k_attitude = numbers.k_attitude
+    k_attitude = parameters.k_attitude
     wanted = Attitude(target.roll, target.pitch, target.yaw)
-    if numbers.yaw_weight is None:
+    if parameters.yaw_weight is None:
         results = [
             pid(r, y, k, terms, before, period, is_angle=turns, integrates_first=rules.attitude_integrates_first)
             for r, y, k, terms, before, turns in zip(
-                *(wanted, attitude, k_attitude, numbers.attitude or (None, None, None), memory, (False, False, True)),
+                *(
+                    wanted,
+                    attitude,
+                    k_attitude,
+                    parameters.attitude or (None, None, None),
+                    memory,
+                    (False, False, True),
+                ),
                 strict=True,
             )
         ]
@@ -272,11 +279,12 @@ def _commanded_rates(
         memory = LoopMemory(*[after for _, after in results])
     else:
         p, q, r = (
-            k * error for k, error in zip(k_attitude, rotation_error(attitude, wanted, numbers.yaw_weight), strict=True)
+            k * error
+            for k, error in zip(k_attitude, rotation_error(attitude, wanted, parameters.yaw_weight), strict=True)
         )
     rates = BodyRates(target.p + p, target.q + q, target.r + r)
-    if numbers.max_rates is not None:
-        rates = BodyRates(*[saturated(rate, limit) for rate, limit in zip(rates, numbers.max_rates, strict=True)])
+    if parameters.max_rates is not None:
+        rates = BodyRates(*[saturate(rate, limit) for rate, limit in zip(rates, parameters.max_rates, strict=True)])
     return rates, memory
 
 
@@ -284,7 +292,7 @@ def autopilot_step(
     target: AttitudeTarget,
     state: State,
     noise: SensorNoise | None,
-    numbers: AutopilotNumbers,
+    parameters: AutopilotParameters,
     memory: AutopilotMemory | None,
     period: Time,
     rules: LoopRules = LoopRules(),
@@ -295,28 +303,28 @@ def autopilot_step(
         target: attitude target that the autopilot received over the link.
         state: true state of the vehicle.
         noise: standard normal samples for the noise of the sensors; None if there is no noise.
-        numbers: parameters of the autopilot.
+        parameters: parameters of the autopilot.
         memory: memory from the previous tick; None if the autopilot has no memory.
         period: tick period h of the autopilot, s.
         rules: variants of the loops.
     """
-    i_xx, i_yy, i_zz = numbers.inertia
-    attitude_memory, rate_memory, gyroscope, lean = memory or AutopilotMemory.of(numbers)
-    if numbers.neglected_drag is not None:
+    i_xx, i_yy, i_zz = parameters.inertia
+    attitude_memory, rate_memory, gyroscope, lean = memory or AutopilotMemory.of(parameters)
+    if parameters.neglected_drag is not None:
         assert lean is not None
-        lean = next_lean_error(lean, state, numbers.neglected_drag, period)
-    attitude, rates = estimated_attitude_and_rates(state, noise, numbers, lean)
-    if numbers.gyroscope_filter is not None:
+        lean = next_lean_error(lean, state, parameters.neglected_drag, period)
+    attitude, rates = estimated_attitude_and_rates(state, noise, parameters, lean)
+    if parameters.gyroscope_filter is not None:
         assert gyroscope is not None
-        low_pass = numbers.gyroscope_filter
-        filtered_rates = (filtered(rate, low_pass, delayed) for rate, delayed in zip(rates, gyroscope, strict=True))
+        low_pass = parameters.gyroscope_filter
+        filtered_rates = (filter_step(rate, low_pass, delayed) for rate, delayed in zip(rates, gyroscope, strict=True))
         (p, delayed_p), (q, delayed_q), (r, delayed_r) = filtered_rates
         rates, gyroscope = BodyRates(p, q, r), (delayed_p, delayed_q, delayed_r)
-    wanted, attitude_memory = _commanded_rates(target, attitude, numbers, attitude_memory, period, rules)
+    wanted, attitude_memory = _commanded_rates(target, attitude, parameters, attitude_memory, period, rules)
     results = [
         pid(r, y, k, terms, before, period, integrates_first=rules.rate_integrates_first)
         for r, y, k, terms, before in zip(
-            wanted, rates, numbers.k_rate, numbers.rate or (None, None, None), rate_memory, strict=True
+            wanted, rates, parameters.k_rate, parameters.rate or (None, None, None), rate_memory, strict=True
         )
     ]
     (roll, pitch, yaw), (p, q, r) = (result for result, _ in results), rates
@@ -357,8 +365,8 @@ class AttitudeAutopilot(FleetSystem):
     A target that arrives at a tick of the autopilot takes effect at the next tick. `sensor_noise` is a random input
     with standard normal samples for the gyroscope and the attitude. The port exists only if there is noise.
 
-    `AutopilotNumbers` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both loops,
-    a filter for the gyroscope, and a rotation error that replaces the errors of the angles.
+    `AutopilotParameters` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both
+    loops, a filter for the gyroscope, and a rotation error that replaces the errors of the angles.
 
     The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
 
@@ -368,7 +376,7 @@ class AttitudeAutopilot(FleetSystem):
             parameter IMU_GYRO_RATEMAX.
         noisy: True if the sensors have noise.
         rules: variants of the loops.
-        numbers: gains, parameters of the sensors, and the autopilot's model of the vehicle.
+        parameters: gains, parameters of the sensors, and the autopilot's model of the vehicle.
     """
 
     def declare(
@@ -377,16 +385,16 @@ class AttitudeAutopilot(FleetSystem):
         period: float = 0.0025,
         noisy: bool = False,
         rules: LoopRules = LoopRules(),
-        numbers: AutopilotNumbers,
+        parameters: AutopilotParameters,
     ) -> None:
         """Declare ports, states and parameters."""
-        parameter = self.parameter("autopilot", lambda numbers: numbers)
+        parameter = self.parameter("autopilot", lambda parameters: parameters)
         target, state = self.input("attitude_target"), self.input("state")
         noise = None
         if noisy:
             noise = self.random_input("sensor_noise", SensorNoise, RandomDistribution.kGaussian, period=period)
-        wrench = self.state("wrench", lambda numbers: numbers.initial)
-        remembers = layout_of(AutopilotMemory, AutopilotMemory.of(numbers)).num_rows > 0
+        wrench = self.state("wrench", lambda parameters: parameters.initial)
+        remembers = layout_of(AutopilotMemory, AutopilotMemory.of(parameters)).num_rows > 0
         memory = self.state("memory", AutopilotMemory.of) if remembers else None
         arguments = target, state, noise, parameter, memory, period, rules
         self.update(period, autopilot_step, *arguments, writes=[wrench, memory])
@@ -399,8 +407,8 @@ def wrench_without_torque(target: AttitudeTarget) -> Wrench:
 
 
 @fleet_system(float, AutoDiffXd)
-class ThrustAlone(FleetSystem):
-    """Wrench with the thrust of an attitude target and without torques, for a `RespondingQuadrotor`.
+class ThrustOnly(FleetSystem):
+    """Wrench with the thrust of an attitude target and without torques, for an `AttitudeResponseQuadrotor`.
 
     .. pydrake_system::
 

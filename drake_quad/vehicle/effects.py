@@ -54,13 +54,13 @@ class Effects(NamedTuple):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects that are switched on."""
-        return tuple(name for name, numbers in self._asdict().items() if numbers is not None and numbers != ())
+        return tuple(name for name, parameters in self._asdict().items() if parameters is not None and parameters != ())
 
     @property
     def air_loads(self) -> tuple[AirLoad, ...]:
         """All loads that depend on the air and on the rotors."""
-        own = self.body_drag, self.rotor_aerodynamics
-        return (*(load for load in own if load is not None), *self.loads)
+        paper_loads = self.body_drag, self.rotor_aerodynamics
+        return (*(load for load in paper_loads if load is not None), *self.loads)
 
     @property
     def depend_on_height(self) -> bool:

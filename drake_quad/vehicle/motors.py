@@ -138,17 +138,17 @@ class ThrottleModel(NamedTuple):
         return cls(RotorModel.of(parameters), mean_thrust_factor(parameters), curve)
 
 
-def believed_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) -> RotorSpeed:
+def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: ThrottleModel) -> RotorSpeed:
     """Return the rotor speeds that an autopilot with an inexact model commands for given actual rotor speeds.
 
     Args:
         speed: actual rotor speeds, within the limits of the autopilot.
         vehicle: exact model of the vehicle.
-        believed: model of the autopilot.
+        nominal: model of the autopilot.
     """
     throttles = [throttle_for(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
-    thrusts = [thrust_of(throttle, believed.curve) for throttle in throttles]
-    return RotorSpeed._make(sqrt(thrust / believed.thrust_factor) for thrust in thrusts)
+    thrusts = [thrust_of(throttle, nominal.curve) for throttle in throttles]
+    return RotorSpeed._make(sqrt(thrust / nominal.thrust_factor) for thrust in thrusts)
 
 
 class AllocatedThrottle(NamedTuple):
@@ -206,10 +206,10 @@ class ThrottleAllocation(FleetSystem):
         num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
         priority: part of the wrench that has priority if the rotors cannot produce the whole wrench.
-        numbers: autopilot's model of the motors, whose thrust curve increases over [0, 1].
+        parameters: autopilot's model of the motors, whose thrust curve increases over [0, 1].
     """
 
-    def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", numbers: ThrottleModel) -> None:
+    def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", parameters: ThrottleModel) -> None:
         """Declare ports and parameters."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
         arguments = wrench, model, priority, allocate_to_pairs if paired else allocate

@@ -75,12 +75,12 @@ def loaded_body(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> Loa
         time: time, s.
     """
     load = where(time >= payload.dropped, 0.0, where(time >= payload.picked_up, payload.mass, 0.0))
-    share = load / payload.mass
+    fraction = load / payload.mass
     total = mass + load
     r = Vector(*payload.position)
     reduced = mass * load / total
     xx, yy, zz = reduced * r.x * r.x, reduced * r.y * r.y, reduced * r.z * r.z
-    i_x, i_y, i_z = (own + share * other for own, other in zip(inertia, payload.inertia, strict=True))
+    i_x, i_y, i_z = (moment + fraction * other for moment, other in zip(inertia, payload.inertia, strict=True))
     return LoadedBody(
         total,
         times(load / total, r),

@@ -27,7 +27,7 @@ from drake_quad.vehicle.slung_load import HANGING
 from drake_quad.vehicle.stepping import (
     VehicleState,
     acceleration_at,
-    quadrotor_slope,
+    quadrotor_derivatives,
     quadrotor_step,
     stepping_acceleration,
 )
@@ -37,7 +37,7 @@ KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
 """Attitude kinematics by name."""
 
 
-class Place(NamedTuple):
+class HoverPose(NamedTuple):
     """Position and yaw in hover."""
 
     x: PositionW = 0.0
@@ -67,7 +67,7 @@ AT_REST = InitialMotion()
 """Motion in hover."""
 
 
-class QuadrotorNumbers(NamedTuple):
+class QuadrotorConfig(NamedTuple):
     """Parameters that can differ between the vehicles of a fleet.
 
     Attributes:
@@ -80,21 +80,21 @@ class QuadrotorNumbers(NamedTuple):
 
     parameters: QuadrotorParameters = QuadrotorParameters()
     faults: RotorFaults = RotorFaults()
-    start: Place = Place()
+    start: HoverPose = HoverPose()
     effects: Effects = NO_EFFECTS
     motion: InitialMotion = AT_REST
 
 
 def initial_state(
-    parameters: QuadrotorParameters, place: Place, effects: Effects = NO_EFFECTS, motion: InitialMotion = AT_REST
+    parameters: QuadrotorParameters, pose: HoverPose, effects: Effects = NO_EFFECTS, motion: InitialMotion = AT_REST
 ) -> VehicleState:
     """Return the state of a vehicle at time 0, with a full battery and with a slung load that hangs at rest.
 
     By default, the vehicle hovers in still air.
     """
     roll, pitch, v_x, v_y, v_z, p, q, r, *factors = motion
-    body = State(place.x, place.y, place.z, roll, pitch, place.yaw, v_x, v_y, v_z, p, q, r)
-    speeds = hover_rotor_speeds(hover_equivalent(parameters, effects, place.z))
+    body = State(pose.x, pose.y, pose.z, roll, pitch, pose.yaw, v_x, v_y, v_z, p, q, r)
+    speeds = hover_rotor_speeds(hover_equivalent(parameters, effects, pose.z))
     rotors = RotorSpeed._make(speed * factor for speed, factor in zip(speeds, factors, strict=True))
     swing = None if effects.slung_load is None else HANGING
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
@@ -178,7 +178,7 @@ class Quadrotor(FleetSystem):
         kinematics: "exact", or "small_angle" for the small-angle kinematics of eq (3) in the paper.
         faulty: True if rotors may have faults.
         effects: names of the effects that are switched on.
-        numbers: parameters of the vehicles.
+        parameters: parameters of the vehicles.
 
     Raises:
         ValueError: an effect has no parameters, or a slung load is combined with a payload, which would move the
@@ -192,34 +192,34 @@ class Quadrotor(FleetSystem):
         kinematics: Kinematics = "exact",
         faulty: bool = False,
         effects: tuple[str, ...] = (),
-        numbers: QuadrotorNumbers = QuadrotorNumbers(),
+        parameters: QuadrotorConfig = QuadrotorConfig(),
     ) -> None:
         """Declare ports, states and parameters."""
         if {"slung_load", "payload"} <= set(effects):
             raise ValueError("the effects payload and slung_load cannot be combined")
         self.time_step = time_step
 
-        def active_effects(numbers: QuadrotorNumbers) -> Effects:
-            return numbers.effects.only(effects)
+        def active_effects(parameters: QuadrotorConfig) -> Effects:
+            return parameters.effects.only(effects)
 
-        def start(numbers: QuadrotorNumbers) -> VehicleState:
-            return initial_state(numbers.parameters, numbers.start, active_effects(numbers), numbers.motion)
+        def start(parameters: QuadrotorConfig) -> VehicleState:
+            return initial_state(parameters.parameters, parameters.start, active_effects(parameters), parameters.motion)
 
-        parameters = self.parameter("parameters", lambda numbers: numbers.parameters)
-        faults = self.parameter("faults", lambda numbers: numbers.faults) if faulty else None
-        effect_numbers = self.parameter("effects", active_effects) if effects else NO_EFFECTS
+        vehicle = self.parameter("parameters", lambda parameters: parameters.parameters)
+        faults = self.parameter("faults", lambda parameters: parameters.faults) if faulty else None
+        effect_parameters = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
         # Only faults and a payload depend on time. Without them, the equations must not contain the time, so that they
         # support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
-        arguments = *inputs, parameters, faults, effect_numbers, time
+        arguments = *inputs, vehicle, faults, effect_parameters, time
         motion = KINEMATICS[kinematics]
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: start(numbers).body)
-            rotors = self.state("rotor_speed", lambda numbers: start(numbers).rotors)
-            swing = self.state("swing", lambda numbers: start(numbers).swing) if "slung_load" in effects else None
-            charge = self.state("charge", lambda numbers: start(numbers).charge) if "battery" in effects else None
+            body = self.state("state", lambda parameters: start(parameters).body)
+            rotors = self.state("rotor_speed", lambda parameters: start(parameters).rotors)
+            swing = self.state("swing", lambda parameters: start(parameters).swing) if "slung_load" in effects else None
+            charge = self.state("charge", lambda parameters: start(parameters).charge) if "battery" in effects else None
             groups = body, rotors, swing, charge
             step_arguments = *groups, *arguments, time_step, motion
             self.update(time_step, quadrotor_step, *step_arguments, writes=groups, unrestricted=True, at_start=False)
@@ -227,21 +227,21 @@ class Quadrotor(FleetSystem):
                 self.state_output(group)
             self.output("acceleration", stepping_acceleration, *groups, *arguments, motion)
             if charge is not None:
-                self.output("battery", load_of_vehicle, charge, rotors, parameters, effect_numbers)
+                self.output("battery", load_of_vehicle, charge, rotors, vehicle, effect_parameters)
         else:
             state = self.continuous_state(start)
-            self.derivative(quadrotor_slope, state, *arguments, motion)
-            for (name, part), value in zip(_FIELD_OF_OUTPUT.items(), start(self._numbers), strict=True):
+            self.derivative(quadrotor_derivatives, state, *arguments, motion)
+            for (name, part), value in zip(_FIELD_OF_OUTPUT.items(), start(self._parameter_record), strict=True):
                 if value is not None:
                     self.output(name, getattr, state, part)
             self.output("acceleration", acceleration_at, state, *arguments, motion)
             if "battery" in effects:
-                self.output("battery", load_of_state, state, parameters, effect_numbers)
+                self.output("battery", load_of_state, state, vehicle, effect_parameters)
 
-    def set_hover(self, context: Context, place: Place) -> None:
+    def set_hover(self, context: Context, pose: HoverPose) -> None:
         """Set the state of a context to hover at a position and yaw, for the parameters of the context."""
         effects = self.get_parameter(context, "effects") if "effects" in self.parameters else NO_EFFECTS
-        state = initial_state(self.get_parameter(context, "parameters"), place, effects)
+        state = initial_state(self.get_parameter(context, "parameters"), pose, effects)
         if self.time_step == 0.0:
             self.set_state(context, "continuous", state)
             return

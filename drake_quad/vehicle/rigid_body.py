@@ -15,7 +15,7 @@ _SUM_TOLERANCE = 0.01
 _MOMENT_NAMES = ("I_xx", "I_yy", "I_zz")
 
 
-def inertia_flaw(moments: Sequence[float]) -> str:
+def explain_invalid_inertia(moments: Sequence[float]) -> str:
     """Return the reason why no rigid body has these moments of inertia, within 1 %; empty if they are possible.
 
     Args:
@@ -29,7 +29,7 @@ def inertia_flaw(moments: Sequence[float]) -> str:
     return f"{name}, {largest:.4g}, is larger than {names}, {together:.4g} kg m²"
 
 
-def nearest_rigid(
+def nearest_rigid_inertia(
     moments: Sequence[ArrayLike],
     lowest: Sequence[float] = (0.0, 0.0, 0.0),
     highest: Sequence[float] | None = None,
@@ -56,6 +56,6 @@ def nearest_rigid(
         largest = nearest == nearest.max(axis=0)
         excess = np.maximum(0.0, 2.0 * nearest.max(axis=0) - nearest.sum(axis=0))
         room = np.where(largest, nearest - low, high - nearest)
-        share = excess / np.maximum((room > 0.0).sum(axis=0), 1)
-        nearest = nearest + np.where(largest, -1.0, 1.0) * np.minimum(room, share)
+        fraction = excess / np.maximum((room > 0.0).sum(axis=0), 1)
+        nearest = nearest + np.where(largest, -1.0, 1.0) * np.minimum(room, fraction)
     return nearest

@@ -108,8 +108,8 @@ def rotor_target(
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     if effects.battery is not None and state.charge is not None:
         power = rotor_power(state.rotors, parameters)
-        share = battery_load(state.charge, power, effects.battery).voltage / effects.battery.voltage
-        factors = SpeedFactors._make(factor * share for factor in factors)
+        fraction = battery_load(state.charge, power, effects.battery).voltage / effects.battery.voltage
+        factors = SpeedFactors._make(factor * fraction for factor in factors)
     if effects.thrust_curve is not None:
         command = rotor_speeds_of_throttles(Throttle(*command), effects.thrust_curve, parameters)
     return target_rotor_speed(RotorSpeed(*command), parameters, factors)
@@ -147,7 +147,7 @@ def step_of_flight(
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     payload_time = 0.0 if effects.payload is None else time - half
 
-    def slope(stage: int, at: IntegratedState, stage_before: IntegratedState) -> IntegratedState:
+    def derivative(stage: int, at: IntegratedState, stage_before: IntegratedState) -> IntegratedState:
         rotors, elapsed = stages[stage]
         climbs = stage > 0 and effects.depend_on_height
         height = body.z + elapsed * stage_before.motion.v_z if climbs else body.z
@@ -159,7 +159,7 @@ def step_of_flight(
         )
 
     moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
-    step = runge_kutta_step(moving, slope, time_step)
+    step = runge_kutta_step(moving, derivative, time_step)
     moving, sixth = step.end, time_step / 6.0
     # The derivative of the position is the velocity, which is itself a state. For the position, the method therefore
     # reduces to a weighted mean of the velocities at the stages.
@@ -182,7 +182,7 @@ def _discharge_rate(charge: Charge, speed: RotorSpeed, parameters: QuadrotorPara
     return charge_rate(load_of_rotors(charge, speed, parameters, battery).current)
 
 
-def quadrotor_slope(
+def quadrotor_derivatives(
     state: VehicleState,
     command: RotorSpeed | Throttle,
     wind: Wind,
@@ -206,19 +206,19 @@ def quadrotor_slope(
     charge = state.charge
     if effects.battery is not None and charge is not None:
         charge = _discharge_rate(charge, state.rotors, parameters, effects.battery)
-    slope = VehicleState(
+    derivative = VehicleState(
         State(body.v_x, body.v_y, body.v_z, *angle_rates, *derivatives.motion),
         rotor_accelerations(state.rotors, target, parameters, effects.spin_down),
         swing,
         charge,
     )
-    return unless_crashed(crashed, zeros_like(slope), slope)
+    return unless_crashed(crashed, zeros_like(derivative), derivative)
 
 
 def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `quadrotor_slope`."""
-    slope = quadrotor_slope(state, *others).body
-    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, slope.p, slope.q, slope.r)
+    """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `quadrotor_derivatives`."""
+    derivative = quadrotor_derivatives(state, *others).body
+    return VehicleAcceleration(derivative.v_x, derivative.v_y, derivative.v_z, derivative.p, derivative.q, derivative.r)
 
 
 def stepping_acceleration(

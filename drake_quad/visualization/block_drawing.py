@@ -10,7 +10,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex
 from pydrake.systems.primitives import Demultiplexer
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError, shorten_text
 from drake_quad.visualization.style import BLUE
 
 _STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
@@ -50,7 +50,7 @@ def svg(drawing: str) -> str:
     process = subprocess.run(["dot", "-Tsvg"], input=drawing, capture_output=True, encoding="utf-8")
     if process.returncode:
         raise RuntimeError(
-            f"Graphviz's dot ended with status {process.returncode}: {shortened(process.stderr.strip(), 200)}"
+            f"Graphviz's dot ended with status {process.returncode}: {shorten_text(process.stderr.strip(), 200)}"
         )
     output = process.stdout
     return output[output.index("<svg") :].rstrip() + f"\n<!-- {digest(drawing)} -->\n"

@@ -48,17 +48,17 @@ def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
     return bool(np.mean(points < _MAX_SEPARATION) > _MIN_OVERLAP)
 
 
-def quantiles_over_flights(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
+def quantiles_over_flights(values: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
     """Return quantiles over the flights, ignoring NaN, at each of n instants; NaN where all flights are NaN.
 
     Args:
         values: values (flights, n).
-        shares: probabilities of the quantiles.
+        probabilities: probabilities of the quantiles.
 
     Returns:
         The quantiles (shares, n).
     """
-    quantiles = np.full((len(shares), values.shape[1]), np.nan)
+    quantiles = np.full((len(probabilities), values.shape[1]), np.nan)
     has_values = ~np.isnan(values).all(axis=0)
-    quantiles[:, has_values] = np.nanquantile(values[:, has_values], shares, axis=0)
+    quantiles[:, has_values] = np.nanquantile(values[:, has_values], probabilities, axis=0)
     return quantiles

@@ -10,7 +10,7 @@ from drake_quad.design.cascade import CascadeDesign
 from drake_quad.design.gains import LoopDesign, pd_loop
 from drake_quad.linear.closed_loop import ClosedLoop
 from drake_quad.linear.margins import frequencies
-from drake_quad.linear.step_response import release
+from drake_quad.linear.step_response import initial_response
 from drake_quad.signals import State
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLACK, BLUE, LIMIT, TEXT_BACKGROUND, VERMILION
@@ -119,7 +119,7 @@ def plot_steps(loop: ClosedLoop) -> Figure:
     duration = min(max(5.0 / slowest, 4.0), 60.0)
     with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
         for axes, (row, size, label) in zip(panels, _STEPS, strict=True):
-            response = release(loop, {row: -size}, duration=duration)
+            response = initial_response(loop, {row: -size}, duration=duration)
             diagram, model = (getattr(State(*rows.T), row) for rows in (response.nonlinear, response.linear))
             axes.plot(response.time, diagram + size, color=BLUE, label="diagram")
             axes.plot(response.time, model + size, "--", color=VERMILION, label="linear model")

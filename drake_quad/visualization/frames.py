@@ -22,9 +22,9 @@ _SIZE = (4.8, 3.6)  # inches
 _DPI = 100.0
 _FONT_SIZE = 8
 # A vehicle that is smaller than this fraction of the scene is enlarged to this fraction, so that it remains visible.
-_MIN_VEHICLE_SHARE = 0.05
+_MIN_VEHICLE_FRACTION = 0.05
 # Fraction of the frame's width or height that the scene and its labels fill at most.
-_MAX_FRAME_SHARE = 0.97
+_MAX_FRAME_FRACTION = 0.97
 # Number of tick marks along the longest side of the scene.
 _NUM_TICK_MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
@@ -66,7 +66,7 @@ class Camera:
             getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(num_marks))
         axes.tick_params(labelsize=_FONT_SIZE, pad=-1)
         _fit(axes, size, self._canvas)
-        enlargement = max(1.0, _MIN_VEHICLE_SHARE * size.max() / arm_length)
+        enlargement = max(1.0, _MIN_VEHICLE_FRACTION * size.max() / arm_length)
         self._arms = enlargement * self._arms
         self._radius = 0.45 * enlargement * arm_length
         self._axes = axes
@@ -114,7 +114,7 @@ def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
         axes.set_box_aspect(tuple(size), zoom=zoom)
         canvas.draw()
         extent = axes.get_tightbbox()
-        zoom *= _MAX_FRAME_SHARE * min(frame.width / extent.width, frame.height / extent.height)
+        zoom *= _MAX_FRAME_FRACTION * min(frame.width / extent.width, frame.height / extent.height)
     across = (frame.x0 + frame.x1 - extent.x0 - extent.x1) / frame.width / 2.0
     up = (frame.y0 + frame.y1 - extent.y0 - extent.y1) / frame.height / 2.0
     axes.set_position((across, up, 1.0, 1.0))

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from drake_quad.identification.flown_again.prediction import UNITS, Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates
+from drake_quad.identification.validation.prediction import UNITS, Predictions
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals

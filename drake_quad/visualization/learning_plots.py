@@ -100,7 +100,7 @@ def plot_learning(flight: Flight) -> Figure:
 
 def _rules(network: Network) -> list[dict[str, Any]]:
     """Return the label, colour and line style of each rule. The label lists the centres of the rule's fuzzy sets."""
-    first, *others = [sets.centres for sets in network.inputs.given.values()]
+    first, *others = [sets.centres for sets in network.inputs.specified.values()]
     return [
         {"label": ", ".join(f"{centre:g}" for centre in (of_first, *rest)), "color": color, "linestyle": style}
         for of_first, color in zip(first, itertools.cycle(_COLORS))
@@ -113,7 +113,7 @@ def _rule_legend(network: Network) -> list[Line2D]:
 
     With more than two inputs, the legend contains only colours, since a style stands for a combination of several sets.
     """
-    (name, sets), *others = network.inputs.given.items()
+    (name, sets), *others = network.inputs.specified.items()
     handles = [
         Line2D([], [], color=_COLORS[i % len(_COLORS)], label=f"{_INPUT_LABELS.get(name, name)} at {_signed(centre)}")
         for i, centre in enumerate(sets.centres)

@@ -13,13 +13,13 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet, set_fleet_numbers
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet, set_fleet_parameters
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch, draw_sample
 from drake_quad.scenario.effects.rotor_failure import RotorFailureEffect
-from drake_quad.scenario.limits import LONGEST
+from drake_quad.scenario.limits import MAX_DURATION
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.signals import Reference, State
@@ -77,8 +77,8 @@ class LiveFlight:
         self._can_fail = not drawn.laboratory.autopilot.models_vehicle
         self._scenario = self._given = _with_failing_motor(drawn) if self._can_fail else drawn
         self._wind: Any = ConstantVectorSource(np.zeros(3))
-        self._own = UserSystems(wind=self._wind)
-        self._diagram = build_fleet_diagram(self._batch, self.plan, own=self._own)
+        self._user_systems = UserSystems(wind=self._wind)
+        self._diagram = build_fleet_diagram(self._batch, self.plan, user_systems=self._user_systems)
         self.simulator = Simulator(self._diagram)
         self.simulator.set_target_realtime_rate(rate)
         self._visualizer = QuadrotorVisualizer(meshcat, drawn, self.plan)
@@ -122,8 +122,8 @@ class LiveFlight:
         Args:
             duration: largest simulated time, summed over all repetitions, s.
         """
-        flown = 0.0
-        while flown < duration and not self._clicked(_STOP):
+        elapsed = 0.0
+        while elapsed < duration and not self._clicked(_STOP):
             if self._clicked(_RESTART) or self.time >= self.duration - 1e-9:
                 self._start()
             self._read_controls()
@@ -132,7 +132,7 @@ class LiveFlight:
             else:
                 self.simulator.AdvanceTo(min(self.time + _FRAME_PERIOD, self.duration))
                 self._show_error()
-            flown += _FRAME_PERIOD
+            elapsed += _FRAME_PERIOD
             yield self.time
 
     def _add_controls(self) -> None:
@@ -155,7 +155,7 @@ class LiveFlight:
         if self._can_fail:
             self._scenario = with_number(self._scenario, _FAILURE_TIME, number_at(self._given, _FAILURE_TIME))
         context = self.simulator.get_mutable_context()
-        reset_fleet(self._diagram, context, self._batch, self.plan, own=self._own)
+        reset_fleet(self._diagram, context, self._batch, self.plan, user_systems=self._user_systems)
         self._gust_end, self._errors = -np.inf, []
         self._visualizer.watch(self.simulator)
         self.simulator.Initialize()
@@ -181,13 +181,13 @@ class LiveFlight:
             self._scenario = with_number(self._scenario, path, number)
         context = self.simulator.get_mutable_context()
         if numbers:
-            set_fleet_numbers(self._diagram, context, self._batch, self.plan, own=self._own)
+            set_fleet_parameters(self._diagram, context, self._batch, self.plan, user_systems=self._user_systems)
         if self._clicked(_GUST):
             self._gust_end = self.time + _GUST_DURATION
         wind = np.array([*(self._values[label] for label in _WIND_LABELS), 0.0])
         if self.time < self._gust_end:
-            remaining_share = (self._gust_end - self.time) / _GUST_DURATION
-            wind[0] += 0.5 * _GUST_SPEED * (1.0 - np.cos(2.0 * np.pi * remaining_share))
+            remaining_fraction = (self._gust_end - self.time) / _GUST_DURATION
+            wind[0] += 0.5 * _GUST_SPEED * (1.0 - np.cos(2.0 * np.pi * remaining_fraction))
         wind_context = self._wind.GetMyMutableContextFromRoot(context)
         self._wind.get_mutable_source_value(wind_context).set_value(wind)
 
@@ -212,7 +212,7 @@ def _with_failing_motor(scenario: Scenario) -> Scenario:
     vehicle: Any = scenario.vehicle
     if vehicle.rotor_failure is not None:
         return scenario
-    failure = RotorFailureEffect(rotor=1.0, time=LONGEST, speed_factor=0.0)
+    failure = RotorFailureEffect(rotor=1.0, time=MAX_DURATION, speed_factor=0.0)
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update={"rotor_failure": failure})})
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.identification.flown_again.comparison import INTERVAL, LogComparison
+from drake_quad.identification.validation.comparison import INTERVAL, LogComparison
 from drake_quad.visualization.curves import quantiles_over_flights
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
@@ -27,11 +27,11 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
     with new_panels(10.0, 6.6, 3, 2, sharex=True) as (figure, grid):
         for i, (position_axes, error_axes) in enumerate(grid):
             band = quantiles_over_flights(comparison.predicted[:, :, i], (INTERVAL[0], 0.5, INTERVAL[1]))
-            curves = np.vstack([time, target[:, i], comparison.flown[:, i], band])
-            times, reference, flown, low, median, high = np.insert(curves, gaps, np.nan, axis=1)
+            curves = np.vstack([time, target[:, i], comparison.logged_error[:, i], band])
+            times, reference, logged, low, median, high = np.insert(curves, gaps, np.nan, axis=1)
             position_axes.plot(times, reference, **REFERENCE, label="reference", zorder=3)
-            _draw(position_axes, times, reference - flown, reference - median, (reference - high, reference - low))
-            _draw(error_axes, times, 100.0 * flown, 100.0 * median, (100.0 * low, 100.0 * high))
+            _draw(position_axes, times, reference - logged, reference - median, (reference - high, reference - low))
+            _draw(error_axes, times, 100.0 * logged, 100.0 * median, (100.0 * low, 100.0 * high))
             position_axes.set_ylabel(f"{'xyz'[i]} (m)")
             error_axes.set_ylabel(f"error on {'XYZ'[i]} (cm)")
         for axes in grid[-1]:
@@ -41,8 +41,8 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
 
 
 def _draw(
-    axes: Axes, time: np.ndarray, flown: np.ndarray, median: np.ndarray, band: tuple[np.ndarray, np.ndarray]
+    axes: Axes, time: np.ndarray, logged: np.ndarray, median: np.ndarray, band: tuple[np.ndarray, np.ndarray]
 ) -> None:
     axes.fill_between(time, *band, **_BAND_STYLE, label="95 % of the predictions")
     axes.plot(time, median, color=BLUE, linewidth=1.0, label="predicted")
-    axes.plot(time, flown, color=VERMILION, label="flown")
+    axes.plot(time, logged, color=VERMILION, label="flown")

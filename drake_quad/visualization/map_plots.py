@@ -41,12 +41,12 @@ class MapPanel(NamedTuple):
     Attributes:
         title: title of the panel.
         linear: stability of the linear model for each pair of gains.
-        flown: metrics of the simulated flight with each pair of gains, (rows, columns).
+        simulated: metrics of the simulated flight with each pair of gains, (rows, columns).
     """
 
     title: str
     linear: StabilityMap
-    flown: Metrics
+    simulated: Metrics
 
 
 def plot_map(
@@ -69,7 +69,9 @@ def plot_map(
         loop: name of the loop, for the title.
     """
     # The logarithmic colour scale ends at 0.1 mm, since smaller errors do not matter.
-    errors = [np.where(panel.flown.crashed, np.nan, np.maximum(100.0 * panel.flown.rmse, 1e-2)) for panel in panels]
+    errors = [
+        np.where(panel.simulated.crashed, np.nan, np.maximum(100.0 * panel.simulated.rmse, 1e-2)) for panel in panels
+    ]
     finite_errors = np.concatenate([error[np.isfinite(error)] for error in errors])
     low = float(finite_errors.min()) if len(finite_errors) else 1.0
     high = min(max(float(finite_errors.max(initial=0.0)), 2.0 * low), 30.0 * low)
@@ -95,7 +97,7 @@ def plot_map(
 
 def _legend_handles(panels: list[MapPanel]) -> list[Line2D | Patch]:
     """Return the handles of the legend."""
-    crashed = any(panel.flown.crashed.any() for panel in panels)
+    crashed = any(panel.simulated.crashed.any() for panel in panels)
     return [
         Line2D([], [], **_STABILITY_EDGE_STYLE, label="stability limit"),
         Line2D([], [], **_DAMPING_STYLE, label="damping ratio ζ"),

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drake_quad.flight.flight import Flight
-from drake_quad.statistics.estimates import mean_interval, share_interval
+from drake_quad.statistics.estimates import mean_interval, proportion_interval
 from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.studies.study import Study
 from drake_quad.visualization.curves import dash_overlapping_curves
@@ -66,7 +66,8 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
         draw_distribution(axes["distribution"], study_by_name, name)
         means = [mean_interval(values_without_crashes(study.metrics, name)) for study in study_by_name.values()]
         crashes = [
-            share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in study_by_name.values()
+            proportion_interval(int(study.metrics.crashed.sum()), len(study.samples))
+            for study in study_by_name.values()
         ]
         for panel, intervals, color in (("mean", means, BLACK), ("crashes", crashes, VERMILION)):
             value, low, high = np.transpose(intervals)

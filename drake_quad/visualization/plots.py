@@ -47,16 +47,16 @@ _MIN_SIDE = 0.5
 
 def plot_path(flight: Flight) -> Figure:
     """Plot the flown path and the reference in three dimensions and from above."""
-    flown, reference = positions(flight.record("state")).T, positions(flight.record("reference")).T
+    actual, reference = positions(flight.record("state")).T, positions(flight.record("reference")).T
     with styled():
         figure = new_figure(9.5, 4.8)
         space = figure.add_subplot(1, 2, 1, projection="3d")
-        space.plot(*flown, color=BLUE)
+        space.plot(*actual, color=BLUE)
         space.plot(*reference, **REFERENCE)
-        space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
+        space.scatter(*actual[:, :1], color=BLUE, marker="o", s=18)
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
         space.yaxis.labelpad = 12.0
-        points = np.hstack([flown, reference])
+        points = np.hstack([actual, reference])
         points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that has diverged is not finite
         room = flight.scenario.room()
         if room is not None and room.obstacles:
@@ -130,14 +130,14 @@ def draw_error(axes: Axes, flight: Flight) -> None:
 
 def plot_attitude(flight: Flight) -> Figure:
     """Plot roll, pitch and yaw over time, with the commanded attitude if the controller commands one."""
-    flown = flight.record("state")
+    actual = flight.record("state")
     command = flight.record("attitude_command") if "attitude_command" in flight.signals else None
     with new_panels(8.0, 5.6, 3, 1, sharex=True) as (figure, grid):
         for (axes,), angle in zip(grid, Attitude._fields, strict=True):
             if command is not None:
                 commanded = np.degrees(getattr(command, angle))
                 axes.plot(flight.time, commanded, color=VERMILION, linewidth=1.0, label="commanded")
-            axes.plot(flight.time, np.degrees(getattr(flown, angle)), color=BLUE, label="flown")
+            axes.plot(flight.time, np.degrees(getattr(actual, angle)), color=BLUE, label="flown")
             dash_overlapping_curves(axes)
             axes.set(ylabel=f"{angle} (°)")
             low, high = axes.get_ylim()
@@ -207,6 +207,6 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     network = flight.scenario.control.network
     if network is not None and "weights" in flight.signals:
         plots |= {"memberships": plot_network_memberships, "learning": plot_learning}
-        if [*network.inputs.given] == ["error", "error_rate"]:
+        if [*network.inputs.specified] == ["error", "error_rate"]:
             plots |= {"surfaces": plot_surfaces, "secant_gains": plot_secant_gains}
     return save_figures({name: plot(flight) for name, plot in plots.items()}, target, vector=vector)

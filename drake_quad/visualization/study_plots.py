@@ -13,7 +13,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.description import unit_at
-from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
+from drake_quad.statistics.estimates import proportion_interval, quantile_interval, running_mean
 from drake_quad.studies.statistics import (
     crash_bins,
     crash_probability,
@@ -86,16 +86,16 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         values = np.sort(values_with_crashes(study.metrics, name))
         n = len(values)
         finite = values[np.isfinite(values)]
-        share = np.arange(1, len(finite) + 1) / n
+        fraction = np.arange(1, len(finite) + 1) / n
         half_width = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
             label += f" ({crash_probability(study.metrics).without_interval().percent()} crashed)"
-        axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
+        axes.step(finite, fraction, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,
-            np.maximum(share - half_width, 0.0),
-            np.minimum(share + half_width, 1.0),
+            np.maximum(fraction - half_width, 0.0),
+            np.minimum(fraction + half_width, 1.0),
             step="post",
             color=color,
             alpha=0.15,
@@ -130,8 +130,8 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
             first_values = [values[:stop] for stop in stops]
-            shares = (share_interval(int(part.sum()), len(part)) for part in first_values)
-            intervals = np.array([*shares] if crashes else [quantile_interval(part, 0.95) for part in first_values])
+            fractions = (proportion_interval(int(part.sum()), len(part)) for part in first_values)
+            intervals = np.array([*fractions] if crashes else [quantile_interval(part, 0.95) for part in first_values])
             value, low, high = np.where(np.isfinite(intervals), intervals, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)

@@ -111,10 +111,10 @@ def plot_wind(flight: Flight) -> Figure:
 
 def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
     """Return the region above the ground that contains both paths and all fans with a margin."""
-    flown, reference = coordinates_by_axis(flight.record("state")), coordinates_by_axis(flight.record("reference"))
-    finite = np.all([np.isfinite(flown[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
+    actual, reference = coordinates_by_axis(flight.record("state")), coordinates_by_axis(flight.record("reference"))
+    finite = np.all([np.isfinite(actual[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
     ends = {
-        axis: [*flown[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES
+        axis: [*actual[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES
     }
     low = {axis: min(coordinates) - _MARGIN for axis, coordinates in ends.items()}
     low["z"] = max(low["z"], 0.0)

@@ -10,7 +10,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 
 _PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
 
@@ -46,7 +46,7 @@ def print_calibration(calibration: Calibration) -> None:
     label, _, pd, network = calibration.hypothesis
     print(f"{label}: {pd.label} {calibration.pd:.4g}, {network.label} {calibration.network:.4g}")
     rows = []
-    for cell, line in printed_table().items():
+    for cell, line in published_table().items():
         simulated, printed = calibration.errors[cell], line.rmse.mean
         rows.append(
             (

@@ -34,21 +34,21 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
     The loops are reset while the logged thrust is 0.
     """
-    numbers, rules = recipe.numbers, recipe.structure["rules"]
-    x, y, z = numbers.velocity.terms
-    numbers = numbers._replace(
-        velocity=numbers.velocity._replace(terms=(x, y, z._replace(limit=None))),
-        command=numbers.command._replace(max_thrust=math.inf),
+    parameters, rules = recipe.parameters, recipe.structure["rules"]
+    x, y, z = parameters.velocity.terms
+    parameters = parameters._replace(
+        velocity=parameters.velocity._replace(terms=(x, y, z._replace(limit=None))),
+        command=parameters.command._replace(max_thrust=math.inf),
     )
-    rows, loop_state = [], initial_state(numbers, 1)
+    rows, loop_state = [], initial_state(parameters, 1)
     for row in log:
         estimate = [row[f"est_stateEstimate_{name}"] for name in ("x", "y", "z", "vx", "vy", "vz")]
         attitude = [row[f"att_stateEstimate_{name}"] * DEGREE for name in ("roll", "pitch", "yaw")]
         state = State._make([*estimate[:3], *attitude, *estimate[3:], 0.0, 0.0, 0.0])
         setpoint = [row[f"sp_ctrltarget_{name}"] for name in "xyz"]
         reference = Reference._make([*setpoint, *[0.0] * 6, row["sp_ctrltarget_yaw"] * DEGREE, 0.0])
-        target, next_state = step_cascade(state, reference, numbers, loop_state, 0.01, 1, rules)
-        loop_state = next_state if row["pid_controller_cmd_thrust"] > 0.0 else initial_state(numbers, 1)
+        target, next_state = step_cascade(state, reference, parameters, loop_state, 0.01, 1, rules)
+        loop_state = next_state if row["pid_controller_cmd_thrust"] > 0.0 else initial_state(parameters, 1)
         rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * UNIT)])
     return np.array(rows)
 

@@ -18,11 +18,11 @@ from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser, check_ranges, overrides_of
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
-from drake_quad.errors import shown
+from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
-from drake_quad.identification.known_flights import KNOWN_FLIGHTS, CheckedParameter, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
-from drake_quad.statistics.estimates import share_interval
+from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, CheckedParameter, CheckTask, check_batch
+from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.worker_pool import run_tasks
 
@@ -37,7 +37,7 @@ def main() -> None:
     options = bare_parser(
         __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
-    options.add_argument("flights", choices=[*KNOWN_FLIGHTS], help="condition of the flights")
+    options.add_argument("flights", choices=[*SYNTHETIC_FLIGHTS], help="condition of the flights")
     options.add_argument("--samples", type=int, default=100, help="number of flights (default: %(default)s)")
     options.add_argument("--processes", type=int, default=1, help="number of worker processes (default: %(default)s)")
     options.add_argument("--seed", type=int, default=11, help="random seed (default: %(default)s)")
@@ -57,12 +57,12 @@ def main() -> None:
         raise InputError(f"--output {path}: the name must end in .csv")
     output_folder(path.parent)
     overrides = [f"seed={arguments.seed}", *(each.assignment for each in overrides_of(arguments.set))]
-    KNOWN_FLIGHTS[arguments.flights].simulated_scenario(_DIAGRAMS, overrides)
+    SYNTHETIC_FLIGHTS[arguments.flights].simulated_scenario(_DIAGRAMS, overrides)
     description = " ".join([arguments.flights, *overrides])
     done = read_rows(path, description)
     missing = [sample for sample in range(arguments.samples) if sample not in done]
     batches = [missing[i : i + _BATCH_SIZE] for i in range(0, len(missing), _BATCH_SIZE)]
-    tasks = [Task(arguments.flights, _DIAGRAMS, overrides, batch) for batch in batches]
+    tasks = [CheckTask(arguments.flights, _DIAGRAMS, overrides, batch) for batch in batches]
     try:
         with new_bar(total=len(missing), desc="flights") as bar:
             for results in check_batches(tasks, arguments.processes):
@@ -76,7 +76,7 @@ def main() -> None:
     print_files([path])
 
 
-def check_batches(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
+def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
     """Yield the results of each batch as soon as it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
@@ -111,7 +111,7 @@ def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]
         saved = first.removeprefix(_COMMENT).strip()
         if saved != description:
             raise InputError(
-                f"--output {path}: the file contains flights of {shown(saved)}, not of {shown(description)};"
+                f"--output {path}: the file contains flights of {short_repr(saved)}, not of {short_repr(description)};"
                 " delete it or give another path"
             )
         for sample, name, *numbers in lines:
@@ -151,13 +151,13 @@ def print_coverage(results: dict[int, list[CheckedParameter]]) -> None:
         true, value, deviation, freedom = np.array([row[1:] for row in rows]).T
         error = value - true
         covered = int(np.sum(np.abs(error) < quantile(freedom) * deviation))
-        share, rms = share_interval(covered, len(rows)), np.sqrt(np.mean(error**2))
+        fraction, rms = proportion_interval(covered, len(rows)), np.sqrt(np.mean(error**2))
         spread = np.std(error) or np.nan
         table.append(
             (
                 name,
                 f"{covered} of {len(rows)}",
-                share.percent(),
+                fraction.percent(),
                 f"{np.mean(error) / spread:+.2f}",
                 f"{np.sqrt(np.mean(deviation**2)) / rms:.2f}",
                 f"{rms:.2g}",

@@ -77,7 +77,7 @@ def circle() -> tuple[Scenario, Plan]:
     knots = np.stack([[*turn, up] for turn, up in zip(turns, height, strict=True)]).transpose(2, 0, 1)
     window = [f"duration={_DURATION}", f"metrics.start={0.5 * _DURATION}"]
     scenario = load_scenario(_DIAGRAMS / "figure_eight.yaml", window)
-    return scenario, Plan.facing(hermite_path(times, knots))
+    return scenario, Plan.with_constant_yaw(hermite_path(times, knots))
 
 
 def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:

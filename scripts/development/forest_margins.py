@@ -11,7 +11,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.flight.mission import planned
-from drake_quad.statistics.estimates import share_interval
+from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.statistics import Interval
 from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_figures, styled
 
@@ -46,7 +46,7 @@ class Point(NamedTuple):
     @property
     def probability(self) -> Interval:
         """Probability of touching a trunk."""
-        return share_interval(self.touched, self.flights)
+        return proportion_interval(self.touched, self.flights)
 
 
 def main() -> None:
@@ -93,9 +93,9 @@ def draw(points: list[Point]) -> "Figure":
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
         for name, colour, shift in zip(CONTROLLERS, (BLUE, VERMILION), (-0.002, 0.002), strict=True):
             own = [point for point in points if point.controller == name]
-            shares = [point.probability for point in own]
-            middle = [100.0 * share.value for share in shares]
-            ends = [[100.0 * (s.value - s.low) for s in shares], [100.0 * (s.high - s.value) for s in shares]]
+            fractions = [point.probability for point in own]
+            middle = [100.0 * fraction.value for fraction in fractions]
+            ends = [[100.0 * (s.value - s.low) for s in fractions], [100.0 * (s.high - s.value) for s in fractions]]
             above.errorbar(
                 [p.margin + shift for p in own],
                 middle,

@@ -19,7 +19,7 @@ from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.command_line.options import bare_parser
 from drake_quad.flight.hover_error import hover_error
 from drake_quad.linear.hover_covariance import linear_hover_error
-from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.paths import map_leaves
 
 _CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 _DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
@@ -90,7 +90,7 @@ def print_noises(layer: str) -> None:
 
 def with_noise(scenario: Scenario, factor: float) -> Scenario:
     """Return the scenario with the measurement noise of its cameras multiplied by a factor."""
-    scaled: Scenario = replaced(scenario, lambda path, value: factor * value if path in _NOISE_FIELDS else value)
+    scaled: Scenario = map_leaves(scenario, lambda path, value: factor * value if path in _NOISE_FIELDS else value)
     return scaled
 
 

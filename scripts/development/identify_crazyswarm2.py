@@ -21,12 +21,12 @@ from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_atomically
-from drake_quad.identification.flown_again.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.result import Identification, Spread
 from drake_quad.identification.results.estimates import Estimates
-from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
+from drake_quad.identification.results.vehicle_values import number_of, with_numbers
+from drake_quad.identification.validation.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.scenario.correlation import correlated_normals
 from drake_quad.scenario.files.loading import load_undesigned
@@ -91,7 +91,7 @@ def main() -> None:
     for log in arguments.log:
         record = read_log(_LOGS / f"log{log}.xz")
         base = load_undesigned(f"{_FILE}:sheet_{log}", list(_INITIAL_LAG))
-        identification = identify([record], base, held_out_share=0.0)
+        identification = identify([record], base, held_out_fraction=0.0)
         estimate, drag = velocity_estimate(record), linear_drag(record, base)
         parts.append(vehicle(log, base, identification, estimate, drag))
         rows += table_rows(log, identification, estimate, drag)
@@ -108,8 +108,8 @@ def vehicle(
 ) -> str:
     """Return the YAML text of the scenario of a log."""
     ticks = round(identification.vehicle.laboratory.command_link.delay_ticks)
-    flown = load_undesigned(f"{_FILE}:sheet_{log}", [*_INITIAL_LAG, f"laboratory.command_link.delay_ticks={ticks}"])
-    numbers = conditioned_on_stability(identification.estimates.part(_WRITTEN_PARAMETERS), flown)
+    sheet = load_undesigned(f"{_FILE}:sheet_{log}", [*_INITIAL_LAG, f"laboratory.command_link.delay_ticks={ticks}"])
+    numbers = conditioned_on_stability(identification.estimates.subset(_WRITTEN_PARAMETERS), sheet)
     values = dict(zip(_WRITTEN_PARAMETERS, numbers.values, strict=True))
     drawn = correlated_normals(_WRITTEN_PARAMETERS, numbers.values, numbers.covariance, prefix=f"log{log}")
     texts = {
@@ -117,8 +117,8 @@ def vehicle(
     }
     torque_ratio = base.vehicle.drag_factor / base.vehicle.thrust_factor
     yaw_inertia = base.vehicle.inertia[2] * values["inertia[0]"] / base.vehicle.inertia[0]
-    believed = number_of(base, "body_drag.linear[0]")
-    arm = values[_CENTRE_OF_PRESSURE] * 2.0 * believed / (drag[0].value + drag[1].value)
+    nominal = number_of(base, "body_drag.linear[0]")
+    arm = values[_CENTRE_OF_PRESSURE] * 2.0 * nominal / (drag[0].value + drag[1].value)
     lines = [
         f"log{log}:",
         f"  extends: sheet_{log}",
@@ -212,10 +212,15 @@ def table_rows(
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
         if name in _WRITTEN_PARAMETERS
     ]
-    for axis, one, share, rest in zip("xy", drag, estimate.scale_error, estimate.drift, strict=False):
+    for axis, one, fraction, rest in zip("xy", drag, estimate.scale_error, estimate.drift, strict=False):
         rows += [
             (f"log{log}", f"drag along {axis}, N s/m", f"{one.value:.4g}", f"{one.deviation:.2g}"),
-            (f"log{log}", f"scale error of the velocity along {axis}", f"{share.value:.3f}", f"{share.deviation:.2g}"),
+            (
+                f"log{log}",
+                f"scale error of the velocity along {axis}",
+                f"{fraction.value:.3f}",
+                f"{fraction.deviation:.2g}",
+            ),
             (
                 f"log{log}",
                 f"velocity drift along {axis}, over {estimate.correlation_time:.2g} s, m/s",

@@ -18,14 +18,14 @@ import scipy
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.files import write_atomically
-from drake_quad.identification.flown_again.flown_part import flown_part
 from drake_quad.identification.identify import identify
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.windows import coarser
+from drake_quad.identification.validation.free_flight import free_flight
+from drake_quad.identification.windows import downsample
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.motors import ThrottleMotors
 
@@ -97,7 +97,7 @@ def main() -> None:
         names.append(path.name.partition("_rep1")[0])
     if not flights:
         raise InputError(
-            f"{shown(str(arguments.folder))} contains no slow or medium PID flight of NanoBench; give its folder"
+            f"{short_repr(str(arguments.folder))} contains no slow or medium PID flight of NanoBench; give its folder"
         )
     print_columns(
         ("flight", "hover", "slope (m/s²)", "drag (1/s)", "velocity scale", "lag (ms)"),
@@ -119,21 +119,23 @@ def with_commands(record: FlightRecord) -> FlightRecord:
     voltage = scipy.ndimage.gaussian_filter1d(record.of("battery_voltage"), _SMOOTHING_SAMPLES)
     motors = record.of("motor_command")
     thrust = np.polynomial.polynomial.polyval(motors * voltage[:, np.newaxis], _THRUST_OF_VOLTAGE)
-    shares = np.clip(thrust / (_FULL_THROTTLE * MAX_THRUST), 0.0, 1.0)
-    return replace(record, motor_command=np.where(motors > 0.0, shares, 0.0), battery_voltage=None)
+    fractions = np.clip(thrust / (_FULL_THROTTLE * MAX_THRUST), 0.0, 1.0)
+    return replace(record, motor_command=np.where(motors > 0.0, fractions, 0.0), battery_voltage=None)
 
 
 def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
     """Return the parameters of a flight from its record and the table of its log."""
-    part = flown_part(record)
-    flown = record.part(slice(part.first + _SETTLING_SAMPLES, part.end - _SETTLING_SAMPLES))
+    part = free_flight(record)
+    free_flight_record = record.subset(slice(part.first + _SETTLING_SAMPLES, part.end - _SETTLING_SAMPLES))
     rows = table[part.first + _SETTLING_SAMPLES : part.end - _SETTLING_SAMPLES]
-    commands = _FULL_THROTTLE * flown.of("motor_command")
+    commands = _FULL_THROTTLE * free_flight_record.of("motor_command")
     roll = 0.25 * (commands[:, 2] + commands[:, 3] - commands[:, 0] - commands[:, 1])
     pitch = 0.25 * (commands[:, 1] + commands[:, 2] - commands[:, 0] - commands[:, 3])
-    position, velocity = (smooth(each) for each in (flown.of("position"), flown.of("velocity")))
-    body = rotations(flown.of("attitude"))
-    drag = -slopes(body.inv().apply(velocity)[:, :2], smooth(flown.of("specific_force"))[:, :2])
+    position, velocity = (
+        smooth(each) for each in (free_flight_record.of("position"), free_flight_record.of("velocity"))
+    )
+    body = rotations_of(free_flight_record.of("attitude"))
+    drag = -slopes(body.inv().apply(velocity)[:, :2], smooth(free_flight_record.of("specific_force"))[:, :2])
     estimated = np.column_stack([rows[f"est_stateEstimate_{axis}"] for axis in ("x", "y", "z")])
     speeds = np.column_stack([rows[f"est_stateEstimate_v{axis}"] for axis in ("x", "y", "z")])
     scale = slopes(velocity, smooth(speeds)) - 1.0
@@ -148,7 +150,7 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
         drag,
         scale,
         drift.std(axis=0),
-        flown.period * float(np.mean([correlation_samples(column) for column in drift.T])),
+        free_flight_record.period * float(np.mean([correlation_samples(column) for column in drift.T])),
         float(-slopes(velocity[:, :2], (estimated - position)[:, :2]).mean()),
         (velocity[:, :2], smooth(lean)[:, :2]),
     )
@@ -173,7 +175,7 @@ def correlation_samples(signal: np.ndarray) -> int:
 
 def climb_slope(record: FlightRecord, lift_off: int) -> float:
     """Return the derivative of the vertical acceleration in the climb with respect to the collective command, m/s²."""
-    part = record.part(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
+    part = record.subset(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
     acceleration = np.gradient(smooth(np.gradient(part.of("position")[:, 2], part.time)), part.time)
     command = smooth(_FULL_THROTTLE * part.of("motor_command").mean(axis=1))
     best = (np.inf, 0.0)
@@ -212,8 +214,8 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
     rows = []
     for record in records:
         # The centre of mass differs between flights, so each flight is identified separately.
-        imu = coarser(replace(record, position=None, velocity=None, attitude=None), _NUM_AVERAGED)
-        identification = identify([imu], start, held_out_share=0.0)
+        imu = downsample(replace(record, position=None, velocity=None, attitude=None), _NUM_AVERAGED)
+        identification = identify([imu], start, held_out_fraction=0.0)
         fitted: Any = identification.vehicle.vehicle.motors
         _, k_1, k_2 = fitted.curve
         factor = 0.25 * _MASS * slope * _FULL_THROTTLE / (k_1 + 2.0 * k_2 * hover / _FULL_THROTTLE)

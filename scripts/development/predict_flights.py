@@ -109,8 +109,8 @@ def print_row(name: str, errors: list[float]) -> None:
 
 def print_differences(errors: list[float]) -> None:
     """Print the differences of the predicted errors from the flights in %."""
-    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
-    print(f"| difference from the flights | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
+    fractions = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
+    print(f"| difference from the flights | {' | '.join(f'{fraction:+.0f} %' for fraction in fractions)} |")
 
 
 def print_phases() -> None:

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from drake_quad.assembly.control import control_recipes
-from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.attitude import AttitudeController, AttitudeParameters
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.response import AxisCommand
-from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorParameters
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
-from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
+from drake_quad.control.fuzzy.set_learning import AdaptationParameters, SetLearning
+from drake_quad.control.fuzzy.systems import FuzzyRules, FuzzyRulesParameters, Lead, LearningParameters, WeightLearning
 from drake_quad.control.geometric import (
     GeometricAttitudeController,
     IntegratingAttitudeController,
-    IntegratingAttitudeNumbers,
+    IntegratingAttitudeParameters,
 )
-from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeParameters
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
@@ -47,19 +47,19 @@ def test_the_cascade_has_the_gains_and_the_nominal_parameters_of_the_scenario(as
         "attitude": AttitudeController,
     }
     pd, integral, vectoring, attitude = recipes.values()
-    assert pd.numbers == PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.3, 3.2))
+    assert pd.parameters == PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.3, 3.2))
     assert pd.structure == {"derivative": "tracking_error", "feeds_forward": True}
-    assert integral.numbers == IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
+    assert integral.parameters == IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
     assert integral.structure == {"period": 0.02, "integration": "forward_euler"}
     backward_euler = "control.position.integration=backward_euler"
     assert (
         recipes_of(asymmetric("pid", backward_euler))[0]["position.integral"].structure["integration"]
         == "backward_euler"
     )
-    assert (vectoring.numbers.mass, vectoring.numbers.gravity) == (0.7, 9.79)
-    assert tuple(vectoring.numbers.limits) == pytest.approx((math.tan(0.2), 0.975 * WEIGHT, 1.11 * WEIGHT))
+    assert (vectoring.parameters.mass, vectoring.parameters.gravity) == (0.7, 9.79)
+    assert tuple(vectoring.parameters.limits) == pytest.approx((math.tan(0.2), 0.975 * WEIGHT, 1.11 * WEIGHT))
     k_p, k_d = PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1)
-    assert attitude.numbers == AttitudeNumbers(k_p, k_d, 0.0065, 0.0085, 0.0126)
+    assert attitude.parameters == AttitudeParameters(k_p, k_d, 0.0065, 0.0085, 0.0126)
 
 
 def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric):
@@ -74,32 +74,34 @@ PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
     response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
-    numbers = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
+    parameters = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {parameters}}}"))
     assert [*recipes] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
     estimator = recipes["position.estimator"]
     assert estimator.structure == {"period": 0.02, "delay_ticks": 3}
-    laws, lags, limit, start = estimator.numbers
+    laws, lags, limit, start = estimator.parameters
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
     # By default, the feedforward has the same lag as the feedback.
     without_feed_forward_lag = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {without_feed_forward_lag}}}"))
-    laws, lags, *_ = recipes["position.estimator"].numbers
+    laws, lags, *_ = recipes["position.estimator"].parameters
     assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
     assert lags == (AxisCommand(0.2, 0.2), AxisCommand(0.3, 0.3), AxisCommand(0.1, 0.1))
 
 
 def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
-    numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
-    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+    parameters = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
+    position = (
+        f"{{kind: disturbance_observer, {PD}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+    )
     recipes, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
     expected = [
         KalmanLaw.of(deviation=deviation, time_constant=T, position_noise=0.002, period=0.02)
         for deviation, T in ((0.3, 1.0), (0.4, 2.0), (0.5, 3.0))
     ]
-    assert recipes["position.estimator"].numbers.laws == tuple(expected)
+    assert recipes["position.estimator"].parameters.laws == tuple(expected)
 
 
 def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asymmetric):
@@ -108,7 +110,7 @@ def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asy
     assert pd == recipes_of(asymmetric("pid"))[0]
     geometric, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}}}"))
     assert geometric["attitude"].system is GeometricAttitudeController
-    assert geometric["attitude"].numbers == pd["attitude"].numbers
+    assert geometric["attitude"].parameters == pd["attitude"].parameters
     assert geometric["attitude"].structure == {"transports": True}
     structures = [recipes["thrust_vectoring"].structure for recipes in (pd, geometric)]
     assert structures == [{"projects": False}, {"projects": True, "sequence": "zyx"}]
@@ -120,14 +122,16 @@ def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asy
     attitude = recipes["attitude"]
     assert attitude.system is IntegratingAttitudeController
     assert attitude.structure == {"period": 0.02, "integration": "backward_euler", "transports": False}
-    assert attitude.numbers == IntegratingAttitudeNumbers(pd["attitude"].numbers, PerAngle(3.0, 2.0, 1.0), 7.0)
+    assert attitude.parameters == IntegratingAttitudeParameters(pd["attitude"].parameters, PerAngle(3.0, 2.0, 1.0), 7.0)
     assert recipes["thrust_vectoring"].structure == {"projects": True, "sequence": "zxy"}
-    numbers = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
+    parameters = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
+    recipes, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {parameters}}}"))
     attitude = recipes["attitude"]
     assert attitude.system is IncrementalAttitudeController
     assert attitude.structure == {"period": 0.02, "delay_ticks": 2}
-    assert attitude.numbers == IncrementalAttitudeNumbers(pd["attitude"].numbers, IncrementalLaw(6.0), 0.08, 9.0)
+    assert attitude.parameters == IncrementalAttitudeParameters(
+        pd["attitude"].parameters, IncrementalLaw(6.0), 0.08, 9.0
+    )
     assert not recipes["thrust_vectoring"].structure["projects"]
 
 
@@ -137,13 +141,13 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
     error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
     rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
-    assert rules.numbers == RulesNumbers((Antecedents(1.3, 0.7, 0.4, (error, rate)),), Lead(0.0))
+    assert rules.parameters == FuzzyRulesParameters((Antecedents(1.3, 0.7, 0.4, (error, rate)),), Lead(0.0))
     assert not rules.structure["leads"]
     assert not learning.structure["leads"]
     assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), LearningLimits(0.9, 0.01, 0.02)
-    assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
+    assert learning.parameters == LearningParameters(1.4, law, limits, 0.05)
     # The first leg starts with the flight, before the network has learned anything, so no reset is needed.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
     assert len(plan.leg_times) > 3
@@ -153,14 +157,14 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
 
 def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_parameters(asymmetric):
     recipes, _ = recipes_of(asymmetric("pd_t1fnn"))
-    (sets,) = recipes["network.rules"].numbers.antecedents
+    (sets,) = recipes["network.rules"].parameters.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
     # A law that learns from the command does not use a slope.
-    learning = recipes["network.learning"].numbers
-    assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
+    learning = recipes["network.learning"].parameters
+    assert learning == LearningParameters(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
-    learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].numbers
-    assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
+    learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].parameters
+    assert (learning.law, learning.tan_max_tilt, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
 
 
 def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
@@ -174,26 +178,28 @@ def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetr
     scenario = asymmetric("pd_t2fnn", *distributions)
     batch = Batch.draw(scenario, [4, 0, 7])
     recipes = control_recipes(batch, plan_route(scenario))
-    k_p = recipes["position.pd"].numbers.k_p
+    k_p = recipes["position.pd"].parameters.k_p
     np.testing.assert_array_equal(k_p.y, batch.varying["control.position.k_p.1"])
     assert (k_p.x, k_p.z) == (1.3, 5.0)
-    law = recipes["network.learning"].numbers.law
+    law = recipes["network.learning"].parameters.law
     np.testing.assert_array_equal(law.gain, batch.varying["control.network.learning.gain"])
-    (sets,) = recipes["network.rules"].numbers.antecedents
+    (sets,) = recipes["network.rules"].parameters.antecedents
     error, rate = sets.inputs
     np.testing.assert_array_equal(error.scale, batch.varying["control.network.inputs.error.scale"])
     assert (rate.scale, error.centres) == (1.4, (-1.0, -0.1, 0.8))
-    assert recipes["thrust_vectoring"].numbers.mass == 0.7
+    assert recipes["thrust_vectoring"].parameters.mass == 0.7
 
 
 @pytest.mark.parametrize("field", ["position_noise", "deviation.1", "time_constant.1"])
 def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, field):
-    numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
-    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+    parameters = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
+    position = (
+        f"{{kind: disturbance_observer, {PD}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+    )
     scenario = asymmetric("pid", f"control.position={position}")
     numbers_of_vehicles = np.array([0.1, 0.5])
     batch = Batch(scenario, (0, 1), {f"control.position.{field}": numbers_of_vehicles})
-    laws = control_recipes(batch, plan_route(scenario))["position.estimator"].numbers.laws
+    laws = control_recipes(batch, plan_route(scenario))["position.estimator"].parameters.laws
     for vehicle, varied_number in enumerate(numbers_of_vehicles):
         law_numbers = {
             "position_noise": 0.002,
@@ -210,10 +216,10 @@ def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_
     recipes, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
     rules, learning, set_learning = (recipes[f"network.{part}"] for part in ("rules", "learning", "sets"))
     assert rules.structure["adaptive"]
-    (initial_sets,) = rules.numbers.antecedents
+    (initial_sets,) = rules.parameters.antecedents
     assert set_learning.system is SetLearning
-    assert set_learning.numbers == AdaptationNumbers(
-        (initial_sets,) * 3, AdaptationRates(centres=0.4, exponents=0.2), learning.numbers
+    assert set_learning.parameters == AdaptationParameters(
+        (initial_sets,) * 3, AdaptationRates(centres=0.4, exponents=0.2), learning.parameters
     )
     assert (set_learning.structure["parts"], set_learning.structure["axes"]) == (
         ("centres", "exponents"),
@@ -221,9 +227,9 @@ def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_
     )
     assert (set_learning.structure["period"], set_learning.structure["inputs"]) == (0.02, ("error", "error_rate"))
     layout = layout_of(Antecedents, initial_sets)
-    numbers = np.linspace(0.5, 1.5, layout.num_rows)
+    parameters = np.linspace(0.5, 1.5, layout.num_rows)
     axes = {
-        axis: {"weights": (index + np.linspace(0.1, 0.9, 12)).tolist(), "antecedents": (index + numbers).tolist()}
+        axis: {"weights": (index + np.linspace(0.1, 0.9, 12)).tolist(), "antecedents": (index + parameters).tolist()}
         for index, axis in enumerate("xyz")
     }
     learned_network = {"kind": "type_2", "inputs": ["error", "error_rate"], "sets": [3, 4], **axes}
@@ -231,12 +237,12 @@ def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_
     control = scenario.control.model_dump(mode="json")
     control["network"]["learned"] = learned_network
     recipes, _ = recipes_of(with_fields(scenario, {"control": control}))
-    learned_sets = recipes["network.sets"].numbers.antecedents
-    assert recipes["network.rules"].numbers.antecedents == learned_sets
+    learned_sets = recipes["network.sets"].parameters.antecedents
+    assert recipes["network.rules"].parameters.antecedents == learned_sets
     for index, axis_sets in enumerate(learned_sets):
         a1, a2, q, inputs = axis_sets
         sets = (number for scale, centres, widths in inputs for number in (scale, *centres, *widths))
-        np.testing.assert_allclose([a1, a2, q, *sets], index + numbers)
+        np.testing.assert_allclose([a1, a2, q, *sets], index + parameters)
     weights = recipes["network.learning"].structure["initial_weights"]
     np.testing.assert_allclose(weights, np.arange(3)[:, np.newaxis] + np.linspace(0.1, 0.9, 12))
 
@@ -252,10 +258,10 @@ def test_a_network_knows_the_lap_times_if_the_phase_is_an_input(asymmetric):
         recipes, plan = recipes_of(asymmetric("pd_t1fnn", *laps, f"control.network={network}"))
         rules, learning = recipes["network.rules"], recipes["network.learning"]
         assert rules.structure["lap_times"] == (plan.lap_times if CircularSets in kinds else ())
-        assert [type(sets) for sets in rules.numbers.antecedents[0].inputs] == kinds
+        assert [type(sets) for sets in rules.parameters.antecedents[0].inputs] == kinds
         assert rules.structure["leads"]
         assert learning.structure["leads"]
-        assert rules.numbers.lead == Lead(0.1)
+        assert rules.parameters.lead == Lead(0.1)
         assert learning.structure["learns_from"] == "feedback"
     surface, sign = (recipes_of(asymmetric(name))[0]["network.learning"].structure for name in ("pd_t2fnn", "pd_t1fnn"))
     assert (surface["learns_from"], sign["learns_from"]) == ("surface", "feedback")
@@ -269,10 +275,10 @@ def test_a_control_without_a_network_has_no_recipe_for_one(asymmetric):
 
 def test_a_tilt_estimator_uses_the_nominal_gravity(asymmetric):
     response = "response: {kind: tilt, delay_ticks: 2, lag: 0.13}"
-    numbers = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {numbers}}}"))
+    parameters = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {parameters}}}"))
     estimator = recipes["position.estimator"]
     assert estimator.system is TiltDisturbanceEstimator
     assert estimator.structure == {"period": 0.02, "delay_ticks": 2}
     laws = (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
-    assert estimator.numbers == TiltEstimatorNumbers(laws, 0.13, 9.79, 0.8, PerAxis(0.3, -0.2, 1.0))
+    assert estimator.parameters == TiltEstimatorParameters(laws, 0.13, 9.79, 0.8, PerAxis(0.3, -0.2, 1.0))

@@ -53,7 +53,7 @@ def recipes_of(scenario):
 
 def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     names = EFFECT_OVERRIDES.keys() - {"slung_load"}
-    effects = asymmetric("pid", *overrides(*names)).vehicle.effect_numbers()
+    effects = asymmetric("pid", *overrides(*names)).vehicle.effect_parameters()
     assert effects.body_drag == BodyDrag(
         LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.01, 0.02, 0.03), CentreOfPressure(0.001, 0.002, 0.003)
     )
@@ -66,21 +66,21 @@ def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     payload = Payload(0.05, PayloadPosition(0.001, 0.002, -0.03), Inertia(1e-5, 2e-5, 3e-5), 0.0, 1.2)
     assert effects.payload == payload
     picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD}, event: picked_up}}")
-    assert picked_up.vehicle.effect_numbers().payload == payload._replace(picked_up=1.2, dropped=math.inf)
-    assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_numbers().slung_load == SlungLoad(0.03, 0.6)
+    assert picked_up.vehicle.effect_parameters().payload == payload._replace(picked_up=1.2, dropped=math.inf)
+    assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_parameters().slung_load == SlungLoad(0.03, 0.6)
 
 
 def test_an_effect_that_is_off_is_not_part_of_the_diagram(asymmetric):
     recipes = recipes_of(asymmetric("pid"))
     assert recipes["vehicle"].structure["effects"] == ()
-    assert recipes["vehicle"].numbers.effects == NO_EFFECTS
+    assert recipes["vehicle"].parameters.effects == NO_EFFECTS
     assert recipes["allocation"].system is Allocation
 
 
 def test_with_throttles_the_autopilot_allocates_by_the_nominal_curve(asymmetric):
     recipe = recipes_of(asymmetric("pid", *overrides("motors")))["allocation"]
     assert recipe.system is ThrottleAllocation
-    assert recipe.numbers.curve == ThrustCurve(0.1, 1.0, 2.8)
+    assert recipe.parameters.curve == ThrustCurve(0.1, 1.0, 2.8)
     flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0", *overrides("motors")))
     assert "rotor_speed_command" not in flight.signals
     # The initial output of the link is the nominal weight, produced by four rotors with a thrust of 0.1 + u + 2.8 u²
@@ -177,7 +177,7 @@ def test_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
             ((body, rotor_override), 0.4 + 2.0 * 0.02 * 5.0 + rotor_slope),
         ):
             vehicle = Batch.draw(asymmetric("pid", *overrides), (0,)).fleet_scenario.vehicle
-            slopes = [effect.max_slope(vehicle, 5.0) for effect in vehicle.effects().values()]
+            slopes = [effect.max_damping(vehicle, 5.0) for effect in vehicle.effects().values()]
             assert sum(slopes) == pytest.approx(expected, rel=1e-12)
 
 

@@ -16,20 +16,25 @@ from drake_quad.assembly.laboratory import (
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
 from drake_quad.gym.task import task_of
-from drake_quad.laboratory.command_link import LinkNumbers
+from drake_quad.laboratory.command_link import LinkParameters
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window
-from drake_quad.laboratory.motion_capture import CameraNumbers
+from drake_quad.laboratory.motion_capture import CameraParameters
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, Turbulence
 from drake_quad.laboratory.wind.fans import Outlet
-from drake_quad.laboratory.wind.gust import GustNumbers
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
+from drake_quad.laboratory.wind.gust import GustParameters
+from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.winds.source import steady_wind
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Wind, Wrench
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopGains, LoopRules, ThrustAlone
+from drake_quad.vehicle.attitude_response import (
+    AttitudeResponse,
+    AttitudeResponseQuadrotor,
+    DampingRatios,
+    NaturalFrequencies,
+)
+from drake_quad.vehicle.autopilot import AutopilotParameters, Gyroscope, LoopGains, LoopRules, ThrustOnly
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia
-from drake_quad.vehicle.quadrotor import Place
-from drake_quad.vehicle.responding import AttitudeResponse, DampingRatios, NaturalFrequencies, RespondingQuadrotor
+from drake_quad.vehicle.quadrotor import HoverPose
 
 DURATION = 16.0  # s
 
@@ -54,7 +59,7 @@ def test_the_vehicle_has_the_numbers_of_the_scenario(asymmetric, recipes):
     for name in set(parameters._fields) - {"rotors", "centre_of_mass", "inertia"}:
         assert getattr(parameters, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
-    assert recipe.numbers.parameters == parameters
+    assert recipe.parameters.parameters == parameters
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
@@ -69,14 +74,14 @@ def test_drawn_rotors_must_produce_every_torque(diagrams):
     field = "vehicle.layout.rotors.rotor_1.position.0"
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
     recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
-    np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(recipe.parameters.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
     words = "vehicle.layout cannot produce yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
         laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):
-    faults = recipes["vehicle"].numbers.faults
+    faults = recipes["vehicle"].parameters.faults
     assert faults.battery_sag == pytest.approx(0.02 / DURATION, rel=1e-15)
     assert (faults.failure_time, tuple(faults.failure_factor)) == (6.003, (1.0, 0.993, 1.0, 1.0))
 
@@ -102,13 +107,15 @@ def test_the_rotor_with_the_given_number_fails(asymmetric, rotor):
     scenario = asymmetric("pid", f"vehicle.rotor_failure.rotor={rotor}")
     expected = np.ones(4)
     expected[rotor - 1] = 0.993
-    np.testing.assert_array_equal(recipes_of(scenario)["vehicle"].numbers.faults.failure_factor, expected)
+    np.testing.assert_array_equal(recipes_of(scenario)["vehicle"].parameters.faults.failure_factor, expected)
 
 
 def test_each_vehicle_of_a_fleet_has_its_own_failing_rotor(asymmetric):
     scenario = asymmetric("pid", "vehicle.rotor_failure.rotor={choice: [1, 3, 4]}")
     batch = Batch.draw(scenario, range(30))
-    failure_factors = laboratory_recipes(batch, plan_route(scenario), DURATION)["vehicle"].numbers.faults.failure_factor
+    failure_factors = laboratory_recipes(batch, plan_route(scenario), DURATION)[
+        "vehicle"
+    ].parameters.faults.failure_factor
     failing_rotors = batch.varying["vehicle.rotor_failure.rotor"]
     assert set(failing_rotors) == {1.0, 3.0, 4.0}
     for rotor, factors in enumerate(failure_factors, start=1):
@@ -116,11 +123,11 @@ def test_each_vehicle_of_a_fleet_has_its_own_failing_rotor(asymmetric):
 
 
 def test_the_vehicle_starts_where_the_plan_starts(recipes):
-    np.testing.assert_allclose(recipes["vehicle"].numbers.start, Place(0.3, -0.2, 1.0, 0.4), atol=1e-12)
+    np.testing.assert_allclose(recipes["vehicle"].parameters.start, HoverPose(0.3, -0.2, 1.0, 0.4), atol=1e-12)
 
 
 def test_allocation_and_link_use_the_nominal_numbers(recipes):
-    allocation, link = recipes["allocation"].numbers, recipes["command_link"]
+    allocation, link = recipes["allocation"].parameters, recipes["command_link"]
     # In a plus, all rotors produce thrust and yaw torque, rotors 2 and 4 roll torque, rotors 1 and 3 pitch torque.
     per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
     expected = [
@@ -132,13 +139,13 @@ def test_allocation_and_link_use_the_nominal_numbers(recipes):
     np.testing.assert_allclose(allocation.mixer, expected, rtol=1e-12)
     assert (allocation.min_speed, allocation.max_speed) == (194.0, 223.0)
     assert recipes["allocation"].structure == {"paired": True, "priority": "roll_pitch"}
-    assert link.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
+    assert link.parameters == LinkParameters(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
     assert link.structure == {"signal": "wrench", "period": 0.02, "longest_delay": 1, "loses_packets": True}
 
 
 def test_the_cameras_have_the_errors_of_the_scenario(recipes):
     cameras = recipes["motion_capture"]
-    assert cameras.numbers == CameraNumbers(0.0012, 0.003, 0.03, Attitude(0.006, -0.009, 0.04), 70.0, 2)
+    assert cameras.parameters == CameraParameters(0.0012, 0.003, 0.03, Attitude(0.006, -0.009, 0.04), 70.0, 2)
     assert cameras.structure["period"] == 0.01
 
 
@@ -174,21 +181,21 @@ def test_cameras_model_every_imperfection_that_a_sample_can_have(asymmetric, ove
 def test_every_source_of_wind_has_a_recipe(recipes):
     winds = {path.removeprefix("wind."): recipe for path, recipe in recipes.items() if path.startswith("wind.")}
     assert list(winds) == ["steady", "gust_0", "gust_1", "dryden_0", "dryden_1", "fans"]
-    assert winds["steady"].numbers == Wind(0.7, -0.5, 0.3)
-    assert winds["gust_0"].numbers == GustNumbers(Wind(-1.5, 1.2, -0.6), 3.0, 0.8, 1.3)
-    velocity, *times = winds["gust_1"].numbers
+    assert winds["steady"].parameters == Wind(0.7, -0.5, 0.3)
+    assert winds["gust_0"].parameters == GustParameters(Wind(-1.5, 1.2, -0.6), 3.0, 0.8, 1.3)
+    velocity, *times = winds["gust_1"].parameters
     assert velocity == pytest.approx(Wind(1.4 * math.cos(0.9), 1.4 * math.sin(0.9), 0.0))
     assert times == [9.0, 1.1, math.inf]
     # The steady wind is slower than 1 m/s, so the turbulence passes the vehicle at 1 m/s.
-    for name, level, share, height, airspeed, heading in (
+    for name, level, fraction, height, airspeed, heading in (
         ("dryden_0", "light", 0.5, 4.0, 1.0, 0.7),
         ("dryden_1", "moderate", 0.1, 3.5, 3.0, -1.9),
     ):
         turbulence = Turbulence.at_low_altitude(
-            height=height, wind_at_20_feet=share * WIND_AT_20_FEET[level], airspeed=airspeed
+            height=height, wind_at_20_feet=fraction * WIND_AT_20_FEET[level], airspeed=airspeed
         )
-        assert winds[name].numbers == (turbulence, heading)
-    first, second = winds["fans"].numbers
+        assert winds[name].parameters == (turbulence, heading)
+    first, second = winds["fans"].parameters
     assert (first.outlet, second.outlet) == (Outlet(-2.5, -1.0, 0.9), Outlet(2.5, 1.5, 1.8))
     assert (first.turbulence, second.turbulence) == (0.2, 0.25)
     np.testing.assert_allclose(np.cross(second.direction, (-2.0, -1.5, -0.3)), 0.0, atol=1e-15)
@@ -208,7 +215,7 @@ def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, speed: 2.0, heading: 0.5}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
-    assert recipes_of(scenario)["wind.steady"].numbers == pytest.approx(total)
+    assert recipes_of(scenario)["wind.steady"].parameters == pytest.approx(total)
     assert steady_wind(scenario.laboratory.wind) == pytest.approx(total)
     for calm in ("velocity: [0, 0.0, 0]", "speed: 0, heading: 0.7"):
         recipes = recipes_of(asymmetric("pid", f"laboratory.wind=[{{kind: steady, {calm}}}]"))
@@ -220,7 +227,7 @@ def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
     for wind, speeds in ((drawn_speed, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", wind)
         batch = Batch(scenario, (0, 1), {"laboratory.wind.0.speed": np.array(speeds)})
-        steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].numbers
+        steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].parameters
         np.testing.assert_allclose(np.hypot(steady.x, steady.y), speeds, rtol=1e-12)
 
 
@@ -230,8 +237,8 @@ def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmet
     gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
     airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
     max_drag = 2.5 * 0.74 / 0.01 - 2.0 * 0.02 * airspeed
-    for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
-        scenario = asymmetric("pid", f"vehicle.linear_drag={share * max_drag!r}")
+    for fraction, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+        scenario = asymmetric("pid", f"vehicle.linear_drag={fraction * max_drag!r}")
         if fits:
             recipes_of(scenario)
         else:
@@ -250,7 +257,7 @@ def test_systems_have_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
 def test_turbulence_has_the_speed_and_direction_of_the_steady_wind_by_default(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, 0]}, {kind: dryden}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
-    turbulence, heading = recipes_of(scenario)["wind.dryden_0"].numbers
+    turbulence, heading = recipes_of(scenario)["wind.dryden_0"].parameters
     assert turbulence.airspeed == pytest.approx(math.sqrt(29.0))
     assert heading == pytest.approx(math.atan2(-4.0, 2.0))
 
@@ -277,8 +284,8 @@ def test_the_monitor_has_the_limits_and_the_window_of_the_scenario(asymmetric):
 @pytest.mark.parametrize(("action", "gains"), [("rates", (0.0, 0.0, 0.0)), ("attitude", (6.0, 5.5, 2.8))])
 def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     scenario = load_scenario("onboard", ["laboratory.autopilot.k_attitude=[6, 5.5, 2.8]"])
-    numbers = recipes_of(task_of(scenario, action=action))["autopilot"].numbers
-    assert numbers.k_attitude == gains
+    parameters = recipes_of(task_of(scenario, action=action))["autopilot"].parameters
+    assert parameters.k_attitude == gains
 
 
 IMPERFECTIONS_OF_A_FLEET = [
@@ -341,13 +348,13 @@ def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfe
     link = laboratory_recipes(Batch(scenario, (0,), {}), plan, DURATION)["command_link"]
     assert link.structure["signal"] == "attitude_target"
     hover = AttitudeTarget(pytest.approx(0.7 * 9.79), 0.0, 0.0, pytest.approx(0.4), 0.0, 0.0, 0.0)
-    assert link.numbers == LinkNumbers(1, 0.0, hover)
+    assert link.parameters == LinkParameters(1, 0.0, hover)
 
 
 def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric):
     autopilot = recipes_of(asymmetric("lqg_on_board", "laboratory.autopilot.attitude_noise=0.006"))["autopilot"]
     assert autopilot.structure == {"period": 0.005, "noisy": True, "rules": LoopRules()}
-    assert autopilot.numbers == AutopilotNumbers(
+    assert autopilot.parameters == AutopilotParameters(
         LoopGains(6.3, 5.8, 2.9),
         LoopGains(14.0, 12.5, 9.5),
         Inertia(0.0065, 0.0085, 0.0126),
@@ -360,11 +367,11 @@ def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric
 def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmetric):
     response = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
     recipes = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={response}", "vehicle.rotor_failure=null"))
-    assert recipes["vehicle"].system is RespondingQuadrotor
-    quadrotor, attitude_response = recipes["vehicle"].numbers
+    assert recipes["vehicle"].system is AttitudeResponseQuadrotor
+    quadrotor, attitude_response = recipes["vehicle"].parameters
     assert attitude_response == AttitudeResponse(NaturalFrequencies(8.0, 9.0, 3.0), DampingRatios(0.7, 0.8, 1.1))
-    assert quadrotor.start == pytest.approx(Place(0.3, -0.2, 1.0, 0.4))
-    assert recipes["autopilot"] == Recipe(ThrustAlone, {}, None)
+    assert quadrotor.start == pytest.approx(HoverPose(0.3, -0.2, 1.0, 0.4))
+    assert recipes["autopilot"] == Recipe(ThrustOnly, {}, None)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -372,9 +379,9 @@ def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmet
 def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_response(asymmetric, axis, damping):
     """The fastest decay of an angle has the rate ω (ζ + √(ζ² - 1)), or ω ζ if the angle overshoots."""
     fastest_decay = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
-    for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+    for fraction, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
         frequency, damping_ratio = ["5.0"] * 3, ["0.9"] * 3
-        frequency[axis], damping_ratio[axis] = repr(share * 2.5 / 0.005 / fastest_decay), repr(damping)
+        frequency[axis], damping_ratio[axis] = repr(fraction * 2.5 / 0.005 / fastest_decay), repr(damping)
         response = (
             f"{{kind: response, natural_frequency: [{', '.join(frequency)}], damping: [{', '.join(damping_ratio)}]}}"
         )
@@ -396,7 +403,7 @@ def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
     sine = "{kind: sine, speed: 1.5, heading: 0.9, frequency: 0.3, phase: 0.7}"
     recipe = recipes_of(asymmetric("pid", f"laboratory.wind=[{sine}]"))["wind.sine_0"]
     velocity = Wind(pytest.approx(1.5 * math.cos(0.9)), pytest.approx(1.5 * math.sin(0.9)), 0.0)
-    assert recipe == Recipe(SineWind, {"period": 0.01}, SineNumbers(velocity, 0.3, 0.7))
+    assert recipe == Recipe(SineWind, {"period": 0.01}, SineParameters(velocity, 0.3, 0.7))
 
 
 def test_jump_times_of_a_continuous_vehicle_are_sorted(asymmetric):

@@ -16,7 +16,7 @@ from drake_quad.control.lqg.chains import (
     vertical_model,
 )
 from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of
-from drake_quad.control.lqg.laws import TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.laws import TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor
 from drake_quad.control.mpc.system import NO_WALLS, PredictiveProgramme
@@ -56,7 +56,7 @@ def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle
         "takes_perturbation": False,
         "loses_frames": True,
     }
-    lateral, vertical, thrust, torques, target = recipe.numbers
+    lateral, vertical, thrust, torques, target = recipe.parameters
     times = Timing(0.01, 0.02, 1)
     noise = np.array([0.0013, 0.0031 * 9.79])
     assert_nearly_equal(
@@ -67,9 +67,9 @@ def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle
         vertical, axis_loop(vertical_model(0.037, VERTICAL_DISTURBANCES), times, noise=noise, command_weight=7.785e-4)
     )
     assert thrust == pytest.approx(
-        ThrustNumbers(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
+        ThrustParameters(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
     )
-    assert torques == pytest.approx(TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, DELAY + 0.043), rel=1e-12)
+    assert torques == pytest.approx(TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, DELAY + 0.043), rel=1e-12)
     assert target is None
 
 
@@ -79,7 +79,7 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
-    lateral, _, thrust, torques, target = recipe.numbers
+    lateral, _, thrust, torques, target = recipe.parameters
     response = SecondOrderResponse(9.0, 0.72)
     model = (
         attitude_model(response, LATERAL_DISTURBANCES)
@@ -94,7 +94,7 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     lead = DELAY + (lag or 0.0)
     exponential, inverse = [1.0, lead, lead**2 / 2.0], [1.0, 2.0 * 0.72 / 9.0, 1.0 / 9.0**2]
     _, jerk, snap, *_ = np.convolve(exponential, inverse)
-    assert target == pytest.approx(TargetNumbers(jerk, snap), rel=1e-12)
+    assert target == pytest.approx(TargetParameters(jerk, snap), rel=1e-12)
 
 
 def test_a_controller_takes_corrections_of_a_network_and_detects_lost_frames_only_if_needed(asymmetric):
@@ -122,16 +122,16 @@ def programme_of(scenario):
     plan = plan_route(scenario)
     recipes = control_recipes(Batch(scenario, (0,), {}), plan)
     assert recipes["regulator"].structure["takes_perturbation"]
-    return recipes["programme"], plan, recipes["regulator"].numbers
+    return recipes["programme"], plan, recipes["regulator"].parameters
 
 
 @pytest.mark.slow
 def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_with_mpc):
     scenario = scenario_with_mpc()
     recipe, _, regulator_numbers = programme_of(scenario)
-    assert (recipe.system, recipe.numbers) == (PredictiveProgramme, None)
+    assert (recipe.system, recipe.parameters) == (PredictiveProgramme, None)
     structure = recipe.structure
-    assert structure["believed"] is regulator_numbers
+    assert structure["nominal"] is regulator_numbers
     # The horizon corresponds to 18.75 ticks, which are rounded.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is NO_WALLS
@@ -149,9 +149,9 @@ def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_previous
     assert 0.02 * (len(preview) - 3) < rest_time <= 0.02 * (len(preview) - 2)
     times = np.minimum(0.02 * ticks, rest_time)
     position, velocity, acceleration, jerk, expected_snap = (
-        evaluate(plan.flown_path, times, order) for order in range(5)
+        evaluate(plan.extended_path, times, order) for order in range(5)
     )
-    (yaw,), (yaw_rate,), (yaw_acceleration,) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
+    (yaw,), (yaw_rate,), (yaw_acceleration,) = (evaluate(plan.extended_yaw, times, order) for order in range(3))
     scale = np.abs(expected_snap).max()
     np.testing.assert_allclose(
         np.array([each.reference for each in preview]).T,

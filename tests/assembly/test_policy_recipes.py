@@ -6,7 +6,7 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.gym.rollout import action_source
 from drake_quad.gym.task import task_of
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.files.loading import with_fields
 
 # All rotors have different parameters, and none is at the position of a rotor in a standard layout.

@@ -45,8 +45,8 @@ def pd_law(m: State, r: Reference, gains: Gains) -> Acceleration:
 class Formula(FleetSystem):
     """A PD controller as a formula."""
 
-    def declare(self, *, numbers=Gains()):
-        gains = self.parameter("gains", lambda numbers: numbers)
+    def declare(self, *, parameters=Gains()):
+        gains = self.parameter("gains", lambda parameters: parameters)
         self.output("acceleration_command", pd_law, self.input("measurement"), self.input("reference"), gains)
 
 
@@ -114,7 +114,7 @@ def test_a_registered_control_replaces_the_whole_cascade() -> None:
 def test_numbers_of_a_formula_are_fields_that_may_be_distributions() -> None:
     kind = register_controller(Formula)
     registered = simulate(with_position(kind, "control.position.k_p=2.0"))
-    given = simulate(with_position(kind), position_controller=Formula(numbers=Gains(k_p=2.0)))
+    given = simulate(with_position(kind), position_controller=Formula(parameters=Gains(k_p=2.0)))
     np.testing.assert_allclose(registered.signals["state"], given.signals["state"], atol=1e-9)
     drawn = with_position(kind, "control.position.k_p={uniform: {min: 0.2, max: 2.0}}")
     first, second = simulate_samples(drawn, range(2))

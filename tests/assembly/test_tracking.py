@@ -121,7 +121,7 @@ def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle(figure_eight
         PerAxis(*[np.array([gain, 20.0, gain]) for gain in gains]) for gains in (controller.k_p, controller.k_d)
     )
     structure = {"derivative": controller.derivative, "feeds_forward": controller.feed_forward != "none"}
-    pd = ProportionalDerivative(num_vehicles=n, numbers=PdGains(k_p, k_d), **structure)
+    pd = ProportionalDerivative(num_vehicles=n, parameters=PdGains(k_p, k_d), **structure)
     position = build_position_controller(pd)
     fleet = build_tracking_diagram(scenario, n, position_controller=position)
     simulator = Simulator(fleet)

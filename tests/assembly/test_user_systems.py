@@ -8,7 +8,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceParameters
 from drake_quad.signals import Acceleration
 
 
@@ -127,7 +127,7 @@ def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagram
     with pytest.raises(InputError, match=words):
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
     with pytest.raises(InputError, match=words):
-        StudyFleet(scenario, plan_route(scenario), 2, own=UserSystems(position_controller=make))
+        StudyFleet(scenario, plan_route(scenario), 2, user_systems=UserSystems(position_controller=make))
 
 
 def test_a_system_in_place_of_a_function_is_refused():
@@ -140,7 +140,7 @@ class NamedPorts(FleetSystem):
     """Controller whose ports have the given names."""
 
     def declare(self, *, measured="measurement", output="acceleration_command"):
-        reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(measured)
+        reads = self.parameter("gains", lambda parameters: Acceleration(0.0, 0.0, 0.0)), self.input(measured)
         self.output(output, lambda gains, m: gains, *reads)
 
 
@@ -162,7 +162,7 @@ def test_a_misspelt_name_in_a_system_is_refused_with_close_matches():
 def test_a_user_s_wind_may_have_random_inputs(diagrams):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
-    winds = [DrydenTurbulence(numbers=TurbulenceNumbers(turbulence)) for _ in range(3)]
+    winds = [DrydenTurbulence(parameters=TurbulenceParameters(turbulence)) for _ in range(3)]
     flights = [simulate(scenario, seed=seed, wind=wind) for seed, wind in zip((0, 0, 1), winds, strict=True)]
     assert (flights[0]["wind"] == flights[1]["wind"]).all()
     assert abs(flights[0]["wind"] - flights[2]["wind"]).max() > 0.1

@@ -18,7 +18,7 @@ from drake_quad import load_scenario
 from drake_quad.command_line import tune
 from drake_quad.command_line.identify import with_winds
 from drake_quad.design.tuning import Budget
-from drake_quad.identification import known_flights
+from drake_quad.identification import synthetic_flights
 from drake_quad.identification.logs.record import FlightRecord
 
 ROOT = Path(__file__).parent.parent.parent
@@ -857,7 +857,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
 def second_flight(task):
     """Return the identification of the second flight; worker processes import this function."""
     assert task.samples == [1]
-    return {1: [known_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
+    return {1: [synthetic_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
 @pytest.mark.slow
@@ -873,7 +873,7 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
     done = path.read_bytes()
     again = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
     assert (again.returncode, again.stdout, path.read_bytes()) == (0, result.stdout, done)
-    monkeypatch.setattr(known_flights, "check_batch", second_flight)
+    monkeypatch.setattr(synthetic_flights, "check_batch", second_flight)
     more = run("check_identification.py", "autopilot", "--samples", "2", *short, "--output", path)
     assert more.returncode == 0
     (added,) = path.read_bytes().removeprefix(done).splitlines()

@@ -344,14 +344,14 @@ def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) 
 
 
 def test_judged_controllers_need_different_names(mine) -> None:
-    from drake_quad.command_line.judge import own_controllers
+    from drake_quad.command_line.judge import user_controllers
 
-    found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
+    found = user_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in CONTROLLER_NAMES
     assert CONTROLLER_NAMES["Mine"] == "Mine"
     with pytest.raises(InputError, match=f"--controller {mine}:Mine: is given twice"):
-        own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
+        user_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 
 @pytest.mark.slow

@@ -67,8 +67,8 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
         position = saved.control.position
         assert (position.kind, position.k_p, position.k_d) == ("pd", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     # The plotted loop has the new gains.
-    (((flown,), _),) = designed["closed_loop"]
-    assert flown.control.position.k_p == (1.0, 2.0, 3.0)
+    (((simulated,), _),) = designed["closed_loop"]
+    assert simulated.control.position.k_p == (1.0, 2.0, 3.0)
     assert designed["save_figures"] == [(({"bode": "bode", "steps": "steps"}, tmp_path), {"vector": "svg"})]
     lines = result.stdout.splitlines()
     assert lines[1] == (
@@ -161,8 +161,8 @@ def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_
     (((scenario, allowed), _),) = calls["design_lqg"]
     assert (scenario.name, allowed) == ("low_wind", LqgLimits(2.5, 0.04, 30.0, 2.0))
     assert calls["print_margins"] == [(("margins",), {})]
-    (((flown,), _),) = calls["link_margins"]
-    assert flown.control == load_scenario(tmp_path / "scenario.yaml").control == control
+    (((simulated,), _),) = calls["link_margins"]
+    assert simulated.control == load_scenario(tmp_path / "scenario.yaml").control == control
     files = [str(tmp_path / name) for name in ("lqg.yaml", "scenario.yaml")]
     assert f"`extends: [FILE:NAME, {files[0]}]`" in result.stdout
     assert f"\n  drake-quad study {files[1]} --samples 32\n" in result.stdout
@@ -173,15 +173,15 @@ def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_
 
 @pytest.mark.slow
 def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F811
-    flown = plan_route(load_scenario("figure_eight"))
+    simulated = plan_route(load_scenario("figure_eight"))
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
-    problem = SimpleNamespace(waypoints=[*range(len(flown.path.times) + 2)], corridors=())
-    planned = [flown, problem, None, space]
+    problem = SimpleNamespace(waypoints=[*range(len(simulated.path.times) + 2)], corridors=())
+    planned = [simulated, problem, None, space]
     calls = replaced("plan", planned=lambda _: planned, plot_plan="figure", save_plan=["pieces"], save_figures=["plan"])
     result = run("plan", "figure_eight", "--vector", "pdf", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     rows = [line.split() for line in result.stdout.splitlines()]
-    approach = nearest_approach(flown.path, space)
+    approach = nearest_approach(simulated.path, space)
     assert [
         "smallest",
         "distance",
@@ -199,9 +199,9 @@ def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F8
     assert any(row[:2] == ["active", "limits:"] for row in rows)
     assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
     ((plan, _), named) = calls["plot_plan"][0]
-    assert plan is flown
+    assert plan is simulated
     assert (named["regions"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
-    assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
+    assert calls["save_plan"] == [((simulated, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
     # The plan around obstacles has additional corners, which are not drawn as waypoints.
     planned[2] = [0, 2]
@@ -305,15 +305,15 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert [log.name for log in logs] == ["a", "b"]
     assert all((log.wind == [1.0, 0.0, 0.0]).all() for log in logs)
     assert (base.nominal.mass, base.vehicle.linear_drag) == (0.55, 0.1)
-    assert named == {"held_out_share": pytest.approx(1.0 / 3.0)}
-    assert [(log.name, [*vehicles.values()], more["share"]) for (log, vehicles), more in calls["predict"]] == [
+    assert named == {"held_out_fraction": pytest.approx(1.0 / 3.0)}
+    assert [(log.name, [*vehicles.values()], more["final_fraction"]) for (log, vehicles), more in calls["predict"]] == [
         (name, ["from the rest", base], pytest.approx(1.0 / 3.0)) for name in "ab"
     ]
-    assert all(more["believed"] is base for _, more in calls["predict"])
+    assert all(more["nominal"] is base for _, more in calls["predict"])
     ((path, name, estimates), named) = calls["write_vehicle"][0]
     assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
     assert named["nominal"] is False
-    assert named["given"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
+    assert named["overrides"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve refers to this voltage of the battery.
     assert named["voltage"] == 11.1
     # The trim in hover refers to the measured mass.

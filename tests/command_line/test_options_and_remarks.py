@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_passed_arguments import Bar, flown, metrics_of, replaced, studied, written  # noqa: F401 - fixtures
+from test_passed_arguments import Bar, metrics_of, replaced, simulated, studied, written  # noqa: F401 - fixtures
 
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line import identify, judge, replicate, study
@@ -61,7 +61,7 @@ def remarkable(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("remarkable")
-def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, flown, tmp_path):  # noqa: F811
+def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, simulated, tmp_path):  # noqa: F811
     crash = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
     replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=[])
     replaced("compare_log", read_log=FlightRecord("a", np.arange(3.0)), compare_with_log=None, print_comparison=None)
@@ -100,21 +100,21 @@ def test_designs_remark_on_their_scenario_before_they_design(command, replaced, 
     assert "remark: laboratory.wind has no effect" in capsys.readouterr().err
 
 
-def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, flown, tmp_path):  # noqa: F811
+def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, simulated, tmp_path):  # noqa: F811
     calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
         calls["show_replay"].clear()
         calls["live_view"].clear()
-        flown["simulate"].clear()
+        simulated["simulate"].clear()
         assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
         (((meshcat, drawn, plan, given), _),) = calls["live_view"]
         assert (meshcat, given) == ("a browser", rate)
         # The view shows the vehicle of the sample.
         assert drawn.vehicle.mass == draw_sample(load_scenario("robustness"), 3).vehicle.mass
-        ((_, named),) = flown["simulate"]
+        ((_, named),) = simulated["simulate"]
         assert named["prepare"] == "a view"
         assert named["plan"] is plan
-        assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
+        assert calls["show_replay"] == [(("a browser", "robustness", simulated["flight"]), {})]
 
 
 def test_the_default_worst_case_belongs_to_the_flown_sample():
@@ -202,7 +202,7 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
     study.print_study("mine", empty, tmp_path, "compiled")
     assert "worst samples:" not in capsys.readouterr().out
-    study.print_rate({"a": studied(scenario, 4, flown_time=0.5)}, 0.25)
+    study.print_rate({"a": studied(scenario, 4, simulated_time=0.5)}, 0.25)
     assert capsys.readouterr().out == "simulation speed: 2 vehicle-seconds per second\n"
 
 

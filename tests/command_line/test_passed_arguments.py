@@ -38,7 +38,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.experiment import QUICK as QUICK_EXPERIMENT
 from drake_quad.replication.experiment import ExperimentSizes
-from drake_quad.replication.printed import Cell
+from drake_quad.replication.published import Cell
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.studies.study import Study
 
@@ -234,19 +234,19 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
 
 
 def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
-    tuned = SimpleNamespace(numbers=(1.5, 2.5), share=0.876)
+    tuned = SimpleNamespace(parameters=(1.5, 2.5), fraction=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
     command_line = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
     result = run("tune", *command_line, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
     assert result.returncode == 0
     assert written(result) == [str(tmp_path / "scenario.yaml")]
     assert len(calls["print_margins"]) == 1
-    (((scenarios, knobs, shares_met), named),) = calls["tune"]
+    (((scenarios, knobs, limit_fractions), named),) = calls["tune"]
     assert [scenario.name for scenario in scenarios] == ["hover"]
     assert [knob.paths for knob in knobs] == [
         (f"control.position.{gain}.0", f"control.position.{gain}.1") for gain in ("k_p", "k_d")
     ]
-    assert (shares_met.__self__.sensitivity, shares_met.__self__.delay) == (1.75, 0.25)
+    assert (limit_fractions.__self__.sensitivity, limit_fractions.__self__.delay) == (1.75, 0.25)
     assert named == {"budget": Budget()._replace(samples=6, rounds=5)}
     (before, _), (after, _) = calls["fly_samples"]
     assert before[1] == after[1] == range(6, 6 + 32)
@@ -258,7 +258,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate keeps the limits; the best candidate meets 88 % of them" in result.stdout
-    tuned.share = 1.0
+    tuned.fraction = 1.0
     assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
 
@@ -404,7 +404,7 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
 
 
 @pytest.fixture
-def flown(replaced, monkeypatch):
+def simulated(replaced, monkeypatch):
     """Return the recorded calls of a command `fly` that simulates nothing and writes nothing."""
     numbers = dict.fromkeys(Metrics._fields, 0.1)
     flight = SimpleNamespace(
@@ -425,32 +425,32 @@ def flown(replaced, monkeypatch):
     return calls
 
 
-def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, flown, tmp_path):
+def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, simulated, tmp_path):
     for more, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
         (["--set", "sample=4"], 4, None),
         (["--set", "sample=4", "--sample", 2], 2, None),
     ):
-        flown["simulate"].clear()
+        simulated["simulate"].clear()
         result = run("fly", "laboratory:low_wind", "--seed", 7, *more, "--output", tmp_path)
         assert (result.returncode, result.stderr) == (0, "")
-        ((scenario,), named), *_ = flown["simulate"]
+        ((scenario,), named), *_ = simulated["simulate"]
         assert scenario.name == "low_wind"
         assert (named["sample"], named["compiled"], named["prepare"]) == (sample, compiled, None)
         first = result.stdout.splitlines()[0].split()
         assert first == (["flight", "time", "1.00", "s"] if sample is None else ["sample", str(sample), "(seed", "7)"])
-    flown["flight"].cause = "it diverged"
+    simulated["flight"].cause = "it diverged"
     assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended because it diverged\n"
 
 
-def test_files_for_other_programs_are_written_on_request(run, flown, tmp_path):
+def test_files_for_other_programs_are_written_on_request(run, simulated, tmp_path):
     command_line = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
     result = run(*command_line, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert written == [str(tmp_path / "flight.csv"), "pdf", str(tmp_path / "replay.html"), "px4.csv", "net.yaml"]
-    assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
-    assert flown["save_network"] == [((flown["flight"], str(tmp_path / "net.yaml")), {})]
+    assert simulated["written"] == [("px4.csv", simulated["flight"], tmp_path / "px4.csv")]
+    assert simulated["save_network"] == [((simulated["flight"], str(tmp_path / "net.yaml")), {})]
     for wrong, words in (
         (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
         (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),

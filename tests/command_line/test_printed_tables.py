@@ -32,21 +32,21 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.flown_again.comparison import LogComparison
-from drake_quad.identification.flown_again.prediction import Predictions
-from drake_quad.identification.flown_again.reference import LoggedReference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.identification.validation.comparison import LogComparison
+from drake_quad.identification.validation.prediction import Predictions
+from drake_quad.identification.validation.reference import LoggedReference
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.margins import Margins
-from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.active_constraints import ActiveConstraint
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.replication.printed import Cell, Runs
+from drake_quad.replication.published import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.studies.study import Study
@@ -125,17 +125,17 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
     assert header == [
         "scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y (m²/s⁴)", "relative RMSE",
     ]  # fmt: skip
-    flown = np.delete(second, 2)
+    simulated = np.delete(second, 2)
     assert [row[:3] for row in rows] == [
         ["calm", "pd", plus_minus(100.0 * first.mean(), 100.0 * first.std(ddof=1)) + " cm"],
-        ["calm", "pid", plus_minus(100.0 * flown.mean(), 100.0 * flown.std(ddof=1)) + " cm"],
+        ["calm", "pid", plus_minus(100.0 * simulated.mean(), 100.0 * simulated.std(ddof=1)) + " cm"],
         ["windy", "pd", "20.0 cm"],
     ]
     # The peak error is 4 m, and the efforts are 5 and 6 m²/s⁴.
     assert rows[2][3:] == ["400 cm", "5.00", "6.00", "100 %"]
     assert rows[0][6:] == ["100 %"]
     pairs = np.delete(first, 2)
-    assert float(rows[1][6].split()[0]) == pytest.approx(100.0 * flown.mean() / pairs.mean(), abs=0.5)
+    assert float(rows[1][6].split()[0]) == pytest.approx(100.0 * simulated.mean() / pairs.mean(), abs=0.5)
     assert rows[1][7] == "1 crashed"
     table = read_table(compare.write_flights(tmp_path / "comparison.csv", flights))
     assert list(table) == ["scenario", "controller", "sample", *Metrics._fields]
@@ -154,11 +154,11 @@ def compared():
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
-    flown = predicted[0] * [1.0, 1.0, 0.1]
+    simulated = predicted[0] * [1.0, 1.0, 0.1]
     predicted[[3, 7], 30:] = np.nan
     reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 4.0, 0.00123)
     record = FlightRecord("log7", np.arange(2.0))
-    return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
+    return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), simulated, predicted)
 
 
 def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
@@ -171,7 +171,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     assert [row[:2] for row in rows] == [
         [name, axis] for name in ("RMSE", "mean", "95 % largest") for axis in ("x", "y", "z", "all")
     ]
-    figures = compared.flown_figures
+    figures = compared.logged_statistics
     np.testing.assert_allclose(
         [float(row[2]) for row in rows],
         100.0 * np.concatenate([figures.rmse, figures.mean, figures.largest]),
@@ -193,7 +193,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
         r" whose median is 1\.\d+ cm \[.*\]\.",
         last,
     )
-    assert "is within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
+    assert "is within the 95 % interval" in compare_log.verdict(replace(compared, logged_error=compared.predicted[0]))
 
 
 def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys):
@@ -208,7 +208,7 @@ def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys)
 def test_the_table_of_a_compared_log_is_in_metres(compared, tmp_path, monkeypatch):
     for name in ("log_comparison_plots.plot_log_comparison", "replay.page.save_replay", "style.save_figures"):
         monkeypatch.setattr(f"drake_quad.visualization.{name}", lambda *_, **__: [])
-    monkeypatch.setattr(compare_log, "side_by_side", lambda _: None)
+    monkeypatch.setattr(compare_log, "flights_to_compare", lambda _: None)
     monkeypatch.setattr(compare_log, "save_scenario", lambda _, path: path.write_text("scenario"))
     files = compare_log.save_comparison(compared, tmp_path, SimpleNamespace(vector=None))
     table = read_table(files[0])
@@ -217,7 +217,7 @@ def test_the_table_of_a_compared_log_is_in_metres(compared, tmp_path, monkeypatc
     assert [*table["axis"]] == ["x", "y", "z", "all"] * 3
     for column, name in enumerate(("rmse", "mean", "largest")):
         rows = slice(4 * column, 4 * column + 4)
-        np.testing.assert_allclose(table["flown (m)"][rows], getattr(compared.flown_figures, name), rtol=1e-5)
+        np.testing.assert_allclose(table["flown (m)"][rows], getattr(compared.logged_statistics, name), rtol=1e-5)
         for end, values in zip(("median", "low", "high"), compared.interval(name), strict=True):
             np.testing.assert_allclose(table[f"{end} (m)"][rows], values, rtol=1e-5)
 
@@ -413,7 +413,7 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
         signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
     )
     monkeypatch.setattr(identify, "white_noise", lambda _: [noise])
-    monkeypatch.setattr(identify, "trim", lambda _, weight: {"mean roll": Spread(0.01 * weight, 0.01, "rad")})
+    monkeypatch.setattr(identify, "hover_means", lambda _, weight: {"mean roll": Spread(0.01 * weight, 0.01, "rad")})
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: 0.0456)
     identify.print_hover([record], 10.0)
     header, row, *lines = capsys.readouterr().out.splitlines()
@@ -446,7 +446,7 @@ def test_a_map_has_a_row_for_each_pair_of_gains_and_names_the_best_pair(capsys, 
     crash_time = np.full((2, 3), np.inf)
     crash_time[1, 0] = 1.5
     panel = SimpleNamespace(
-        title="nominal", linear=linear, flown=Metrics(rmse, *[rmse] * (len(Metrics._fields) - 2), crash_time)
+        title="nominal", linear=linear, simulated=Metrics(rmse, *[rmse] * (len(Metrics._fields) - 2), crash_time)
     )
     gains = MappedGains("control.position", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
     stability_map.print_panel(panel, gains, k_p, k_d)
@@ -454,11 +454,11 @@ def test_a_map_has_a_row_for_each_pair_of_gains_and_names_the_best_pair(capsys, 
         "nominal: 83 % of the gains are stable, 83 % do not crash;"
         " smallest RMSE with stable gains: 10.00 cm at k_P = 2, k_D = 4\n"
     )
-    panel.flown = panel.flown._replace(crash_time=np.zeros((2, 3)))
+    panel.simulated = panel.simulated._replace(crash_time=np.zeros((2, 3)))
     stability_map.print_panel(panel, gains, k_p, k_d)
     assert capsys.readouterr().out.endswith("0 % do not crash; all flights with stable gains crashed\n")
-    panel.flown = panel.flown._replace(crash_time=crash_time)
-    panels = [(panel.title, panel.linear, panel.flown), ("worst", panel.linear, panel.flown)]
+    panel.simulated = panel.simulated._replace(crash_time=crash_time)
+    panels = [(panel.title, panel.linear, panel.simulated), ("worst", panel.linear, panel.simulated)]
     table = read_table(stability_map.write_map(tmp_path / "map.csv", panels, gains, k_p, k_d))
     np.testing.assert_array_equal(table["k_P (1/s²)"], [1, 1, 1, 2, 2, 2])
     np.testing.assert_array_equal(table["k_D (1/s)"], [3, 4, 5, 3, 4, 5])
@@ -561,19 +561,19 @@ def test_active_limits_of_a_plan_are_printed_with_their_segments():
 def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
     """The expected values of a figure eight follow from its samples; a limit is printed if there is one."""
     mission = load_scenario("figure_eight")
-    flown = plan_route(mission)
-    rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, PathLimits(speed=9.0), None)}
-    times = np.linspace(0.0, flown.duration, 20_001)
-    way = evaluate(flown.path, times)
+    simulated = plan_route(mission)
+    rows = {name: (value, unit) for name, value, unit in plan.summary(mission, simulated, PathLimits(speed=9.0), None)}
+    times = np.linspace(0.0, simulated.duration, 20_001)
+    way = evaluate(simulated.path, times)
     assert float(rows["length"][0]) == pytest.approx(np.linalg.norm(np.diff(way, axis=1), axis=0).sum(), abs=0.02)
-    assert rows["duration"] == (f"{flown.duration:.3f}", "s")
-    assert rows["waypoints"] == (str(len(flown.path.times)), "")
+    assert rows["duration"] == (f"{simulated.duration:.3f}", "s")
+    assert rows["waypoints"] == (str(len(simulated.path.times)), "")
     for name, order, unit in (("speed", 1, "m/s of 9"), ("acceleration", 2, "m/s²"), ("snap", 4, "m/s⁴")):
-        peak = np.linalg.norm(evaluate(flown.path, times, order), axis=0).max()
+        peak = np.linalg.norm(evaluate(simulated.path, times, order), axis=0).max()
         assert float(rows[f"top {name}"][0]) == pytest.approx(peak, rel=1e-2)
         assert rows[f"top {name}"][1] == unit
     parameters = planned_parameters(mission)
-    rotors = np.array(plan_demand(flown, parameters, times).rotor_speed)
+    rotors = np.array(plan_demand(simulated, parameters, times).rotor_speed)
     least, most = map(float, rows["rotor speeds"][0].split(" to "))
     assert (least, most) == pytest.approx((rotors.min(), rotors.max()), abs=1.0)
     assert rows["rotor speeds"][1] == f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}"
@@ -622,7 +622,7 @@ def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys
 
 
 def test_the_simulation_speed_counts_the_flown_time(capsys):
-    study.print_rate({"a": studied(flown_time=1000.0), "b": studied(flown_time=2000.0)}, 1.5)
+    study.print_rate({"a": studied(simulated_time=1000.0), "b": studied(simulated_time=2000.0)}, 1.5)
     assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"
     study.print_rate({"a": studied()}, 1.5)
     assert capsys.readouterr().out == "all samples had already been flown\n"

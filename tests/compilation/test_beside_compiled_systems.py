@@ -11,7 +11,7 @@ from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPa
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
-from drake_quad.compilation.stand_in import StandIn
+from drake_quad.compilation.placeholder import SystemPlaceholder
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
@@ -228,7 +228,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, place, make):
     """The second flight of the fleet is also the same."""
     own = UserSystems(**{place: make})
-    fleets = [StudyFleet(scenario, plan, 5, own=own, compiled=compiled) for compiled in (True, False)]
+    fleets = [StudyFleet(scenario, plan, 5, user_systems=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
         assert_metrics_alike(*(fleet.fly(samples, duration=0.2) for fleet in fleets))
 
@@ -238,7 +238,7 @@ def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, pla
     """The system stays in the built diagram, and both diagrams can be simulated."""
     wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
     compiled = compile_diagram(wired)
-    shown = [system for system in compiled.GetSystems() if isinstance(system, StandIn)]
+    shown = [system for system in compiled.GetSystems() if isinstance(system, SystemPlaceholder)]
     assert len(shown) == 2
     simulators = [Simulator(diagram) for diagram in (wired, compiled)]
     for time in (0.0, 0.01, 0.02, 0.033, 0.2, 0.205):
@@ -260,7 +260,7 @@ def test_a_system_with_a_state_cannot_have_a_stand_in_in_a_built_diagram(scenari
 def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
     """The compiled system contains it."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
-    pd = build_position_controller(ProportionalDerivative(numbers=gains))
+    pd = build_position_controller(ProportionalDerivative(parameters=gains))
     assert as_compilable(pd) is pd
     compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=pd, plan=plan), ticks=10)
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
@@ -272,7 +272,7 @@ def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
     for make in (UserPd, with_a_filter):
         own = make()
         shown = as_compilable(own)
-        assert isinstance(shown, StandIn)
+        assert isinstance(shown, SystemPlaceholder)
         compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=shown, plan=plan), ticks=10)
         assert own in list(compiled.GetSystems())
 
@@ -280,7 +280,7 @@ def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
 def test_a_stand_in_has_the_outputs_of_its_system():
     """The outputs are compared at several times, between which the inputs change."""
     own = UserPd(2)
-    shown = StandIn(own)
+    shown = SystemPlaceholder(own)
     contexts = [system.CreateDefaultContext() for system in (own, shown)]
     for time in (0.0, 1.5):
         for name, size in (("measurement", 24), ("reference", 22)):
@@ -312,7 +312,7 @@ def mixed_diagram():
     builder = DiagramBuilder()
     n = 2
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
-    wind = builder.AddNamedSystem("steady", SteadyWind(num_vehicles=n, numbers=Wind(1.0, 2.0, 3.0)))
+    wind = builder.AddNamedSystem("steady", SteadyWind(num_vehicles=n, parameters=Wind(1.0, 2.0, 3.0)))
     first, second = (builder.AddNamedSystem(name, TimeScaling(3 * n)) for name in ("first", "second"))
     builder.ExportInput(second.GetInputPort("second"), "v")
     builder.ExportInput(first.GetInputPort("first"), "u")

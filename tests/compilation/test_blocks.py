@@ -61,7 +61,7 @@ def after_tick(steps, memory):
 class Counter(FleetSystem):
     """System with every kind of declaration. Its state contains rows of its input."""
 
-    def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, numbers=0.25):
+    def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, parameters=0.25):
         seen = self.input("seen", layout=PAIR, absent=Pair(0.1, 0.2))
         by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
         memory = self.state("memory", lambda by: Pair(by, 1.0))
@@ -102,7 +102,7 @@ def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.0
 def counters(builder, n, **structure):
     """Connect two counters in a loop with a hold, and return the exported ports."""
     one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
-    two = builder.AddNamedSystem("two", Counter(num_vehicles=n, numbers=0.5 + np.arange(n) if n > 1 else 0.7))
+    two = builder.AddNamedSystem("two", Counter(num_vehicles=n, parameters=0.5 + np.arange(n) if n > 1 else 0.7))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
     builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("seen"))
     builder.Connect(two.GetOutputPort("mixed"), hold.get_input_port())
@@ -300,7 +300,7 @@ def test_a_system_for_another_number_of_vehicles_is_refused(make, what):
 
 def test_a_diagram_without_periodic_events_is_refused():
     def connect(builder):
-        wind = builder.AddNamedSystem("steady", SteadyWind(numbers=Wind(1.0, 2.0, 3.0)))
+        wind = builder.AddNamedSystem("steady", SteadyWind(parameters=Wind(1.0, 2.0, 3.0)))
         return {"wind": wind.get_output_port()}
 
     assert refused(connect) == "small cannot be compiled: it has no periodic events"

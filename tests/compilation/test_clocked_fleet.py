@@ -92,7 +92,9 @@ class PythonWind(LeafSystem):
 
 def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy_scenario):
     def fleet_of(scenario, **own):
-        diagram = build_fleet_diagram(Batch.draw(scenario, range(2)), plan_route(scenario), own=UserSystems(**own))
+        diagram = build_fleet_diagram(
+            Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**own)
+        )
         return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
 
     with pytest.raises(

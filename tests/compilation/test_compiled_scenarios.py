@@ -83,12 +83,12 @@ OBSTACLES = {
 def test_compiled_fleets_uncompiled_fleets_and_single_vehicles_hit_the_same_obstacles():
     scenario = load_scenario(f"{ROOT}/diagrams/robustness.yaml", {"space": {"obstacles": OBSTACLES}, "duration": 12.0})
     fleet = assert_flown_alike(Batch.draw(scenario, range(8)))
-    touched = [flight.touched for flight in fleet]
+    touched = [flight.obstacle_hit for flight in fleet]
     assert len({*touched}) > 2
     single = assert_flown_alike(Batch.draw(scenario, [5]))[0]
-    assert (single.touched, single.crash) == (fleet[5].touched, fleet[5].crash)
+    assert (single.obstacle_hit, single.crash) == (fleet[5].obstacle_hit, fleet[5].crash)
     for flight in fleet:
-        if flight.touched is not None:
-            state, solid = flight.record("state"), scenario.space.obstacles[flight.touched].shape()
+        if flight.obstacle_hit is not None:
+            state, solid = flight.record("state"), scenario.space.obstacles[flight.obstacle_hit].shape()
             distances = solid.distances(np.column_stack([state.x, state.y, state.z]))
             assert distances[-1] < 0.17 <= distances[:-1].min()

@@ -39,7 +39,15 @@ class Growing(FleetSystem):
     """System with one row, which a formula with a constant updates periodically."""
 
     def declare(
-        self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, unrestricted=False, at_start=True, numbers=1.0
+        self,
+        *,
+        formula=shrunk,
+        constant=2.0,
+        absent=0.0,
+        period=0.01,
+        unrestricted=False,
+        at_start=True,
+        parameters=1.0,
     ):
         seen = self.input("seen", layout=ROW, absent=absent)
         by = self.parameter("by", lambda number: (number,))
@@ -99,7 +107,7 @@ def test_diagrams_that_differ_only_in_values_share_events(new_loops):
     first = compiled_outputs(diagram_of())
     count = len(new_loops)
     assert count > 0
-    other = diagram_of(numbers=0.7, value=-1.0, name="other")
+    other = diagram_of(parameters=0.7, value=-1.0, name="other")
     np.testing.assert_allclose(compiled_outputs(other), wired(other), rtol=1e-12)
     assert len(new_loops) == count
     assert not np.array_equal(compiled_outputs(other), first)
@@ -172,9 +180,9 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
     """The diagrams differ only in the sizes of the outputs of a demultiplexer."""
     builder = DiagramBuilder()
     grows = builder.AddNamedSystem("grows", Growing())
-    numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
+    parameters = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
     parts = builder.AddNamedSystem("parts", Demultiplexer([first, 3 - first]))
-    builder.Connect(numbers.get_output_port(), parts.get_input_port())
+    builder.Connect(parameters.get_output_port(), parts.get_input_port())
     builder.ExportOutput(grows.GetOutputPort("x"), "x")
     builder.ExportOutput(parts.get_output_port(1), "second")
     compiled = compile_diagram(builder.Build())
@@ -183,7 +191,7 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
 
 
 @fleet_system(float)
-class WithInitialNumbers(FleetSystem):
+class WithInitialParameters(FleetSystem):
     """System with a list of numbers as initial state."""
 
     def declare(self, *, by):
@@ -223,9 +231,9 @@ def test_each_row_has_its_own_gain():
     for second in (5.0, 7.0):
         builder = DiagramBuilder()
         grows = builder.AddNamedSystem("grows", Growing())
-        numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0]))
+        parameters = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0]))
         gain = builder.AddNamedSystem("gain", Gain([3.0, second]))
-        builder.Connect(numbers.get_output_port(), gain.get_input_port())
+        builder.Connect(parameters.get_output_port(), gain.get_input_port())
         builder.ExportOutput(grows.GetOutputPort("x"), "x")
         builder.ExportOutput(gain.get_output_port(), "gained")
         compiled = compile_diagram(builder.Build())
@@ -256,7 +264,7 @@ def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_event
 def test_mutable_constants_are_never_shared():
     for by in ([1.0, 2.0], [5.0]):
         builder = DiagramBuilder()
-        builder.ExportOutput(builder.AddNamedSystem("begins", WithInitialNumbers(by=by)).GetOutputPort("x"), "x")
+        builder.ExportOutput(builder.AddNamedSystem("begins", WithInitialParameters(by=by)).GetOutputPort("x"), "x")
         diagram = builder.Build()
         for each in (diagram, compile_diagram(diagram)):
             simulator = Simulator(each)

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
-from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.attitude import AttitudeController, AttitudeParameters
 from drake_quad.control.cascade import POSITION_SIGNALS, build_cascade
-from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorParameters
 from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.set_learning import SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, FuzzyRulesParameters, Lead, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters
 from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-VECTORING = VectoringNumbers(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
-ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+VECTORING = VectoringParameters(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
+ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
 INPUTS = {
     "measurement": State(0.3, -0.2, 1.1, 0.05, -0.04, 0.6, 0.2, -0.1, 0.3, 0.2, -0.3, 0.1),
     "reference": Reference(0.5, 0.1, 1.0, 0.4, -0.2, 0.1, 0.3, 0.2, -0.1, 0.8, 0.25),
@@ -32,8 +32,8 @@ INPUTS = {
 
 
 def cascade(feed_forward, position=None, network=None):
-    position = position or build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=GAINS))
-    thrust_vectoring, attitude = ThrustVectoring(numbers=VECTORING), AttitudeController(numbers=ATTITUDE)
+    position = position or build_position_controller(ProportionalDerivative(feeds_forward=True, parameters=GAINS))
+    thrust_vectoring, attitude = ThrustVectoring(parameters=VECTORING), AttitudeController(parameters=ATTITUDE)
     return build_cascade(
         position=position,
         network=network,
@@ -73,16 +73,16 @@ def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
         return control.GetOutputPort(name).Eval(context)
 
     measurement, reference = INPUTS["measurement"], INPUTS["reference"]
-    pd = ProportionalDerivative(feeds_forward=True, numbers=GAINS)
+    pd = ProportionalDerivative(feeds_forward=True, parameters=GAINS)
     *_, command, fed = output_of(pd, measurement=measurement, reference=reference).reshape(4, 3)
     np.testing.assert_allclose(output("acceleration_command"), command + fed, rtol=1e-14)
-    vectored = output_of(ThrustVectoring(numbers=VECTORING), acceleration_command=command + fed, **given)
+    vectored = output_of(ThrustVectoring(parameters=VECTORING), acceleration_command=command + fed, **given)
     thrust, attitude, rates, accelerations = np.split(vectored, [1, 4, 7])
     assert np.any(rates[:2] != 0.0) == (feed_forward in ("jerk", "snap"))
     assert np.any(accelerations != 0.0) == (feed_forward == "snap")
     np.testing.assert_allclose(output("attitude_command"), attitude, rtol=1e-14)
     torque = output_of(
-        AttitudeController(numbers=ATTITUDE),
+        AttitudeController(parameters=ATTITUDE),
         measurement=measurement,
         attitude_command=attitude,
         body_rate_command=rates,
@@ -103,16 +103,16 @@ def test_at_rest_on_the_reference_the_thrust_is_the_nominal_weight():
 def test_outputs_of_the_position_controller_are_outputs_of_the_cascade():
     common_outputs = ["wrench", "acceleration_command", "attitude_command"]
     pd_outputs = ["error", "error_rate", "pd", "correction"]
-    pd = ProportionalDerivative(numbers=GAINS)
+    pd = ProportionalDerivative(parameters=GAINS)
     assert port_names(cascade("none")) == (["measurement", "reference"], common_outputs + pd_outputs)
     network = build_fuzzy_network(rules=FuzzyRules(adaptive=True), learning=WeightLearning(), sets=SetLearning())
-    estimator_numbers = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
+    estimator_numbers = EstimatorParameters((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
     corrected = build_position_controller(
-        pd, disturbance=DisturbanceEstimator(numbers=estimator_numbers), takes_correction=True
+        pd, disturbance=DisturbanceEstimator(parameters=estimator_numbers), takes_correction=True
     )
     assert port_names(cascade("snap", corrected, network)) == ([*INPUTS], [*common_outputs, *POSITION_SIGNALS])
-    integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
-    pid = build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral)
+    integral = IntegralCorrection(parameters=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
+    pid = build_position_controller(ProportionalDerivative(parameters=GAINS), integral=integral)
     assert port_names(cascade("jerk", pid)) == ([*INPUTS][:3], common_outputs + pd_outputs)
 
 
@@ -153,7 +153,9 @@ def test_a_network_works_around_any_controller_and_reads_its_estimate():
     """The network reads the disturbance on each axis and the measured height. Its output is subtracted."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
-    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=RulesNumbers((sets,))), learning=learning)
+    network = build_fuzzy_network(
+        rules=FuzzyRules(inputs=inputs, parameters=FuzzyRulesParameters((sets,))), learning=learning
+    )
     control = cascade("none", Estimator(), network)
     assert port_names(control)[0] == ["measurement", "reference"]
     context, weights = control.CreateDefaultContext(), np.linspace(-1.0, 1.0, 9)
@@ -170,7 +172,7 @@ def test_a_network_works_around_any_controller_and_reads_its_estimate():
 def test_a_controller_receives_the_disturbance_learned_for_the_present_position(leads):
     """The learned disturbance is evaluated at the present position, and the correction after the lead time."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
-    rules = FuzzyRules(inputs=("z",), leads=leads, numbers=RulesNumbers((sets,), Lead(lead)))
+    rules = FuzzyRules(inputs=("z",), leads=leads, parameters=FuzzyRulesParameters((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()
     control = cascade("none", position, build_fuzzy_network(rules=rules, learning=learning))
     context, weights = control.CreateDefaultContext(), (-1.0, 0.3, 0.8)

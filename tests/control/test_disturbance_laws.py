@@ -55,24 +55,24 @@ def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise)
 
 
 def test_the_filter_is_faster_for_less_noise_and_more_disturbance():
-    numbers = {"deviation": 0.3, "time_constant": 0.5, "position_noise": 1e-3, "period": H}
-    gain = KalmanLaw.of(**numbers).gain.disturbance
-    assert KalmanLaw.of(**numbers | {"position_noise": 1e-2}).gain.disturbance < gain
-    assert KalmanLaw.of(**numbers | {"deviation": 1.0}).gain.disturbance > gain
+    parameters = {"deviation": 0.3, "time_constant": 0.5, "position_noise": 1e-3, "period": H}
+    gain = KalmanLaw.of(**parameters).gain.disturbance
+    assert KalmanLaw.of(**parameters | {"position_noise": 1e-2}).gain.disturbance < gain
+    assert KalmanLaw.of(**parameters | {"deviation": 1.0}).gain.disturbance > gain
     # The gain depends only on the ratio of disturbance to noise.
-    tenfold = KalmanLaw.of(**numbers | {"deviation": 3.0, "position_noise": 1e-2})
-    np.testing.assert_allclose(tenfold.gain, KalmanLaw.of(**numbers).gain, rtol=1e-9)
+    tenfold = KalmanLaw.of(**parameters | {"deviation": 3.0, "position_noise": 1e-2})
+    np.testing.assert_allclose(tenfold.gain, KalmanLaw.of(**parameters).gain, rtol=1e-9)
 
 
 def estimates(law, disturbances, accelerations, *, start=0.0):
     """Return the estimates of a law at the end of each tick, for v' = a + d with constant a and d, without noise."""
     position, velocity, memory, values = start, 0.0, law.at_rest(start), []
     for a, d in zip(accelerations, disturbances, strict=True):
-        memory = law.corrected(memory, AxisMeasurement(position, velocity), H)
-        memory = law.predicted(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
+        memory = law.correct(memory, AxisMeasurement(position, velocity), H)
+        memory = law.predict(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
         position += H * velocity + 0.5 * H * H * (a + d)
         velocity += H * (a + d)
-        values.append(law.corrected(memory, AxisMeasurement(position, velocity), H).disturbance)
+        values.append(law.correct(memory, AxisMeasurement(position, velocity), H).disturbance)
     return np.array(values)
 
 
@@ -110,7 +110,7 @@ def test_l1_compensates_the_low_pass_filtered_disturbance(frequency):
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
-        memory = law.corrected(memory, AxisMeasurement(0.0, velocity), h)
+        memory = law.correct(memory, AxisMeasurement(0.0, velocity), h)
         values.append(memory.disturbance)
     waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
     (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(values)[10_000:], rcond=None)
@@ -141,9 +141,9 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     law = IncrementalLaw(1e6)
     memory, v, speeds = law.at_rest(0.0), 0.0, []
     for d in disturbances:
-        memory = law.corrected(memory, AxisMeasurement(0.0, v), H)
+        memory = law.correct(memory, AxisMeasurement(0.0, v), H)
         u = K * (desired - v) - memory.disturbance
-        memory = law.predicted(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
+        memory = law.predict(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
         speeds.append(v)
     k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
@@ -174,10 +174,10 @@ def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():
     law = KalmanLaw.of(deviation=1.0, time_constant=0.5, position_noise=1e-3, period=H)
     memory = law.at_rest(0.0)._replace(disturbance=1.0)
     for _ in range(25):
-        memory = law.predicted(memory, ModelIncrement(0.0, 0.0), H)
+        memory = law.predict(memory, ModelIncrement(0.0, 0.0), H)
     # d = exp(-t / T), v = T (1 - d), p = T (t - v) after t = T.
-    share = math.exp(-1.0)
-    assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - share)), 0.5 * (1.0 - share), share), rel=1e-12)
+    fraction = math.exp(-1.0)
+    assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - fraction)), 0.5 * (1.0 - fraction), fraction), rel=1e-12)
 
 
 def test_memory_of_differencing_laws_is_zero_at_rest():

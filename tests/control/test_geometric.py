@@ -10,9 +10,9 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import load_scenario, simulate
 from drake_quad.assembly.tracking import build_fleet_diagram
-from drake_quad.control.attitude import AttitudeNumbers, attitude_law
+from drake_quad.control.attitude import AttitudeParameters, attitude_law
 from drake_quad.control.geometric import (
-    IntegratingAttitudeNumbers,
+    IntegratingAttitudeParameters,
     geometric_law,
     integrated_rotation,
     integrating_law,
@@ -29,14 +29,14 @@ INERTIA = np.array([0.0065, 0.0085, 0.0126])
 
 def test_the_law_equals_the_pd_near_the_commanded_attitude():
     """At level attitude both laws have the same derivatives with respect to attitude, rates, and all commands."""
-    numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+    parameters = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 
     def derivatives(law):
         rows = InitializeAutoDiff(np.zeros(15)).ravel().tolist()
         rest = [rows[0] * 0.0] * 3
         measurement = State(*rest, *rows[0:3], *rest, *rows[3:6])
         commanded = Attitude(*rows[6:9]), BodyRates(*rows[9:12]), AngularAcceleration(*rows[12:15])
-        return ExtractGradient(np.array([*law(measurement, *commanded, numbers)]))
+        return ExtractGradient(np.array([*law(measurement, *commanded, parameters)]))
 
     np.testing.assert_allclose(derivatives(geometric_law), derivatives(attitude_law), atol=1e-15)
 
@@ -54,7 +54,7 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
     The command is constant. At the start the error is a rotation by 178° about an axis that is not a body axis.
     """
     k_R, k_Omega, c = 0.12, 0.05, 0.004
-    numbers = AttitudeNumbers(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
+    parameters = AttitudeParameters(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
     desired, still = Attitude(0.2, -0.3, 0.7), (0.0, 0.0, 0.0)
     R_d = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.7, -0.3, 0.2]).as_matrix()
     axis = np.array([0.6, -0.48, 0.64])
@@ -63,7 +63,7 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
     def slope(_, state):
         R, w = state[:9].reshape(3, 3), state[9:]
         measurement = State(0.0, 0.0, 0.0, *angles_of(R), 0.0, 0.0, 0.0, *w)
-        torque = geometric_law(measurement, desired, BodyRates(*still), AngularAcceleration(*still), numbers)
+        torque = geometric_law(measurement, desired, BodyRates(*still), AngularAcceleration(*still), parameters)
         hat = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
         return np.concatenate([(R @ hat).ravel(), (np.array(torque) - np.cross(w, INERTIA * w)) / INERTIA])
 
@@ -87,12 +87,12 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
 
 def test_full_turns_of_the_attitude_have_no_influence():
     """After a full roll, the law turns the shorter way, whereas a PD on the angle unwinds the whole turn."""
-    numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+    parameters = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
     rest = (0.0, 0.0, 0.0)
 
     def roll_torque(law, roll):
         measurement = State(*rest, roll, 0.0, 0.0, *rest, *rest)
-        return law(measurement, Attitude(*rest), BodyRates(*rest), AngularAcceleration(*rest), numbers).tau_x
+        return law(measurement, Attitude(*rest), BodyRates(*rest), AngularAcceleration(*rest), parameters).tau_x
 
     assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) == pytest.approx(roll_torque(geometric_law, -0.3), rel=1e-12)
     assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) > 0.0 > roll_torque(attitude_law, 2.0 * math.pi - 0.3)
@@ -136,8 +136,8 @@ def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_pape
 
 COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)
 MEASURED_STATE = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
-NUMBERS_WITH_INTEGRAL = IntegratingAttitudeNumbers(
-    AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
+NUMBERS_WITH_INTEGRAL = IntegratingAttitudeParameters(
+    AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
 )
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_law
+from drake_quad.control.attitude import AttitudeParameters, attitude_law
 from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.incremental_attitude import (
-    IncrementalAttitudeNumbers,
+    IncrementalAttitudeParameters,
     incremental_torque,
     next_incremental_memory,
 )
@@ -18,8 +18,8 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 H = 0.02  # s, control tick
 LAG = 0.05  # s
 INERTIA = np.array([0.0065, 0.0085, 0.0126])
-GAINS = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
-NUMBERS = IncrementalAttitudeNumbers(GAINS, IncrementalLaw(5.0), LAG, 20.0)
+GAINS = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+NUMBERS = IncrementalAttitudeParameters(GAINS, IncrementalLaw(5.0), LAG, 20.0)
 AT_REST = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)
 DISTURBANCE = np.array([0.9, -0.7, 0.4])
 

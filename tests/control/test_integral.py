@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.control.integral import IntegralCorrection, IntegralGains, integrated
+from drake_quad.control.integral import IntegralCorrection, IntegralGains, integrate_correction
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError
 
@@ -16,8 +16,8 @@ K_I = np.array([0.3, 0.5, 2.0])
 
 def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forward_euler"):
     """Return the corrections (ticks + 1, 3, N) for errors (ticks, 3, N), one for each tick."""
-    numbers = IntegralGains(PerAxis(*k_i), limit)
-    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, integration=integration, numbers=numbers)
+    parameters = IntegralGains(PerAxis(*k_i), limit)
+    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, integration=integration, parameters=parameters)
     simulator = Simulator(system)
     context, corrections = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
@@ -34,9 +34,9 @@ def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="
 def test_a_tick_adds_error_times_gain_times_period_up_to_the_limit():
     """The expected values are 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and the limit."""
     gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
-    after = integrated(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
+    after = integrate_correction(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
     assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))
-    opposite = integrated(Acceleration(-1.0, 1.0, -1.4), PositionError(-10.0, 5.0, 2.0), gains, H)
+    opposite = integrate_correction(Acceleration(-1.0, 1.0, -1.4), PositionError(-10.0, 5.0, 2.0), gains, H)
     assert opposite == pytest.approx(Acceleration(-0.6, 0.7, -1.5))
 
 
@@ -53,8 +53,8 @@ def test_backward_euler_includes_the_error_of_the_current_tick():
     """The limit and the stored integral are the same as with forward Euler."""
     limit = 0.05
     errors = np.random.default_rng(2).normal(size=(30, 3))
-    numbers = IntegralGains(PerAxis(*K_I), limit)
-    system = IntegralCorrection(period=H, integration="backward_euler", numbers=numbers)
+    parameters = IntegralGains(PerAxis(*K_I), limit)
+    system = IntegralCorrection(period=H, integration="backward_euler", parameters=parameters)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     integral = np.zeros(3)

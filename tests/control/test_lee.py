@@ -11,9 +11,9 @@ import pytest
 import scipy
 
 from drake_quad import load_scenario, read_log, simulate
-from drake_quad.control.attitude import AttitudeNumbers
+from drake_quad.control.attitude import AttitudeParameters
 from drake_quad.control.geometric import geometric_law
-from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers, vectored_thrust
+from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringParameters, vectored_thrust
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Reference, State
@@ -22,8 +22,8 @@ G = 9.81  # m/s²
 MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])
 # These limits are never reached, so the law is the published one.
-VECTORING_NUMBERS = VectoringNumbers(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
-GAINS = AttitudeNumbers(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
+VECTORING_NUMBERS = VectoringParameters(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
+GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
 K_D = np.array(GAINS.k_d)
 
@@ -177,12 +177,12 @@ def simulated_flight(**overrides):
 def commanded_by_firmware(flight):
     """Return the (ticks, 4) wrenches that the firmware commands at the measurements and references of a flight."""
     control = flight.scenario.control
-    believed = flight.scenario.nominal
-    inertia = np.array(believed.inertia)
+    nominal = flight.scenario.nominal
+    inertia = np.array(nominal.inertia)
     own = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
     gains = [np.array(getattr(control.position, name)) for name in ("k_p", "k_d", "k_i")]
     gains += [np.array(rows) * inertia for rows in own]
-    law = Firmware(gains, believed.mass, inertia, flight.scenario.laboratory.command_link.period)
+    law = Firmware(gains, nominal.mass, inertia, flight.scenario.laboratory.command_link.period)
     return np.array([law(*rows) for rows in zip(flight["measurement"], flight["reference"], strict=True)])
 
 

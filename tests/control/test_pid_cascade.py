@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.control import control_setting
-from drake_quad.control.pid_cascade.acceleration import acceleration_target, limited_velocity
-from drake_quad.control.pid_cascade.numbers import (
-    AccelerationNumbers,
-    CascadeNumbers,
+from drake_quad.control.pid_cascade.acceleration import acceleration_target, saturate_velocity_sum
+from drake_quad.control.pid_cascade.parameters import (
+    AccelerationParameters,
+    CascadeParameters,
     CascadeRules,
     PidLoopGains,
-    TiltNumbers,
+    TiltParameters,
     empty_memory,
 )
 from drake_quad.control.pid_cascade.system import PidCascade
@@ -63,14 +63,18 @@ def cascade_numbers():
         for i, d, limit in zip(K_I, K_D, (1e3, 1e3, GRAVITY))
     ]
     unit = WEIGHT / HOVER
-    return CascadeNumbers(
+    return CascadeParameters(
         PidLoopGains(PerAxis(*P_POSITION)),
         PidLoopGains(PerAxis(*K_P), tuple(terms)),
         1.0,
         MASS,
         GRAVITY,
-        AccelerationNumbers(
-            1.0, *MAX_SPEEDS, math.tan(MAX_TILT), *(unit * share for share in THRUST_LIMITS), unit * HORIZONTAL_MARGIN
+        AccelerationParameters(
+            1.0,
+            *MAX_SPEEDS,
+            math.tan(MAX_TILT),
+            *(unit * fraction for fraction in THRUST_LIMITS),
+            unit * HORIZONTAL_MARGIN,
         ),
     )
 
@@ -83,8 +87,8 @@ class Px4:
 
     def update(self, position, velocity, target, fed_velocity, acceleration, *, decoupled):
         if self.before is not None:
-            share = CUTOFF * PERIOD / (1.0 + CUTOFF * PERIOD)
-            self.rate += share * ((velocity - self.before) / PERIOD - self.rate)
+            fraction = CUTOFF * PERIOD / (1.0 + CUTOFF * PERIOD)
+            self.rate += fraction * ((velocity - self.before) / PERIOD - self.rate)
         self.before = velocity
         first = (target - position) * P_POSITION
         setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
@@ -179,23 +183,23 @@ def test_the_rotation_error_matches_px4():
 def test_the_first_of_two_velocities_has_priority_within_the_largest_speed():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
-        velocity = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
+        velocity = np.array(saturate_velocity_sum(tuple(first), tuple(second), 2.0))
         np.testing.assert_allclose(velocity, Px4.shortened(first, second), atol=1e-9)
         assert np.linalg.norm(velocity) <= 2.0 + 1e-9
-    assert limited_velocity((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
-    assert limited_velocity((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))
-    assert limited_velocity((0.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0))
+    assert saturate_velocity_sum((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
+    assert saturate_velocity_sum((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))
+    assert saturate_velocity_sum((0.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0))
 
 
 def test_a_tilt_is_commanded_along_the_heading():
     """A vehicle that faces Y and is 0.1 m behind its reference along X rolls to the right."""
-    tilting = CascadeNumbers(
+    tilting = CascadeParameters(
         PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
         PidLoopGains(PerAxis(0.4, 0.5, 5.0)),
         0.5,
         MASS,
         GRAVITY,
-        TiltNumbers(0.9 * WEIGHT, 0.2 * WEIGHT, 1.5 * WEIGHT),
+        TiltParameters(0.9 * WEIGHT, 0.2 * WEIGHT, 1.5 * WEIGHT),
     )
     state = State(-0.1, 0.0, 1.0, 0.0, 0.0, 0.5 * math.pi, *[0.0] * 6)
     reference = Reference(0.0, 0.0, 1.02, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5 * math.pi, 9.0)
@@ -306,23 +310,23 @@ def test_the_parameters_and_rules_follow_the_scenario():
             "control.position.integration": "backward_euler",
         },
     )
-    structure, numbers = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
-    weight = numbers.mass * numbers.gravity
+    structure, parameters = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
+    weight = parameters.mass * parameters.gravity
     assert structure["rules"] == CascadeRules(True, False, False)
-    expected = AccelerationNumbers(0.6, 2.5, 1.5, 0.8, math.tan(0.5), 0.2 * weight, 1.7 * weight, 0.4 * weight)
-    assert numbers.command == pytest.approx(expected)
-    assert numbers.velocity_feed_forward == 0.7
-    assert [terms.integral is None for terms in numbers.position.terms] == [False, True, False]
-    assert numbers.position.terms[0].integral == (0.1, math.inf, None)
+    expected = AccelerationParameters(0.6, 2.5, 1.5, 0.8, math.tan(0.5), 0.2 * weight, 1.7 * weight, 0.4 * weight)
+    assert parameters.command == pytest.approx(expected)
+    assert parameters.velocity_feed_forward == 0.7
+    assert [terms.integral is None for terms in parameters.position.terms] == [False, True, False]
+    assert parameters.position.terms[0].integral == (0.1, math.inf, None)
     assert scenario.control.limits().max_tilt == 0.5
 
 
 def test_an_autopilot_with_commanded_body_rates_has_no_attitude_error():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
     for follows, weight in ((True, 0.4), (False, None)):
-        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=follows)["autopilot"]
-        assert recipe.numbers.yaw_weight == weight
+        recipe = autopilot.recipes(QuadrotorParameters(), settings=autopilot, follows_attitude=follows)["autopilot"]
+        assert recipe.parameters.yaw_weight == weight
 
 
 def test_a_cascade_without_memory_has_no_state():
-    assert not PidCascade(numbers=cascade_numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states
+    assert not PidCascade(parameters=cascade_numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorParameters
 from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
@@ -24,7 +24,7 @@ VELOCITY = np.array([MEASUREMENT.v_x, MEASUREMENT.v_y, MEASUREMENT.v_z])
 
 def signals(num_vehicles=1, **structure):
     gains = PdGains(PerAxis(*K_P), PerAxis(*K_D))
-    pd = ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains, **structure)
+    pd = ProportionalDerivative(num_vehicles=num_vehicles, parameters=gains, **structure)
     diagram = build_position_controller(pd)
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("measurement").FixValue(context, np.repeat(MEASUREMENT, num_vehicles))
@@ -35,8 +35,8 @@ def signals(num_vehicles=1, **structure):
 
 def test_the_integral_and_an_external_correction_are_both_subtracted():
     gains = IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
-    pd = ProportionalDerivative(feeds_forward=True, numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)))
-    integral = IntegralCorrection(numbers=gains)
+    pd = ProportionalDerivative(feeds_forward=True, parameters=PdGains(PerAxis(*K_P), PerAxis(*K_D)))
+    integral = IntegralCorrection(parameters=gains)
     diagram = build_position_controller(pd, integral=integral, takes_correction=True)
     context = diagram.CreateDefaultContext()
     for name, rows in (("measurement", MEASUREMENT), ("reference", REFERENCE), ("correction", (0.4, -0.2, 0.1))):
@@ -79,8 +79,8 @@ def test_fleet_and_single_vehicle_agree():
 def test_the_estimator_models_the_command_plus_the_correction():
     """Therefore, the estimator does not estimate the corrected part of the disturbance again."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
-    estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
-    pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
+    estimator = DisturbanceEstimator(parameters=EstimatorParameters((IncrementalLaw(5.0),) * 3, lags, 10.0))
+    pd = ProportionalDerivative(parameters=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
     diagram = build_position_controller(pd, disturbance=estimator, takes_correction=True)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()

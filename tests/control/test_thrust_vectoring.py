@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers, specific_thrust
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringParameters, specific_thrust
 from drake_quad.geometry.flatness import HeadingVector, in_heading
 from drake_quad.signals import Acceleration
 
 G = 9.81  # m/s²
 MASS = 0.68  # kg
 LIMITS = ThrustLimits(math.tan(0.6), 0.3 * MASS * G, 1.8 * MASS * G)
-NUMBERS = VectoringNumbers(MASS, G, LIMITS)
+NUMBERS = VectoringParameters(MASS, G, LIMITS)
 accelerations = st.builds(Acceleration, *[st.floats(-30.0, 30.0)] * 3)
 angles = st.floats(-math.pi, math.pi)
 
@@ -37,7 +37,7 @@ def test_the_limits_hold_for_any_command(acceleration, yaw):
     thrust = math.sqrt(forward**2 + left**2 + up**2)
     assert MASS * up >= LIMITS.min_thrust * (1.0 - 1e-12)
     assert MASS * thrust <= LIMITS.max_thrust * (1.0 + 1e-12)
-    assert math.hypot(forward, left) <= LIMITS.slope * up * (1.0 + 1e-12)
+    assert math.hypot(forward, left) <= LIMITS.tan_max_tilt * up * (1.0 + 1e-12)
     # The remaining horizontal command keeps its direction.
     commanded_forward, commanded_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     assert forward * commanded_left == pytest.approx(left * commanded_forward, abs=1e-9)
@@ -47,9 +47,9 @@ def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
     """The horizontal force is zero, and never NaN, for any mass and limit, in Python and in machine code."""
     rng = np.random.default_rng(0)
     n = 1000
-    mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
-    limits = ThrustLimits(math.tan(0.6), 0.3 * mass * G, share * mass * G)
-    law = ThrustVectoring(num_vehicles=n, numbers=VectoringNumbers(mass, G, limits))
+    mass, fraction = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
+    limits = ThrustLimits(math.tan(0.6), 0.3 * mass * G, fraction * mass * G)
+    law = ThrustVectoring(num_vehicles=n, parameters=VectoringParameters(mass, G, limits))
     context = law.CreateDefaultContext()
     for name, rows in (
         ("acceleration_command", [0.3, -0.2, 50.0]),
@@ -58,7 +58,7 @@ def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
     ):
         law.GetInputPort(name).FixValue(context, np.repeat(rows, n))
     thrust, roll, pitch = law.get_output_port().Eval(context).reshape(10, n)[:3]
-    np.testing.assert_allclose(thrust, share * mass * G, rtol=1e-14)
+    np.testing.assert_allclose(thrust, fraction * mass * G, rtol=1e-14)
     np.testing.assert_allclose([roll, pitch], 0.0, atol=1e-15)
 
 
@@ -69,7 +69,7 @@ def test_derivatives_exist_at_the_limits():
 
 
 def test_unconnected_derivatives_of_the_reference_are_zero():
-    law = ThrustVectoring(numbers=NUMBERS)
+    law = ThrustVectoring(parameters=NUMBERS)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
     law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
@@ -93,7 +93,7 @@ def test_fleet_and_single_vehicle_agree():
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
-        law = ThrustVectoring(num_vehicles=num_vehicles, numbers=NUMBERS)
+        law = ThrustVectoring(num_vehicles=num_vehicles, parameters=NUMBERS)
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())

@@ -9,7 +9,7 @@ from drake_quad.control.disturbance.laws import IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.tilt import (
     KnownAccelerations,
     SpecificThrust,
-    TiltEstimatorNumbers,
+    TiltEstimatorParameters,
     estimate_by_tilt,
     next_tilt_states,
     tilted_acceleration,
@@ -19,7 +19,7 @@ from drake_quad.signals import Acceleration, State
 H = 0.02  # s, control tick
 G = 9.79  # m/s²
 LAWS = (IncrementalLaw(1e6),) * 3
-NUMBERS = TiltEstimatorNumbers(LAWS, 0.06, G, 50.0)
+NUMBERS = TiltEstimatorParameters(LAWS, 0.06, G, 50.0)
 NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)
 
 
@@ -95,26 +95,26 @@ def test_the_displacement_caused_by_known_accelerations_is_predicted():
     acceleration = np.array([0.6, -0.4, 0.5])
     distance = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
-    numbers = NUMBERS._replace(laws=(law,) * 3)
+    parameters = NUMBERS._replace(laws=(law,) * 3)
     memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
 
     def disturbance(x, y, z):
         measurement = state_at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
-        return estimate_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
+        return estimate_by_tilt(memory, before, SpecificThrust(10.5), measurement, parameters, H)[1]
 
     np.testing.assert_allclose(disturbance(*distance), 0.0, atol=1e-12)
     np.testing.assert_allclose(disturbance(*(distance + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
 
 
 def test_the_thrust_follows_the_magnitude_of_the_command_after_its_delay():
-    memory, thrust, under_way = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
+    memory, thrust, in_transit = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
     before, command, thrusts = KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
-        memory, before, thrust, under_way = next_tilt_states(
-            memory, before, thrust, under_way, state_at(), command, NO_ACCELERATION, NUMBERS, H
+        memory, before, thrust, in_transit = next_tilt_states(
+            memory, before, thrust, in_transit, state_at(), command, NO_ACCELERATION, NUMBERS, H
         )
         thrusts.append(thrust.thrust)
-    length, share = math.sqrt(9.0 + 4.0 + (1.5 + G) ** 2), 1.0 - math.exp(-H / 0.06)
+    length, fraction = math.sqrt(9.0 + 4.0 + (1.5 + G) ** 2), 1.0 - math.exp(-H / 0.06)
     assert thrusts[:2] == [G, G]
-    assert thrusts[2] == pytest.approx(G + share * (length - G), rel=1e-12)
-    assert thrusts[4] == pytest.approx(length + (1.0 - share) ** 3 * (G - length), rel=1e-12)
+    assert thrusts[2] == pytest.approx(G + fraction * (length - G), rel=1e-12)
+    assert thrusts[4] == pytest.approx(length + (1.0 - fraction) ** 3 * (G - length), rel=1e-12)

@@ -37,10 +37,10 @@ def test_plants_with_equal_impulse_responses_are_equal():
     transformed = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
     assert _has_equal_response(plant, transformed)
     assert not _has_equal_response(delay_plant(2), delay_plant(3))
-    for share, is_equal in ((1e-10, True), (1e-8, False)):
-        assert _has_equal_response(plant, replace(plant, C=(1.0 + share) * plant.C)) == is_equal
+    for fraction, is_equal in ((1e-10, True), (1e-8, False)):
+        assert _has_equal_response(plant, replace(plant, C=(1.0 + fraction) * plant.C)) == is_equal
         large = replace(plant, C=1e6 * plant.C)
-        assert _has_equal_response(large, replace(large, C=(1.0 + share) * large.C)) == is_equal
+        assert _has_equal_response(large, replace(large, C=(1.0 + fraction) * large.C)) == is_equal
     # The responses of these two plants differ only in the last of four samples.
     different = replace(delay_plant(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
     assert _has_equal_response(delay_plant(2), delay_plant(2))

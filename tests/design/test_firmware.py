@@ -14,7 +14,7 @@ from drake_quad.design.firmware.layer import firmware_layer
 from drake_quad.design.firmware.parameters import defaults_of, read_parameters
 from drake_quad.design.firmware.px4 import px4_layer, torque_units
 from drake_quad.flight.mission import plan_route
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.signals import AttitudeTarget, Reference, State
 from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 
@@ -42,12 +42,12 @@ def recorded():
 def outputs_of_scenario(parameters, recorded):
     """Return the outputs of the scenario's controllers for the recorded inputs, in units of the firmware."""
     scenario = with_firmware(parameters)
-    believed = nominal_parameters(scenario)
+    nominal = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
     autopilot = scenario.laboratory.autopilot
-    recipe = autopilot.recipes(believed, written=autopilot, follows_attitude=True)["autopilot"]
-    context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.numbers)
-    per_unit = np.array(believed.inertia) * output_scales(believed, THRUST_PER_UNIT)
+    recipe = autopilot.recipes(nominal, settings=autopilot, follows_attitude=True)["autopilot"]
+    context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.values)
+    per_unit = np.array(nominal.inertia) * output_scales(nominal, THRUST_PER_UNIT)
     rows = []
     for row in recorded:
         x, y, z, v_x, v_y, v_z, roll, pitch, yaw, p, q, r, x_r, y_r, z_r, yaw_r = list(row)[:16]
@@ -61,7 +61,7 @@ def outputs_of_scenario(parameters, recorded):
         cascade.updates[0].computation.run(cascade, context, [context.get_mutable_discrete_state(0)])
         structure = recipe.structure
         wrench, memory = autopilot_step(
-            target, state, None, recipe.numbers, memory, structure["period"], structure["rules"]
+            target, state, None, recipe.values, memory, structure["period"], structure["rules"]
         )
         outputs = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]
         rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * THRUST_PER_UNIT), *outputs])
@@ -119,11 +119,11 @@ def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
 
 def test_torque_units_of_px4_match_its_mixer_for_an_x_layout():
     """A unit of roll or pitch changes each rotor by 1/√2, and a unit of yaw by 1. Hover is at a thrust of 0.4."""
-    believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
-    lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
-    unit = believed.mass * believed.gravity / (4.0 * 0.4)
-    roll, _, yaw = torque_units(believed, 0.4)
-    levers = {abs(rotor.y) for rotor in believed.rotors} | {abs(rotor.x) for rotor in believed.rotors}
+    nominal = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
+    lever, ratio = abs(nominal.rotors[0].y), nominal.rotors[0].drag_factor / nominal.rotors[0].thrust_factor
+    unit = nominal.mass * nominal.gravity / (4.0 * 0.4)
+    roll, _, yaw = torque_units(nominal, 0.4)
+    levers = {abs(rotor.y) for rotor in nominal.rotors} | {abs(rotor.x) for rotor in nominal.rotors}
     # The shorter of the two lever arms determines the scale of both roll and pitch.
     assert roll == pytest.approx(4.0 * math.sqrt(0.5) * unit * min(levers), rel=1e-9)
     assert yaw == pytest.approx(4.0 * unit * ratio, rel=1e-9)
@@ -133,16 +133,16 @@ def test_torque_units_of_px4_match_its_mixer_for_an_x_layout():
 def test_a_rate_error_causes_the_same_torque_as_in_px4():
     """An additional error of 1 rad/s of the roll rate adds MC_ROLLRATE_K times MC_ROLLRATE_P of the full torque."""
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/racer", "gains/laboratory"])
-    believed, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
+    nominal, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
     values |= {"MC_ROLLRATE_K": 0.5, "MC_ROLLRATE_FF": 0.01, "MPC_THR_HOVER": 0.4, "IMU_GYRO_RATEMAX": 1000.0}
-    autopilot = px4_layer(values, believed)["laboratory"]["autopilot"]
-    unit = torque_units(believed, 0.4)[0] / believed.inertia.i_xx
+    autopilot = px4_layer(values, nominal)["laboratory"]["autopilot"]
+    unit = torque_units(nominal, 0.4)[0] / nominal.inertia.i_xx
     assert autopilot["k_rate"][0] == pytest.approx(0.5 * 0.15 * unit)
     assert autopilot["rate_terms"]["k_i"][0] == pytest.approx(0.5 * 0.2 * unit)
     assert autopilot["rate_terms"]["k_ff"] == pytest.approx([0.01 * unit, 0.0, 0.0])
     assert autopilot["rate_terms"]["integral_limit"][0] == pytest.approx(0.3 * unit)
     assert autopilot["period"] == 0.00125, "the nearest period that the laboratory allows"
-    assert px4_layer(values, believed)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
+    assert px4_layer(values, nominal)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
 
 
 def test_the_climb_limit_of_a_crazyflie_is_at_least_half_a_metre_per_second():

@@ -39,8 +39,8 @@ from drake_quad.design.gains import (
 from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
 from drake_quad.linear.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
-from drake_quad.linear.step_response import release
-from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.linear.step_response import initial_response
+from drake_quad.scenario.hovering import at_rest, nominal_hover
 
 ROOT = Path(__file__).parent.parent.parent
 SHIPPED_SCENARIOS = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
@@ -160,7 +160,7 @@ def double_integrator(h=0.02):
 def test_a_pd_with_full_state_feedback_is_the_regulator():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     gains = family.gains(plant, 20.0)
-    assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
+    assert family.cost(plant, gains, 20.0) == pytest.approx(family.min_cost(plant, 20.0), rel=1e-6)
     # The reference is Drake's gain for the same weights.
     K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
@@ -172,14 +172,14 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
     design = design_loop(pitch, family, required, axis="pitch")
     assert design.limits
     assert design.bandwidth is None
-    cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
+    cost = [family.cost(pitch, design.gains, effort) / family.min_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
     # At the smallest and the largest effort, the cost also exceeds the cost of full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
     requested = design_loop(pitch, family, required, axis="pitch", effort=2.0)
-    ratio = family.cost(pitch, requested.gains, 2.0) / family.least_cost(pitch, 2.0)
+    ratio = family.cost(pitch, requested.gains, 2.0) / family.min_cost(pitch, 2.0)
     assert requested.cost_ratio == pytest.approx(ratio)
     assert requested.gains.k_p < design.gains.k_p
 
@@ -197,7 +197,7 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     least = family.cost(pitch, best, effort)
     for factor in ((1.03, 1.0), (0.97, 1.0), (1.0, 1.03), (1.0, 0.97)):
         assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
-    assert least > family.least_cost(pitch, effort)
+    assert least > family.min_cost(pitch, effort)
 
 
 ASYMMETRIC_VEHICLE = [
@@ -212,7 +212,7 @@ ASYMMETRIC_VEHICLE = [
 def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
     """The poles of the inner and the outer designed loops are multipliers of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
-    loop = closed_loop(as_believed(scenario))
+    loop = closed_loop(nominal_hover(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
     laboratory = laboratory_plant(scenario)
     expected = []
@@ -264,7 +264,7 @@ def test_shipped_gains_have_the_required_margins(shipped, designed):
 
 def peaks(scenario, displacement, duration):
     """Return the peak deviations in the four quarters of a simulation that begins with a small displacement."""
-    response = release(closed_loop(scenario), displacement, duration=duration)
+    response = initial_response(closed_loop(scenario), displacement, duration=duration)
     (row,) = displacement
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     return [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
@@ -300,7 +300,7 @@ def test_the_simulated_loop_tolerates_its_margins(shipped):
     Other tests simulate the gain limits of the other loops.
     """
     _, scenario = shipped
-    resting = at_rest(as_believed(scenario))
+    resting = at_rest(nominal_hover(scenario))
     assert peaks(scaled(resting, "attitude", 2.0, (0, 1)), {"pitch": 1e-3}, 20.0)[-1] < 1e-4
     for displacement in ({"pitch": 1e-3}, {"yaw": 1e-3}, {"x": 1e-3}, {"z": 1e-3}):
         assert peaks(with_delay(resting, 2), displacement, 20.0)[-1] < 1e-4
@@ -316,7 +316,7 @@ def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, design
     _, scenario = shipped
     loop = designed.loops[row]
     factor = 10.0 ** (loop.margins.gain / 20.0)
-    resting = at_rest(as_believed(scenario))
+    resting = at_rest(nominal_hover(scenario))
     assert not grows(scaled(resting, block, 0.98 * factor, axes), {row: 1e-5}, duration)
     assert grows(scaled(resting, block, 1.02 * factor, axes), {row: 1e-5}, duration)
 
@@ -327,7 +327,7 @@ def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, desig
     """A loop tolerates a number of delay ticks if its delay margin is 2 % longer, but not if it is 2 % shorter."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
-    resting = at_rest(as_believed(scenario))
+    resting = at_rest(nominal_hover(scenario))
 
     grid = frequencies(0.02)
     response = pd_loop(loop.plant, loop.gains).response(np.exp(1j * grid * 0.02))[:, 0, 0]
@@ -339,8 +339,8 @@ def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, desig
             low, high = (middle, high) if fast_margins(middle * response, grid).delay > delay else (low, middle)
         return low
 
-    for share, is_tolerated in ((1.02, True), (0.98, False)):
-        factor = factor_for(share * ticks * 0.02)
+    for fraction, is_tolerated in ((1.02, True), (0.98, False)):
+        factor = factor_for(fraction * ticks * 0.02)
         assert factor > 1.05, "the designed delay margin must be larger than the tested delay"
         # The other loops are slow enough to tolerate all of these delays.
         slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
@@ -590,7 +590,7 @@ def pid_design():
 def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are multipliers of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
-    multipliers = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
+    multipliers = closed_loop(nominal_hover(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):
         loop = design.loops[axis]
         poles = loop.plant.with_feedback(np.array([loop.gains])).poles()

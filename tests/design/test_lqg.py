@@ -22,9 +22,9 @@ from drake_quad.design.lqg import (
     design_lqg,
     lateral_plant_model,
     loop_transfer,
-    middle_of,
+    median_scenario,
     plants_of,
-    predicted,
+    predict_performance,
     snap_limit,
     vertical_plant_model,
 )
@@ -97,7 +97,7 @@ def test_the_prediction_for_a_plant_does_not_depend_on_the_other_plants(shipped)
     for number in (0, 1):
         loop, actual_plants = axes[0][0][number][0], [pairs[number][1] for pairs, _ in axes]
         together = lqg_design._LiftedLoops.of(loop, actual_plants, timing)
-        alone = [predicted(loop, actual_plant, timing) for actual_plant in actual_plants]
+        alone = [predict_performance(loop, actual_plant, timing) for actual_plant in actual_plants]
         assert np.isinf([each.error for each in alone]).tolist() == [False, False, True, False]
         np.testing.assert_allclose(together.predicted(), alone, rtol=1e-7)
         expected = 1.0 / (1.0 + loop_transfer(loop, actual_plants[0], timing).response(z)[:, 0, 0])
@@ -129,7 +129,7 @@ def test_the_predicted_error_matches_flights_in_hover(shipped, overrides, plant,
     axes, timing = axes_of(
         scenario, Plant(True, 0.05, None, *plant), Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, loss)
     )
-    errors = [predicted(loop, actual_plant, timing).error for loop, actual_plant in axes]
+    errors = [predict_performance(loop, actual_plant, timing).error for loop, actual_plant in axes]
     flights = simulate_batch(Batch.draw(scenario, range(64)), compiled=True)
     simulated = np.sqrt(np.mean([(flight["state"][100:, :3] - [0, 0, 1]) ** 2 for flight in flights], axis=(0, 1)))
     np.testing.assert_allclose(simulated, [errors[0], errors[0], errors[1]], rtol=0.1)
@@ -140,7 +140,7 @@ def test_an_unstable_loop_has_an_infinite_error(shipped):
         shipped(), Plant(True, 0.05, None, 0, 6), Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
     )
     for loop, actual_plant in axes:
-        prediction = predicted(loop, actual_plant, timing)
+        prediction = predict_performance(loop, actual_plant, timing)
         assert prediction.error == np.inf
         assert prediction.pole > 1.0
 
@@ -195,7 +195,7 @@ def test_the_snap_limit_is_at_least_twice_the_constant_torque():
     limits, constant_snap, limit_of = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
-        conditions, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
+        conditions, vehicle = conditions_of(scenario), median_scenario(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
         constant_snap[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
         # 1 rad/s² corresponds to a snap of g. Unequal rotors also cause an angular acceleration.
@@ -217,11 +217,11 @@ def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams)
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
     """Limits increase the error, so the best design reaches the limits of the sensitivity peak and the snap."""
     scenario, conditions = low_wind
-    limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
+    limits, margins = LqgLimits(), [*link_margins(median_scenario(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
     assert min(each.delay for each in margins) >= limits.delay
     axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
-    lateral, vertical = (predicted(loop, actual_plant, timing).command for loop, actual_plant in axes)
+    lateral, vertical = (predict_performance(loop, actual_plant, timing).command for loop, actual_plant in axes)
     assert 0.99 * limits.snap < lateral <= snap_limit(limits, conditions) == limits.snap
     assert vertical <= limits.acceleration
 
@@ -268,7 +268,7 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
-    margins = [each for each in link_margins(middle_of(designed)).values() if each is not None]
+    margins = [each for each in link_margins(median_scenario(designed)).values() if each is not None]
     assert max(each.sensitivity for each in margins) <= 2.2
     assert min(each.delay for each in margins) >= 0.05
     (flight,) = simulate_batch(Batch.draw(designed, [0]), compiled=True)
@@ -340,7 +340,10 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
     unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
     assert stable + 10.0 < late
     assert late < unstable
-    poles = [predicted(each.loop_of(None), each.actual_plants[0], each.timing).pole for each in map(search_of, (6, 9))]
+    poles = [
+        predict_performance(each.loop_of(None), each.actual_plants[0], each.timing).pole
+        for each in map(search_of, (6, 9))
+    ]
     assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
 
     def failing(axis):
@@ -368,9 +371,9 @@ def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initi
     """The other parameters start within a factor of 2.5 of their best values."""
     start = search_of(1)
     search = SearchWithKnownOptimum(*(getattr(start, name) for name in start.__dataclass_fields__))
-    result = dataclasses.replace(search, numbers=(initial_weight, 0.3, 60.0)).improved()
-    np.testing.assert_allclose(result.numbers, np.exp(SearchWithKnownOptimum.best), rtol=1e-3)
-    assert result.cost == pytest.approx(result.cost_of(np.log(result.numbers)), abs=1e-12)
+    result = dataclasses.replace(search, values=(initial_weight, 0.3, 60.0)).improved()
+    np.testing.assert_allclose(result.values, np.exp(SearchWithKnownOptimum.best), rtol=1e-3)
+    assert result.cost == pytest.approx(result.cost_of(np.log(result.values)), abs=1e-12)
     assert (result.actual_plants, result.timing) == (start.actual_plants, start.timing)
 
 
@@ -433,7 +436,7 @@ def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, mon
         actual_plants = [
             ActualPlant.of(model(plant, conditions), plant, conditions, timing, gravity) for plant in design.plants
         ]
-        assert predictions == tuple(predicted(loop, actual_plant, timing) for actual_plant in actual_plants)
+        assert predictions == tuple(predict_performance(loop, actual_plant, timing) for actual_plant in actual_plants)
 
 
 def test_the_measurement_noise_of_a_plant_follows_from_the_cameras():

@@ -74,30 +74,30 @@ BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
 def test_the_least_error_is_found(laboratory, stub_flights):
     stub_flights(quadratic_error)
     result = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
-    assert result.numbers == pytest.approx((4.0, 2.0), rel=0.01)
+    assert result.values == pytest.approx((4.0, 2.0), rel=0.01)
     assert result.error == pytest.approx(0.1, rel=1e-4)
-    assert result.share == np.inf
+    assert result.limit_fraction == np.inf
 
 
 def test_the_smallest_error_within_a_limit_is_found(laboratory, stub_flights):
     """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
     stub_flights(quadratic_error)
     result = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
-    assert result.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
-    assert 1.0 <= result.share < 1.02
+    assert result.values == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
+    assert 1.0 <= result.limit_fraction < 1.02
 
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
     """An unstable loop meets a single fraction of the limit, zero. A stable loop has two fractions."""
     stub_flights(quadratic_error)
 
-    def shares(scenario):
+    def fractions(scenario):
         gain = scenario.control.position.k_p[0]
         return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
 
-    result = tune([laboratory], [K_P, K_D], shares, budget=BUDGET)
-    assert result.share >= 1.0
-    assert result.numbers == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
+    result = tune([laboratory], [K_P, K_D], fractions, budget=BUDGET)
+    assert result.limit_fraction >= 1.0
+    assert result.values == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
 
 def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
@@ -109,18 +109,18 @@ def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
 
     stub_flights(error_with_many_minima)
     result = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
-    assert result.numbers == pytest.approx((4.0, 2.0), rel=0.02)
+    assert result.values == pytest.approx((4.0, 2.0), rel=0.02)
 
 
-@pytest.mark.parametrize("shares", [None, lambda _: np.array([9.0])])
-def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, shares):
+@pytest.mark.parametrize("fractions", [None, lambda _: np.array([9.0])])
+def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, fractions):
     """The mean of the candidates moves to the best parameters, and their spread decreases from round to round.
 
     A limit that no candidate violates has no influence.
     """
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
-    tune([laboratory], [K_P, K_D], shares, budget=budget)
+    tune([laboratory], [K_P, K_D], fractions, budget=budget)
     rounds = [each for each in record["varying"] if len(each[K_P.paths[0]]) == 64]
     assert len(rounds) == 6
     points = np.array([[each[K_P.paths[0]], each[K_D.paths[0]]] for each in rounds])
@@ -239,11 +239,11 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     num_checked = []
     budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
 
-    def shares(scenario):
+    def fractions(scenario):
         checked.append((len(record["varying"]), scenario.control.position.k_p[0]))
         return np.array([9.0])
 
-    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: num_checked.append(len(checked)))
+    tune([laboratory], [K_P, K_D], fractions, budget=budget, progress=lambda: num_checked.append(len(checked)))
     assert num_checked[:3] == [16, 20, 24]
     assert len(num_checked) == 3 + 3
     assert all(1 <= step <= 6 for step in np.diff(num_checked[2:]))
@@ -262,23 +262,23 @@ def test_previous_gains_are_a_candidate(laboratory, stub_flights):
     assert tune([laboratory], [K_P, K_D], None, budget=budget).error == 1.0
     result = tune([laboratory], [K_P, K_D], None, budget=budget, before=(6.789, 2.0))
     assert result.error == pytest.approx(0.1)
-    assert result.numbers == pytest.approx((6.789, 2.0))
+    assert result.values == pytest.approx((6.789, 2.0))
     stub_flights(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
     result = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
-    assert result.numbers == pytest.approx((12.0,))
+    assert result.values == pytest.approx((12.0,))
     # A candidate that violates any part of the limit is not preferred for its small error.
     stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
-    def shares(scenario):
+    def fractions(scenario):
         return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
 
-    assert tune([laboratory], [K_P], shares, budget=budget, before=(6.789,)).error == 1.0
+    assert tune([laboratory], [K_P], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
 def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
     tuned = [
-        tuning.TuningResult((), error, share)
-        for error, share in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
+        tuning.TuningResult((), error, fraction)
+        for error, fraction in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
     ]
     order = [1, 0, 2, 3, 4]
     for first, second in itertools.combinations(order, 2):
@@ -300,9 +300,9 @@ def test_predicted_violations_of_the_limit_are_penalised():
     requested = random.uniform(size=(40, 2))
     predicted = np.minimum(requested @ slope - 0.05, 0.1)
     distance = np.linalg.norm(requested[:, None] - points, axis=2).min(axis=1)
-    for doubt in (0.0, 0.3):
-        expected = 4.0 * np.maximum(0.002 - predicted - doubt * distance, 0.0)
-        np.testing.assert_allclose(known.penalties(requested, doubt), expected, atol=2e-3)
+    for uncertainty in (0.0, 0.3):
+        expected = 4.0 * np.maximum(0.002 - predicted - uncertainty * distance, 0.0)
+        np.testing.assert_allclose(known.penalties(requested, uncertainty), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
     # Values far from the limit need no accuracy, so they are clipped to the range from 0.2 to 1.5.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
@@ -331,10 +331,12 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
     """The doubt falls in equal steps. In the last round it is one step from zero."""
     stub_flights(quadratic_error)
     doubts = []
-    monkeypatch.setattr(tuning._EvaluatedPoints, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
+    monkeypatch.setattr(
+        tuning._EvaluatedPoints, "penalties", lambda known, points, uncertainty: doubts.append(uncertainty) or 0.0
+    )
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
-    np.testing.assert_allclose(doubts[::2], tuning._INITIAL_DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
+    np.testing.assert_allclose(doubts[::2], tuning._INITIAL_UNCERTAINTY * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
 
 
@@ -349,11 +351,11 @@ def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
 def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
     """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
     stub_flights(quadratic_error)
-    shares, ends = [], []
+    fractions, ends = [], []
 
     def limit(scenario):
-        shares.append(2.0 / scenario.control.position.k_p[0])
-        return np.array([shares[-1], 9.0])
+        fractions.append(2.0 / scenario.control.position.k_p[0])
+        return np.array([fractions[-1], 9.0])
 
-    tune([laboratory], [K_P, K_D], limit, budget=BUDGET, progress=lambda: ends.append(shares[-1]))
+    tune([laboratory], [K_P, K_D], limit, budget=BUDGET, progress=lambda: ends.append(fractions[-1]))
     np.testing.assert_allclose(ends[-3:], 1.002, rtol=1e-4)

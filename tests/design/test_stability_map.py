@@ -13,7 +13,7 @@ from drake_quad.linear.margins import margins
 from drake_quad.linear.modes import modes
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import draw_sample
-from drake_quad.scenario.paths import replaced
+from drake_quad.scenario.paths import map_leaves
 
 ROOT = Path(__file__).parent.parent.parent
 SHIPPED_GAINS = ROOT / "diagrams" / "gains" / "laboratory.yaml"
@@ -79,7 +79,7 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
     block, i = getattr(scenario.control, loop), 0 if loop == "position" else 1
     gains = {f"control.{loop}.k_p.{i}": 1.1 * block.k_p[i], f"control.{loop}.k_d.{i}": 0.95 * block.k_d[i]}
     poles = mapped_plant(scenario, loop).with_feedback(np.array([[*gains.values()]])).poles()
-    changed = replaced(scenario, lambda path, value: gains.get(path, value))
+    changed = map_leaves(scenario, lambda path, value: gains.get(path, value))
     multipliers = closed_loop(changed).system.poles()
     slow_poles = poles[np.abs(poles) > 0.1]
     assert len(slow_poles) >= 5

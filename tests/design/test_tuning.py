@@ -28,8 +28,8 @@ def laboratory(diagrams):
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
     result = tune([laboratory], [K_P, K_D], stiffness_limit(2.0), budget=budget)
-    assert result.share >= 1.0
-    metrics = fly_samples(with_numbers(laboratory, [K_P, K_D], result.numbers), range(2))
+    assert result.limit_fraction >= 1.0
+    metrics = fly_samples(with_numbers(laboratory, [K_P, K_D], result.values), range(2))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     grid = itertools.product((1.0, 2.0), (1.5, 3.0))
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
@@ -47,8 +47,8 @@ def test_if_no_candidate_is_within_the_limit_the_closest_one_is_returned(laborat
         stiffness_limit(0.25),
         budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
-    assert result.numbers[0] == pytest.approx(0.5, rel=0.1)
-    assert result.share == pytest.approx(0.25 / result.numbers[0])
+    assert result.values[0] == pytest.approx(0.5, rel=0.1)
+    assert result.limit_fraction == pytest.approx(0.25 / result.values[0])
 
 
 @pytest.mark.slow
@@ -57,10 +57,10 @@ def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
     margins_by_signal = link_margins(scenario)
     peak = max(margins.sensitivity for margins in margins_by_signal.values())
     delay = min(margins.delay for margins in margins_by_signal.values())
-    assert LoopLimit(0.8 * peak, 1e-3).shares_met(scenario).min() == pytest.approx(0.8, rel=5e-3)
-    assert LoopLimit(50.0, 1.6 * delay).shares_met(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
+    assert LoopLimit(0.8 * peak, 1e-3).limit_fractions(scenario).min() == pytest.approx(0.8, rel=5e-3)
+    assert LoopLimit(50.0, 1.6 * delay).limit_fractions(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
     stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
-    assert LoopLimit().shares_met(stiff).max() == 0.0
+    assert LoopLimit().limit_fractions(stiff).max() == 0.0
 
 
 @pytest.mark.slow
@@ -68,7 +68,7 @@ def test_gains_of_an_earlier_search_are_not_lost(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
     alone = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget)
     thorough = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
-    again = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget, before=thorough.numbers)
+    again = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget, before=thorough.values)
     assert again.error <= thorough.error + 1e-9 < alone.error
 
 
@@ -79,10 +79,10 @@ def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_err
     result = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
     assert height.vertical
     assert not K_P.vertical
-    assert result.share == np.inf
-    metrics = fly_samples(with_numbers(laboratory, [height, K_P], result.numbers), range(1))
+    assert result.limit_fraction == np.inf
+    metrics = fly_samples(with_numbers(laboratory, [height, K_P], result.values), range(1))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
-    for number in ((0.6, result.numbers[1]), (result.numbers[0], 0.6)):
+    for number in ((0.6, result.values[1]), (result.values[0], 0.6)):
         other = fly_samples(with_numbers(laboratory, [height, K_P], number), range(1))
         assert result.error < float(other.rmse.mean())
 

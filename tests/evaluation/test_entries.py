@@ -70,7 +70,7 @@ def test_entries_have_consistent_attributes():
 
 def test_the_middle_of_a_range_is_its_geometric_mean():
     entry = entries_of(on_board=True, maps=False)["pd"]
-    tree = entry.middle()
+    tree = entry.geometric_mean()
     for knob in entry.knobs:
         for number in numbers_in(tree, knob.paths):
             assert number / knob.low == pytest.approx(knob.high / number, rel=1e-3)

@@ -13,7 +13,7 @@ from drake_quad.evaluation.report import report_markdown, write_summary
 from drake_quad.evaluation.results import read_evaluation, write_evaluation
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction
-from drake_quad.statistics.estimates import share_interval
+from drake_quad.statistics.estimates import proportion_interval
 
 
 def verdicts(found):
@@ -107,7 +107,7 @@ def test_the_report_agrees_with_the_evaluation(tmp_path):
     best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the RMSE of the tuned PD is (\S+) \[", text).groups()
     assert float(best) == pytest.approx(100.0 * mean, rel=1e-3)
     assert float(ratio) == pytest.approx(pd / mean, rel=1e-3)
-    assert f"PD + type 2 (outdoor): {share_interval(8, COUNT).percent()}" in text
+    assert f"PD + type 2 (outdoor): {proportion_interval(8, COUNT).percent()}" in text
     assert "figures/errors.png" in text
     assert "figures/laps.png" not in text
     assert "- robustness: PD, PID" in text

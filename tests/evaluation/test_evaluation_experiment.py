@@ -146,10 +146,10 @@ def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     monkeypatch, diagrams, crashes_from, expected
 ):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
-    own, seen = scenario.laboratory.motion_capture.latency_frames, []
+    user_controllers, seen = scenario.laboratory.motion_capture.latency_frames, []
 
     def simulate(batch, plan, *, compiled):
-        late = batch.varying[experiment.LATENCY] - own
+        late = batch.varying[experiment.LATENCY] - user_controllers
         seen.append((late.tolist(), batch.samples))
         # Only one of the samples crashes.
         crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_EVALUATION_SAMPLE + 2)
@@ -250,10 +250,10 @@ def tuned(monkeypatch):
     """Replace searches by the middle of the ranges, and record their arguments."""
     kept = []
 
-    def tune(scenarios, knobs, shares, *, budget, extra_latency=0.0, before=None, progress=None):
-        kept.append((scenarios, shares, budget, extra_latency, before))
+    def tune(scenarios, knobs, fractions, *, budget, extra_latency=0.0, before=None, progress=None):
+        kept.append((scenarios, fractions, budget, extra_latency, before))
         numbers = tuple(math.sqrt(knob.low * knob.high) for knob in knobs)
-        return TuningResult(numbers, 0.1234, 0.876 if shares is None else 1.7)
+        return TuningResult(numbers, 0.1234, 0.876 if fractions is None else 1.7)
 
     monkeypatch.setattr(protocol, "tune", tune)
     return kept
@@ -268,7 +268,7 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
     winds = (f"{wind}: {{extends: '{diagrams}/laboratory.yaml:{wind}'}}\n" for wind in ("low_wind", "high_wind"))
     (folder / "laboratory.yaml").write_text("".join(winds), encoding="utf-8")
     monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
-    monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: limit.sensitivity)
+    monkeypatch.setattr(LoopLimit, "limit_fractions", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
     made = list(protocol.design_priced(folder, budget=budget))
     path = design_file(folder, "priced")
@@ -279,10 +279,10 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
         "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
     entry = entries_of(on_board=False, maps=False)["indi"]
-    assert designs_in(path)["indi@1.6"] == entry.middle()
-    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
+    assert designs_in(path)["indi@1.6"] == entry.geometric_mean()
+    for (scenarios, fractions, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
-        assert shares(scenarios[0]) == limit
+        assert fractions(scenarios[0]) == limit
         assert (given, later) == (budget, 0.0)
     assert made[0].description == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
     assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
@@ -318,7 +318,7 @@ def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, mo
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
         *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
     ]
-    assert [(shares is None, later, before) for _, shares, _, later, before in tuned] == [
+    assert [(fractions is None, later, before) for _, fractions, _, later, before in tuned] == [
         (False, 0.0, None), (True, 0.03, None), (True, 0.03, None),
     ]  # fmt: skip
     assert [(most, given) for _, most, given in asked] == [(0.05, budget)] * 2

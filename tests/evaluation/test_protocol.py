@@ -35,7 +35,9 @@ def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path)
     family = FAMILIES[name]
     entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
-    path = write_designs(tmp_path / "designs.yaml", {key: each.middle() for key, each in own.items()}, comments={})
+    path = write_designs(
+        tmp_path / "designs.yaml", {key: each.geometric_mean() for key, each in own.items()}, comments={}
+    )
     for key in ("pd", "disturbance_observer", "pd_t2fnn_adaptive", "indi_t2fnn"):
         (scenario, *_) = training_scenarios(diagrams, family, f"{path}:{key}", own[key])
         for knob in own[key].knobs:
@@ -84,7 +86,7 @@ def copied(diagrams, tmp_path):
 @pytest.mark.slow
 def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
     """The search and the flights are real; the linear models, which take most of the time, are replaced."""
-    monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: np.ones(1))
+    monkeypatch.setattr(LoopLimit, "limit_fractions", lambda limit, scenario: np.ones(1))
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (2.0, 0.05))
     folder, family = copied
     path = folder / "controllers" / "designed" / "mine.yaml"
@@ -99,7 +101,7 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
     assert (place, name, len(metrics.rmse)) == ("low wind", "pd", 3)
     assert (traits.sensitivity, traits.delay) == (2.0, 0.05)
     assert min(traits.fleet, traits.lone) > 0.0
-    write_designs(path, {"middle": entries["pd"].middle()}, comments={})
+    write_designs(path, {"middle": entries["pd"].geometric_mean()}, comments={})
     tuned, middle = (
         fly_samples(family.scenario(folder, "low wind", [f"{path}:{key}"]), range(2)) for key in ("pd", "middle")
     )
@@ -126,7 +128,7 @@ def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
     entries = entries_of(on_board=False, maps=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)
     (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
-    own = {name: entries[name].middle() for name in ("pd", "pd_t2fnn_map")}
+    own = {name: entries[name].geometric_mean() for name in ("pd", "pd_t2fnn_map")}
     write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, comments={})
     place = family._replace(laboratories={"high wind": "lab.yaml"})
     found = list(fly_laps(tmp_path, "mine", place, ["pd", "pd_t2fnn_map"], QUICK))

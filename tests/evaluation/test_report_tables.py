@@ -23,7 +23,7 @@ from drake_quad.evaluation.report import CAPTIONS, machine, report_markdown, wri
 from drake_quad.evaluation.results import SENSITIVITY_LIMITS, Traits, laboratory_with_laps
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction, verdict_counts
-from drake_quad.statistics.estimates import mean_interval, share_interval
+from drake_quad.statistics.estimates import mean_interval, proportion_interval
 from drake_quad.studies.statistics import values_without_crashes
 
 
@@ -165,7 +165,7 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[1:4] == [centimetres(found.flights[place]["pd"]) for place in FAMILIES["laboratory"].laboratories]
     assert pd[4] == "0"
-    assert f"Crash probabilities: PD + type 2 (outdoor): {share_interval(8, COUNT).percent()}." in text
+    assert f"Crash probabilities: PD + type 2 (outdoor): {proportion_interval(8, COUNT).percent()}." in text
     assert text.count("Crash probabilities: ") == 1
     assert "### robustness\n\nNo controller was flown here." in text
 
@@ -264,7 +264,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     summary = read_table(write_summary(tmp_path / "summary.csv", found))
     row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
     metrics = found.flights["outdoor"]["pd_t2fnn"]
-    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), share_interval(8, COUNT)
+    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), proportion_interval(8, COUNT)
     for name, expected in (("rmse", mean), ("crashes", crashes)):
         ends = [summary[f"{name}{end}"][row] for end in ("", "_low", "_high")]
         np.testing.assert_allclose(ends, [expected.value, expected.low, expected.high], rtol=1e-5)

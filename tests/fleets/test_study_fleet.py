@@ -173,14 +173,14 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
     study = scenario(*NETWORK)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
     own = UserSystems(position_controller=high_gain_controller).build(2)
-    diagram = build_fleet_diagram(batch, plan, own=own)
+    diagram = build_fleet_diagram(batch, plan, user_systems=own)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     simulator.AdvanceTo(0.3)
     pd = subsystem(diagram, ("control", "position", "pd"))
     of_pd = pd.GetMyMutableContextFromRoot(context)
     pd.set_parameter(of_pd, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
-    reset_fleet(diagram, context, batch, plan, own=own)
+    reset_fleet(diagram, context, batch, plan, user_systems=own)
     fresh = diagram.CreateDefaultContext()
     assert context.get_time() == 0.0
     for i in range(fresh.num_discrete_state_groups()):
@@ -218,12 +218,12 @@ def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
 def high_gain_controller(num_vehicles):
     """Return a user-defined position controller with high gains."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
-    return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains))
+    return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, parameters=gains))
 
 
 def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
     study = scenario()
-    fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=high_gain_controller))
+    fleet = StudyFleet(study, plan_route(study), 2, user_systems=UserSystems(position_controller=high_gain_controller))
     for sample in (0, 5):
         single = simulate(study, sample=sample, position_controller=high_gain_controller(1)).metrics
         assert fleet.fly([sample]).rmse[0] == pytest.approx(single.rmse, rel=1e-9)

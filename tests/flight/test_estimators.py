@@ -59,24 +59,24 @@ def test_in_steady_wind_indi_has_no_error_and_l1_a_known_fraction_of_the_pd_erro
 
 @pytest.mark.slow
 def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_grows(settled):
-    numbers = "position_noise: 0.001, deviation: [0.3, 0.3, 0.3]"
+    parameters = "position_noise: 0.001, deviation: [0.3, 0.3, 0.3]"
 
     def remaining_error(T):
-        return settled(f"{{kind: disturbance_observer, {PD}, {RESPONSE}, {numbers}, time_constant: [{T}, {T}, {T}]}}")[
-            0
-        ]
+        return settled(
+            f"{{kind: disturbance_observer, {PD}, {RESPONSE}, {parameters}, time_constant: [{T}, {T}, {T}]}}"
+        )[0]
 
     pd_error, _, _ = settled(f"{{kind: pd, {PD}}}")
-    shares = [np.abs(remaining_error(T) / pd_error).max() for T in (0.5, 5.0, 5000.0)]
-    assert shares[0] < 0.5
-    assert shares[1] < 0.2 * shares[0]
-    assert shares[2] < 1e-3
+    fractions = [np.abs(remaining_error(T) / pd_error).max() for T in (0.5, 5.0, 5000.0)]
+    assert fractions[0] < 0.5
+    assert fractions[1] < 0.2 * fractions[0]
+    assert fractions[2] < 1e-3
 
 
 @pytest.mark.slow
 def test_the_compensated_disturbance_is_limited(settled):
     """The PD has to compensate the disturbance beyond the limit."""
-    numbers = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
-    error, disturbance, command = settled(f"{{kind: indi, {numbers}}}")
+    parameters = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
+    error, disturbance, command = settled(f"{{kind: indi, {parameters}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)
     np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * error - disturbance, command, atol=1e-8)

@@ -265,9 +265,9 @@ def test_the_controller_uses_the_nominal_parameters(diagrams):
     """A vehicle that is heavier by Δm hovers Δm g / (m k_P) lower, since the controller does not know its mass."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])
     height = simulate(scenario).record("state").z[-1]
-    believed = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
-    assert believed.vehicle.mass == 0.75
-    assert simulate(believed).record("state").z[-1] == pytest.approx(1.0, abs=1e-9)
+    nominal = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
+    assert nominal.vehicle.mass == 0.75
+    assert simulate(nominal).record("state").z[-1] == pytest.approx(1.0, abs=1e-9)
     # The commanded vertical thrust is 0.68 (9.81 + k_P e), and it must be 0.75 · 9.81.
     k_p = scenario.control.position.k_p[2]
     assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)

@@ -276,7 +276,7 @@ def assert_equal_flights(flight, signals, metrics):
 def test_a_flight_equals_an_independent_implementation(flight_named, name):
     flight = flight_named(name)
     assert flight.metrics.crashed == (name in ("a crash", "an obstacle"))
-    assert flight.touched == ("near" if name == "an obstacle" else None)
+    assert flight.obstacle_hit == ("near" if name == "an obstacle" else None)
     if name == "a crash":  # The horizontal error by itself is too small for a crash.
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
@@ -325,8 +325,8 @@ def test_signals_of_the_long_flights_have_both_signs_and_reach_their_limits(flig
         for row, values in flight.record(signal)._asdict().items():
             if row not in steady.get(signal, ()):
                 assert values.min() < 0.0 < values.max(), (signal, row)
-    limits, believed = flight.scenario.control.thrust_vectoring, flight.scenario.nominal
-    weight, attitude = believed.mass * believed.gravity, flight.record("attitude_command")
+    limits, nominal = flight.scenario.control.thrust_vectoring, flight.scenario.nominal
+    weight, attitude = nominal.mass * nominal.gravity, flight.record("attitude_command")
     thrust, upright = flight.record("wrench").thrust, np.cos(attitude.roll) * np.cos(attitude.pitch)
     assert np.arccos(upright).max() == pytest.approx(limits.max_tilt)
     assert (thrust * upright).min() == pytest.approx(limits.min_thrust * weight)
@@ -337,7 +337,7 @@ def test_signals_of_the_long_flights_have_both_signs_and_reach_their_limits(flig
     assert (learned.min(), learned.max()) == (-limit, limit)
     assert 0.0 < np.mean(flight.record("shortfall").tau_z != 0.0) < 0.5
     if name == "pd_t2fnn":
-        for signal, sets in control.network.inputs.given.items():
+        for signal, sets in control.network.inputs.specified.items():
             assert sets.scale * flight[signal].min() < sets.centres[0]
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 

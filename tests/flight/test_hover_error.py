@@ -8,7 +8,7 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight import hover_error as hover_error_module
-from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, HoverError, believed_tracking_error, hover_error
+from drake_quad.flight.hover_error import HOVER_TIME, SETTLING_TIME, HoverError, hover_error, nominal_tracking_error
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.laboratory.metrics import Metrics
@@ -191,12 +191,12 @@ def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_posit
 
     monkeypatch.setattr(hover_error_module, "hover_error", constant_error_at)
     scenario = load_scenario("laboratory:low_wind")
-    assert believed_tracking_error(scenario).rms.value == 3.0
+    assert nominal_tracking_error(scenario).rms.value == 3.0
     path = plan_route(scenario).path
     expected = evaluate(path, np.linspace(path.times[0], path.times[-1], 9)).T
     np.testing.assert_allclose(positions, expected, atol=1e-12)
     positions.clear()
-    believed_tracking_error(load_scenario("laboratory:nominal"))
+    nominal_tracking_error(load_scenario("laboratory:nominal"))
     assert positions == [(0.0, 0.0, 1.0)]
 
 
@@ -210,7 +210,7 @@ def test_crashing_hovers_are_refused():
 @pytest.mark.slow
 def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_strongest_wind():
     def error(*overrides):
-        return believed_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
+        return nominal_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 
     layer = [f"{DESIGNED}:pd"]
     predicted = error()
@@ -240,4 +240,4 @@ def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_stron
 )
 def test_scenarios_whose_error_cannot_be_predicted_are_refused(name, overrides, message):
     with pytest.raises(InputError, match=message):
-        believed_tracking_error(load_scenario(name, overrides))
+        nominal_tracking_error(load_scenario(name, overrides))

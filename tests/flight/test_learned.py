@@ -134,7 +134,7 @@ def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
     """A flight in which a user's system replaces the network has no network either."""
     short = ("duration=0.1", "metrics.start=0")
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
-    own = build_position_controller(ProportionalDerivative(num_vehicles=1, numbers=gains))
+    own = build_position_controller(ProportionalDerivative(num_vehicles=1, parameters=gains))
     for flight in (
         simulate(asymmetric("pid", *short), sample=0),
         simulate(asymmetric("pd_t2fnn", *short), sample=0, position_controller=own),

@@ -15,7 +15,7 @@ from drake_quad.design.tuning import LoopLimit
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.geometry.per_axis import PerAxis
-from drake_quad.scenario.batch import Batch, middle_of
+from drake_quad.scenario.batch import Batch, median_scenario
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 HIGH_WIND = "laboratory.yaml:high_wind"
@@ -68,7 +68,7 @@ def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
 def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec):
     family = spec.partition(".")[0]
     scenario = load_scenario(f"{DIAGRAMS}/{spec}", layers=[f"{DIAGRAMS}/controllers/designed/{family}.yaml:lqg"])
-    assert LoopLimit().shares_met(middle_of(scenario)).min() >= 1.0
+    assert LoopLimit().limit_fractions(median_scenario(scenario)).min() >= 1.0
     cascade = np.mean([metrics.rmse for metrics in metrics_of_flights(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
     assert mean_rmse(scenario) < cascade
 
@@ -94,7 +94,7 @@ def test_a_network_around_the_regulator_causes_no_algebraic_loop():
     """The correction may depend on `error`, `error_rate` and `pd`, because these do not depend on the correction."""
     scenario = scenario_of("laboratory.yaml:nominal")
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
-    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
+    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, parameters=recipe.parameters)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
     for name in ("measurement", "reference", "reference_jerk", "reference_snap"):
@@ -107,8 +107,8 @@ def test_a_network_around_the_regulator_causes_no_algebraic_loop():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("correction_share", "learned_share"), [(0.6, 0.6), (0.5, 0.2)])
-def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(correction_share, learned_share):
+@pytest.mark.parametrize(("correction_fraction", "learned_fraction"), [(0.6, 0.6), (0.5, 0.2)])
+def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(correction_fraction, learned_fraction):
     """A steady wind v causes the acceleration c v / m. The filter subtracts the learned part, not the correction."""
     wind = np.array([1.5, -2.5, 0.0])
     scenario = scenario_of(
@@ -120,21 +120,21 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
     )
     acceleration = 0.1 / 0.68 * wind
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
-    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
+    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, parameters=recipe.parameters)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
-    for name, share in (("correction", correction_share), ("learned_disturbance", learned_share)):
-        source = builder.AddNamedSystem(name, ConstantVectorSource(share * acceleration))
+    for name, fraction in (("correction", correction_fraction), ("learned_disturbance", learned_fraction)):
+        source = builder.AddNamedSystem(name, ConstantVectorSource(fraction * acceleration))
         builder.Connect(source.get_output_port(), regulator.GetInputPort(name))
     for name in ("measurement", "reference", "reference_jerk", "reference_snap"):
         builder.ExportInput(regulator.GetInputPort(name), name)
     for name in ("wrench", "acceleration_command", "error", "disturbance"):
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
-    np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_share) * acceleration, atol=0.03)
+    np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_fraction) * acceleration, atol=0.03)
     # At rest, the total command does not depend on the fraction that is in the correction.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
-    if correction_share == learned_share:
+    if correction_fraction == learned_fraction:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
 
 
@@ -154,7 +154,7 @@ def test_a_network_can_be_combined_with_the_regulator():
 
 def test_a_position_controller_cannot_replace_the_regulator():
     gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
-    own = build_position_controller(ProportionalDerivative(numbers=gains))
+    own = build_position_controller(ProportionalDerivative(parameters=gains))
     with pytest.raises(
         InputError, match="control of nominal is of kind lqg, which has no position_controller to replace"
     ):

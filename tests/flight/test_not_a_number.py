@@ -9,7 +9,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import load_scenario, read_flight, run_monte_carlo, simulate
-from drake_quad.flight.cause import not_a_number
+from drake_quad.flight.cause import non_finite_value
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.formulas import TIME
@@ -110,7 +110,7 @@ def test_the_cause_is_the_earliest_failure_and_at_equal_ticks_the_one_computed_f
     signals = {name: np.zeros((4, rows[name])) for name in rows}
     for name, tick in failures.items():
         signals[name][tick:, 1:] = np.nan
-    assert not_a_number(0.02 * np.arange(4), signals, dict.fromkeys(user_systems)) == sentence
+    assert non_finite_value(0.02 * np.arange(4), signals, dict.fromkeys(user_systems)) == sentence
 
 
 @pytest.mark.slow

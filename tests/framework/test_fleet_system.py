@@ -54,10 +54,10 @@ def doubled(total):
 class Example(FleetSystem):
     """System with a memoryless control law and a sum of its inputs."""
 
-    def declare(self, *, period=0.5, unrestricted=False, at_start=True, numbers=Numbers()):
+    def declare(self, *, period=0.5, unrestricted=False, at_start=True, parameters=Numbers()):
         error, wind = self.input("error"), self.input("wind", absent=None)
-        gains = self.parameter("gains", lambda numbers: numbers.gains)
-        total = self.state("total", lambda numbers: PositionError(numbers.start, 0.0, 0.0))
+        gains = self.parameter("gains", lambda parameters: parameters.gains)
+        total = self.state("total", lambda parameters: PositionError(parameters.start, 0.0, 0.0))
         self.update(period, summed, total, error, TIME, writes=[total], unrestricted=unrestricted, at_start=at_start)
         self.output("correction", doubled, total)
         self.output("pd", lambda *reads: law(*reads).pd, error, wind, gains, -1.0)
@@ -67,7 +67,7 @@ class Example(FleetSystem):
 class Packed(FleetSystem):
     """System with the signals of `Example` in one packed output."""
 
-    def declare(self, *, numbers=Gains()):
+    def declare(self, *, parameters=Gains()):
         gains = self.parameter("gains", lambda gains: gains)
         self.packed_output("both", Signals, law, self.input("error"), None, gains, 1.0)
 
@@ -76,8 +76,8 @@ class Packed(FleetSystem):
 class Falling(FleetSystem):
     """System with a continuous state."""
 
-    def declare(self, *, numbers=Numbers()):
-        place = self.continuous_state(lambda numbers: PositionError(numbers.start, 1.0, 2.0))
+    def declare(self, *, parameters=Numbers()):
+        place = self.continuous_state(lambda parameters: PositionError(parameters.start, 1.0, 2.0))
         self.derivative(
             lambda place, gains: PositionError(*(-gains.k_p * x for x in place)),
             place,
@@ -118,7 +118,7 @@ def test_a_required_input_that_is_not_connected_is_named_with_its_system(scalar,
 
 @pytest.mark.parametrize("n", [1, 4])
 def test_other_scalar_types_execute_the_formula_in_python(n):
-    system = Example(num_vehicles=n, numbers=Numbers(Gains(np.arange(1.0, n + 1.0) if n > 1 else 1.5)))
+    system = Example(num_vehicles=n, parameters=Numbers(Gains(np.arange(1.0, n + 1.0) if n > 1 else 1.5)))
     context = system.CreateDefaultContext()
     error = np.arange(3.0 * n)
     system.GetInputPort("error").FixValue(context, error)
@@ -141,7 +141,7 @@ def test_other_scalar_types_execute_the_formula_in_python(n):
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_updates_read_the_previous_state_and_the_time(n):
-    system = Example(num_vehicles=n, numbers=Numbers(start=5.0))
+    system = Example(num_vehicles=n, parameters=Numbers(start=5.0))
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     system.GetInputPort("error").FixValue(context, np.ones(3 * n))
@@ -166,7 +166,7 @@ def test_an_update_can_omit_time_zero(unrestricted):
 
 def test_a_continuous_state_is_the_integral_of_its_derivative():
     for n in (1, 2):
-        system = Falling(num_vehicles=n, numbers=Numbers(Gains(k_p=0.5), start=3.0))
+        system = Falling(num_vehicles=n, parameters=Numbers(Gains(k_p=0.5), start=3.0))
         simulator = Simulator(system)
         simulator.AdvanceTo(1.0)
         actual = system.get_state(simulator.get_context(), "continuous")
@@ -194,10 +194,10 @@ def test_a_packed_output_is_split_into_its_signals():
 @pytest.mark.parametrize("n", [1, 3])
 def test_a_reset_evaluates_the_recipes_again(n):
     rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
-    numbers = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
-    fresh, used = Example(num_vehicles=n, numbers=numbers), Example(num_vehicles=n)
+    parameters = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
+    fresh, used = Example(num_vehicles=n, parameters=parameters), Example(num_vehicles=n)
     expected, context = fresh.CreateDefaultContext(), used.CreateDefaultContext()
-    used.reset(context, numbers)
+    used.reset(context, parameters)
     for name in ("gains",):
         np.testing.assert_array_equal(
             np.hstack(used.parameters[name].layout.flatten(used.get_parameter(context, name))),
@@ -246,14 +246,14 @@ def test_an_output_that_reads_the_time_changes_with_it(n):
 class Held(FleetSystem):
     """System that outputs its state."""
 
-    def declare(self, *, numbers=Numbers()):
-        self.state_output(self.state("error", lambda numbers: PositionError(numbers.start, 1.0, -2.0)))
+    def declare(self, *, parameters=Numbers()):
+        self.state_output(self.state("error", lambda parameters: PositionError(parameters.start, 1.0, -2.0)))
 
 
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("scalar", [float, AutoDiffXd, Expression])
 def test_a_state_output_has_all_rows_of_the_state(n, scalar):
-    system = Held(num_vehicles=n, numbers=Numbers(start=0.5))
+    system = Held(num_vehicles=n, parameters=Numbers(start=0.5))
     system = system if scalar is float else system.ToScalarType[scalar]()
     actual = system.get_output_port().Eval(system.CreateDefaultContext())
     values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in actual]

@@ -7,7 +7,7 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework.elementary import maximum, sqrt, where, where_needed
-from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel, packed
+from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel, pack_rows
 from drake_quad.framework.records import ABSENT, ROW, layout_of
 from drake_quad.framework.symbols import operation
 from drake_quad.signals import Row
@@ -93,11 +93,11 @@ def test_rows_are_packed_one_after_another(n):
     """A row contains one number, or one number per vehicle. Rows of other sizes are refused."""
     row = np.arange(1.0, n + 1.0)
     np.testing.assert_array_equal(
-        packed([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]
+        pack_rows([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]
     )
-    assert packed([1.0, AutoDiffXd(2.0, [1.0])], n).dtype == object
+    assert pack_rows([1.0, AutoDiffXd(2.0, [1.0])], n).dtype == object
     with pytest.raises(ValueError, match=r"size 1|shape \(2,\)"):
-        packed([np.zeros(2)], n)
+        pack_rows([np.zeros(2)], n)
 
 
 def test_where_keeps_parts_that_are_none():

@@ -7,13 +7,13 @@ from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed
 from drake_quad.signals import Reference, State
 
 
-def step(error=0.0, action=0.0, last_action=0.0, crashed=False, touched=0):
+def step(error=0.0, action=0.0, last_action=0.0, crashed=False, obstacle_hit=0):
     """Return a transition of one vehicle with four actions."""
     state = State(*np.zeros((12, 1)))
     reference = Reference(*np.zeros((11, 1)))._replace(x=np.array([error]))
     return Transition(
         np.zeros((1, 3)), np.full((1, 4), action), np.full((1, 4), last_action), state, reference, np.zeros(1),
-        np.array([crashed]), np.array([touched]), {},
+        np.array([crashed]), np.array([obstacle_hit]), {},
     )  # fmt: skip
 
 
@@ -26,8 +26,8 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
     assert reward(step(action=0.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.05)
     assert reward(step(crashed=True)) == pytest.approx(-9.0)
     # A crash into an obstacle has no additional cost by default.
-    assert reward(step(crashed=True, touched=1)) == pytest.approx(-9.0)
-    assert TrackingReward(obstacle=2.0)(step(crashed=True, touched=1)) == pytest.approx(-11.0)
+    assert reward(step(crashed=True, obstacle_hit=1)) == pytest.approx(-9.0)
+    assert TrackingReward(obstacle=2.0)(step(crashed=True, obstacle_hit=1)) == pytest.approx(-11.0)
     assert has_crashed(step(crashed=True)).tolist() == [True]
     assert has_crashed(step()).tolist() == [False]
 

@@ -430,7 +430,7 @@ def test_the_tracking_reward_follows_its_formula():
         a, b = np.clip(action, -1.0, 1.0), np.clip(last, -1.0, 1.0)
         np.testing.assert_array_equal(step.last_action, last)
         expected = 2.0 * np.exp(-step.position_error / 0.5) - 0.1 * (a**2).sum(1) - 0.2 * ((a - b) ** 2).sum(1)
-        np.testing.assert_allclose(rewards, expected - terminations * 7.0 - 3.0 * (step.touched == 2))
+        np.testing.assert_allclose(rewards, expected - terminations * 7.0 - 3.0 * (step.obstacle_hit == 2))
         last = action
         if terminations.any():
             break

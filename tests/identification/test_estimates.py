@@ -87,14 +87,14 @@ def test_the_variance_for_a_new_flight_is_that_of_the_mean_plus_the_variation():
     assert found.covariance[0, 0] == pytest.approx(20e-8)
     assert found.degrees_of_freedom[0] == pytest.approx(20.0**2 / (4.0**2 / 12.0 + 12.0**2 / 9.0 + 4.0**2 / 2.0))
     assert found.flight_variation is None
-    part = estimates(flight_variation=between).part(["inertia[2]", "mass"])
+    part = estimates(flight_variation=between).subset(["inertia[2]", "mass"])
     np.testing.assert_array_equal(part.flight_variation.covariance, [[0.0, 0.0], [0.0, 4e-8]])
-    part = estimates(variation=varies).part(["inertia[2]", "mass"])
+    part = estimates(variation=varies).subset(["inertia[2]", "mass"])
     np.testing.assert_array_equal(part.variation.covariance, [[0.0, 0.0], [0.0, 12e-8]])
 
 
 def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
-    varies = Variation(np.array([[12e-8]]), 9.0, 8.0).with_unknown(1)
+    varies = Variation(np.array([[12e-8]]), 9.0, 8.0).with_unknown_parameters(1)
     np.testing.assert_array_equal(varies.covariance, np.diag([12e-8, np.nan]))
     found = estimates(variation=varies)
     np.testing.assert_array_equal(found.variation_known, [True, False])
@@ -105,8 +105,8 @@ def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
 
 def test_an_interval_of_few_degrees_of_freedom_is_students():
     """With seven degrees of freedom, the half-width of the 95 % interval is 2.36 standard deviations."""
-    assert Spread(1.0, 0.1, "N", 7.0).reach == pytest.approx(0.2365, abs=1e-4)
-    assert Spread(1.0, 0.1, "N").reach == pytest.approx(0.1960, abs=1e-4)
+    assert Spread(1.0, 0.1, "N", 7.0).half_width == pytest.approx(0.2365, abs=1e-4)
+    assert Spread(1.0, 0.1, "N").half_width == pytest.approx(0.1960, abs=1e-4)
 
 
 def test_a_covariance_with_rounding_errors_becomes_symmetric():
@@ -124,7 +124,7 @@ def test_a_part_contains_the_data_of_its_parameters():
         explained={"mass": Explained(0.5, "thrust"), "arm_length": Explained(0.1, "roll")},
         not_identified={"drag_factor": "yaw was not moved", "mass": "it was"},
     )
-    part = found.part(["arm_length", "inertia[2]"])
+    part = found.subset(["arm_length", "inertia[2]"])
     assert part.names == ("arm_length", "inertia[2]")
     np.testing.assert_array_equal(part.values, [0.05, 3e-5])
     np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
@@ -137,7 +137,7 @@ def test_a_part_contains_the_data_of_its_parameters():
     with pytest.raises(InputError, match="no estimate of drag_factor: yaw was not moved"):
         part.value("drag_factor")
     with pytest.raises(InputError, match="no estimate of mass"):
-        part.part(["mass"])
+        part.subset(["mass"])
 
 
 @pytest.mark.parametrize(

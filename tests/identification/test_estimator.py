@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
-from drake_quad.identification.flown_again import estimator
-from drake_quad.identification.flown_again.estimator import linear_drag, velocity_estimate
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation import estimator
+from drake_quad.identification.validation.estimator import linear_drag, velocity_estimate
 from drake_quad.scenario.files.loading import load_undesigned
 
 PERIOD, SHARE, DRIFT, TIME = 0.004, 0.08, 0.03, 0.5  # s, relative scale error, m/s, s
@@ -40,7 +40,7 @@ def test_scale_error_drift_and_correlation_time_are_recovered(noise):
     found = velocity_estimate(made(240.0, noise=noise))
     assert abs(found.scale_error[0].value - SHARE) < 3.0 * found.scale_error[0].deviation
     assert found.scale_error[0].deviation < 0.02
-    assert [share.value for share in found.scale_error[1:]] == [0.0, 0.0]
+    assert [fraction.value for fraction in found.scale_error[1:]] == [0.0, 0.0]
     # Standard deviation of the means over 0.1 s of this process. 240 independent values determine it to 5 %.
     ratio = 0.1 / TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
@@ -63,14 +63,14 @@ def test_a_log_without_motion_or_too_short_is_refused(record, words):
         linear_drag(record, base)
 
 
-def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), share=(0.1, -0.05, 0.2), seconds=40.0, period=0.01):
+def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), fraction=(0.1, -0.05, 0.2), seconds=40.0, period=0.01):
     """Return a flight on two axes whose velocity has a scale error and a sinusoidal error.
 
     Args:
         amplitude: (3,) amplitude of the sinusoidal error, m/s.
         rate: angular frequency of the sinusoidal error, rad/s.
         flown: (3,) amplitude of the true velocity, m/s.
-        share: (3,) scale error, relative to the true velocity.
+        fraction: (3,) scale error, relative to the true velocity.
         seconds: duration, s.
         period: sampling period, s.
     """
@@ -80,7 +80,7 @@ def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), share=(0.1, -0.05, 0.2),
         [size / each * np.sin(each * time) for size, each in zip(flown, (2.0, 3.1, 1.0), strict=True)], axis=1
     )
     swing = np.outer(np.sin(rate * time), amplitude)
-    return FlightRecord("swings", time, position=place, velocity=(1.0 + np.array(share)) * speed + swing)
+    return FlightRecord("swings", time, position=place, velocity=(1.0 + np.array(fraction)) * speed + swing)
 
 
 def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time():
@@ -91,16 +91,16 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     rate = 7.0
     amplitude = np.array([0.03, 0.05, 0.02])
     found = velocity_estimate(swinging(amplitude, rate))
-    np.testing.assert_allclose([share.value for share in found.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([fraction.value for fraction in found.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
     np.testing.assert_allclose(found.drift, seen, rtol=0.02)
     assert found.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
     # The scale error of an axis without motion is zero, with the mean standard deviation of the other axes.
-    flown = [share.deviation for share in found.scale_error[:2]]
+    flown = [fraction.deviation for fraction in found.scale_error[:2]]
     assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
     # Without a sinusoidal error, the scale errors are exact.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
-    np.testing.assert_allclose([share.value for share in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([fraction.value for fraction in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
 
 
@@ -108,11 +108,11 @@ def test_the_deviation_of_a_scale_error_follows_from_the_scatter_of_blocks():
     random = np.random.default_rng(8)
     true, off = random.normal(size=(2, 300))
     blocks = np.repeat(np.arange(60), 5)
-    share = estimator._slope(true[:, None], off, blocks, "1")
+    fraction = estimator._slope(true[:, None], off, blocks, "1")
     slope = np.linalg.lstsq(true[:, None], off, rcond=None)[0][0]
-    assert share.value == pytest.approx(slope)
+    assert fraction.value == pytest.approx(slope)
     left = (true * (off - slope * true)).reshape(60, 5).sum(axis=1)
-    assert share.deviation == pytest.approx(np.sqrt(60.0 / 59.0 * np.sum(left**2)) / np.sum(true**2))
+    assert fraction.deviation == pytest.approx(np.sqrt(60.0 / 59.0 * np.sum(left**2)) / np.sum(true**2))
 
 
 def test_the_drift_of_a_swinging_vehicle_does_not_contain_position_noise():
@@ -154,7 +154,7 @@ def test_a_scale_error_is_the_regression_on_the_mean_velocity():
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
     # A sample on the boundary of two blocks belongs to the later one.
     blocks = np.floor(chosen / 0.5)
-    for axis, share in ((0, found.scale_error[0]), (2, found.scale_error[2])):
+    for axis, fraction in ((0, found.scale_error[0]), (2, found.scale_error[2])):
         integral = np.concatenate(
             [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
         )
@@ -163,11 +163,11 @@ def test_a_scale_error_is_the_regression_on_the_mean_velocity():
             for each in (log.position[:, axis], integral)
         )
         slope = np.sum(true * (seen - true)) / np.sum(true**2)
-        assert share.value == pytest.approx(slope)
+        assert fraction.value == pytest.approx(slope)
         left = true * (seen - true - slope * true)
         sums = np.array([left[blocks == block].sum() for block in np.unique(blocks)])
         count = len(sums)
-        assert share.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
+        assert fraction.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
         # Without position noise, the drift is the standard deviation of the residuals.
         assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
     assert found.scale_error[1].value == 0.0
@@ -182,8 +182,8 @@ def test_the_noise_of_mean_velocities_follows_from_white_position_noise():
     time = 0.01 * np.arange(200_000)
     log = FlightRecord("log", time, position=np.zeros((len(time), 3)))
     noise = 2e-3 * random.normal(size=len(time))
-    for share, factor in ((0.0, 1.0), (0.5, 0.5), (0.25, 0.625)):
-        ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * share + offset for offset in (0.1, 0.0))
+    for fraction, factor in ((0.0, 1.0), (0.5, 0.5), (0.25, 0.625)):
+        ends = tuple(np.arange(10.0, 20.0, 0.01) + 0.01 * fraction + offset for offset in (0.1, 0.0))
         found = estimator._noise(noise, log, ends)
         assert found == pytest.approx(2.0 * factor * (2e-3 / 0.1) ** 2, rel=0.02)
     # A straight line contains no noise.

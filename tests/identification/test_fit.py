@@ -53,8 +53,8 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
     if adjacent:
         own = found.uncertainty(blocks)
     else:
-        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.slopes, found.slopes), blocks)
-        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.slopes, found.errors), blocks)
+        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.jacobian, found.errors), blocks)
         own = jackknife(told, scores, prior=prior)
     np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
@@ -71,12 +71,12 @@ def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_that_of_th
 def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
     """The columns differ by eight orders of magnitude, as those of an inertia and a lag do."""
     rng = np.random.default_rng(4)
-    slopes, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
-    few, short = fitting._condensed(residuals, slopes)
+    jacobian, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
+    few, short = fitting._condensed(residuals, jacobian)
     assert (few.shape, short.shape) == ((5,), (5, 4))
     np.testing.assert_allclose(few @ few, residuals @ residuals)
-    np.testing.assert_allclose(short.T @ short, slopes.T @ slopes, rtol=1e-9)
-    np.testing.assert_allclose(short.T @ few, slopes.T @ residuals, rtol=1e-9)
+    np.testing.assert_allclose(short.T @ short, jacobian.T @ jacobian, rtol=1e-9)
+    np.testing.assert_allclose(short.T @ few, jacobian.T @ residuals, rtol=1e-9)
 
 
 def test_negative_correlation_of_adjacent_windows_makes_intervals_shorter() -> None:
@@ -97,10 +97,10 @@ def test_negative_correlation_of_adjacent_windows_makes_intervals_shorter() -> N
 
 def test_degrees_of_freedom_count_the_informative_blocks() -> None:
     """Ten equally informative blocks give nine degrees of freedom; two informative ones give one."""
-    slopes = np.zeros((10, 5, 2))
-    slopes[:, :3, 0] = 1.0
-    slopes[:2, 3:, 1] = 1.0
-    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), np.zeros(2))
+    jacobian = np.zeros((10, 5, 2))
+    jacobian[:, :3, 0] = 1.0
+    jacobian[:2, 3:, 1] = 1.0
+    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, jacobian, np.zeros((10, 5)), np.zeros(2))
     found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
     np.testing.assert_allclose(found, [9.0, 1.0])
 
@@ -139,7 +139,7 @@ def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(
     assert len(found.scores) == windows * parts
     pieces = [
         (rows, errors)
-        for window, own in zip(fitted.slopes, fitted.errors, strict=True)
+        for window, own in zip(fitted.jacobian, fitted.errors, strict=True)
         for rows, errors in zip(
             np.array_split(window.reshape(12, 2, 2), parts), np.array_split(own.reshape(12, 2), parts), strict=True
         )
@@ -450,15 +450,15 @@ class QuadraticLikelihood:
 
     Args:
         best: (14,) logarithms of the noise of two outputs and of the disturbance at the maximum.
-        share: ratio of the returned information to the true one.
+        fraction: ratio of the returned information to the true one.
 
     Attributes:
         asked: logarithms for which the likelihood was evaluated, in order.
         derived: logarithms for which the derivatives were evaluated as well.
     """
 
-    def __init__(self, best: np.ndarray, share: float = 1.0) -> None:
-        self.best, self.share = best, share
+    def __init__(self, best: np.ndarray, fraction: float = 1.0) -> None:
+        self.best, self.fraction = best, fraction
         self.asked: list[np.ndarray] = []
         self.derived: list[np.ndarray] = []
         self.chosen = self.free = np.empty(0, dtype=int)
@@ -472,7 +472,7 @@ class QuadraticLikelihood:
             self.chosen, self.free = chosen, free
             self.derived.append(logs)
         missing = (self.best - logs)[self.free]
-        return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.share * 100.0 * np.eye(len(free))
+        return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.fraction * 100.0 * np.eye(len(free))
 
 
 # The memory of a force along the thrust is limited.
@@ -515,7 +515,7 @@ def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_
 def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a quarter of the true information, a full step is four times too long."""
     best = START_LOGS + np.linspace(-0.7, 0.9, 14)
-    likelihood = QuadraticLikelihood(best, share=0.25)
+    likelihood = QuadraticLikelihood(best, fraction=0.25)
     found = noise_found(monkeypatch, likelihood)
     assert np.all(np.abs(found - best) < 0.5 * np.abs(START_LOGS - best))
     distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
@@ -613,7 +613,7 @@ def test_derivatives_are_forward_differences_and_central_ones_for_a_delay(delay:
     expected = sizes * (2.0 * point + up)
     if delay is not None:
         expected[:, :, delay] -= sizes[:, :, delay] * up[delay]
-    np.testing.assert_allclose(fitting._slopes(values, up, delay), expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(fitting._jacobian(values, up, delay), expected, rtol=1e-6, atol=1e-9)
 
 
 class DelayedPredictor:
@@ -639,19 +639,19 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
     """The central difference across the kink is the mean, 5, of the one-sided derivatives 4 and 6."""
     predictor = DelayedPredictor()
     at = np.array([0.7, predictor.period])
-    errors, slopes, states, state_slopes = fitting._whitened(
+    errors, jacobian, states, state_jacobian = fitting._whitened(
         predictor, np.array([0.7, 0.02]), at, predictor.gains, NO_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
     white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
     np.testing.assert_allclose(errors, 2.1 * white)
-    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(jacobian, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(states, 2.1 * predictor.states)
-    np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
+    np.testing.assert_allclose(state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # Above the kink, both one-sided derivatives are equal.
-    _, slopes, *_ = fitting._whitened(
+    _, jacobian, *_ = fitting._whitened(
         predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
-    np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
+    np.testing.assert_allclose(jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -710,10 +710,10 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
     noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
     found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=NOTHING))  # type: ignore[arg-type]
-    ((logs, windows, numbers),) = asked
+    ((logs, windows, model_parameters),) = asked
     np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
     np.testing.assert_array_equal(windows, np.arange(7))
-    np.testing.assert_array_equal(numbers, np.arange(4))
+    np.testing.assert_array_equal(model_parameters, np.arange(4))
     expected = np.linalg.inv(information[:2, :2])
     np.testing.assert_allclose(found[np.ix_([0, 2], [0, 2])], expected, rtol=1e-3)
     assert found[0, 1] == found[0, 0] == found[1, 1]

@@ -20,13 +20,13 @@ from drake_quad.identification.flight_differences import (
     with_differences,
     within_flights,
 )
-from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prepared_logs import blocks_of, initial_noise, prepare
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import FlightDifference, Spread
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_numbers import number_of
+from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
 
 WINDOWS, SAMPLES = 20, 30
 
@@ -75,7 +75,7 @@ def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() ->
         noise = rng.normal(size=(80 * 5 + 100, 2))
         force = 0.2 + scipy.signal.lfilter([np.sqrt(1.0 - decay**2)], [1.0, -decay], noise, axis=0)[100:]
         found = forces_of(heading, force.reshape(80, 5, 2), blocks)["trim_force.x"]
-        held += abs(found.value - 0.2) < found.reach
+        held += abs(found.value - 0.2) < found.half_width
     assert 0.9 < held / trials < 0.98
 
 
@@ -333,7 +333,7 @@ def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> Non
 @pytest.mark.slow
 def test_flights_of_a_vehicle_that_is_modified_between_them_show_each_change(root) -> None:
     """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
-    known = KNOWN_FLIGHTS["calm"]
+    known = SYNTHETIC_FLIGHTS["calm"]
     numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
     plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]
     truths = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]

@@ -33,8 +33,8 @@ def predictor():
     )
     measured = np.concatenate([random.normal(size=(NUM_SETTLING_SAMPLES, 4, NUM_WINDOWS)), begun + curved])
     misses = np.zeros((NUM_SETTLING_SAMPLES + NUM_FORECAST_SAMPLES, 4, 1, NUM_WINDOWS))
-    for i, share in enumerate((0.5, 0.1, 0.0, 1.0)):
-        misses[NUM_SETTLING_SAMPLES:, i, 0] = share * curved[:, i]
+    for i, fraction in enumerate((0.5, 0.1, 0.0, 1.0)):
+        misses[NUM_SETTLING_SAMPLES:, i, 0] = fraction * curved[:, i]
     kept = {}
 
     def errors(parameters, gains, noise, keep):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad.identification import hover
-from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
+from drake_quad.identification.hover import delay_by_correlation, hover_means, white_noise
 from drake_quad.identification.logs.record import FlightRecord
 
 RNG = np.random.default_rng(8)
@@ -46,19 +46,19 @@ def test_white_noise_is_found_at_rest_and_in_flight(record):
 
 
 def test_a_log_that_begins_in_the_air_has_nothing_at_rest(record):
-    noise = white_noise(record.part(slice(1000, 2300)))[0]
+    noise = white_noise(record.subset(slice(1000, 2300)))[0]
     assert np.isfinite(noise.in_flight).all()
 
 
 def test_trim_is_the_mean_of_hover(record):
-    found = trim(record, WEIGHT)
+    found = hover_means(record, WEIGHT)
     assert found["mean roll"].value == pytest.approx(0.02, abs=4.0 * found["mean roll"].deviation)
     assert found["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
     assert found["mean torque about y"].value == pytest.approx(-2e-5, rel=0.02)
     assert found["mean thrust"].value == pytest.approx(0.3)
     assert found["mean roll"].deviation < 5e-4
     moving = (TIME > 15.5) & (TIME < 17.0)
-    assert trim(record.part(moving), WEIGHT) == {}
+    assert hover_means(record.subset(moving), WEIGHT) == {}
 
 
 def test_the_delay_between_attitude_command_and_attitude_is_found(record):
@@ -130,14 +130,14 @@ def test_trim_is_the_mean_over_samples_below_the_limits_of_speed_and_rates(signa
     direction = np.array([2.0, 1.0, 2.0]) / 3.0
     for speed, expected in ((1.01 * limit, 0.1), (0.99 * limit, 0.1 + 0.4 * 0.2)):
         logged = hovering(**{signal: np.where(moving, speed, 0.0)[:, None] * direction, "attitude": attitude})
-        assert trim(logged, WEIGHT)["mean roll"].value == pytest.approx(expected)
+        assert hover_means(logged, WEIGHT)["mean roll"].value == pytest.approx(expected)
 
 
 def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
-    found = trim(logged, WEIGHT)
+    found = hover_means(logged, WEIGHT)
     means = torque.reshape(40, 50, 3).mean(axis=1)
     for i, axis in enumerate("xyz"):
         spread = found[f"mean torque about {axis}"]
@@ -148,11 +148,11 @@ def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
     # Without a logged command, its trim is missing.
     bare = hovering(thrust_command=None)
-    assert {*trim(bare, WEIGHT)} == {"mean roll", "mean pitch"}
+    assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.
-    assert trim(hovering(1.0), WEIGHT)
-    assert not trim(hovering(0.99), WEIGHT)
-    assert trim(hovering(velocity=None), WEIGHT) == {}
+    assert hover_means(hovering(1.0), WEIGHT)
+    assert not hover_means(hovering(0.99), WEIGHT)
+    assert hover_means(hovering(velocity=None), WEIGHT) == {}
 
 
 @pytest.mark.parametrize("lag", [0, 7, 29])
@@ -196,7 +196,7 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
     """With T = K u², a motor with 0.8 times the thrust factor needs 1 / sqrt(0.8) times the throttle."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
-    found = trim(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
+    found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
     ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
     # All thrusts are equal, so 1 / K is averaged over the four motors.
@@ -205,4 +205,4 @@ def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller
 
 
 def test_hover_without_attitude_is_detected_from_velocity():
-    assert {*trim(hovering(attitude=None, body_rates=None), WEIGHT)} == {"mean thrust"}
+    assert {*hover_means(hovering(attitude=None, body_rates=None), WEIGHT)} == {"mean thrust"}

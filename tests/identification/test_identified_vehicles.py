@@ -11,14 +11,14 @@ from neural_fly_flight import DIAGRAM, guessed, write_flight
 from drake_quad.flight.simulation import simulate, simulate_samples
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.identify import identify
-from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, LogModel
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.result import Identification
-from drake_quad.identification.results.vehicle_numbers import number_of
-from drake_quad.identification.windows import WindowSizes, cut
+from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.synthetic_flights import SYNTHETIC_FLIGHTS, record_of
+from drake_quad.identification.windows import WindowSizes, split_into_windows
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 
@@ -28,7 +28,7 @@ DELAY_IN_LABORATORY = 0.01 - 0.02
 
 def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
     """Return the log of a known flight, the scenario that flew, and the scenario to begin with."""
-    known = KNOWN_FLIGHTS[kind]
+    known = SYNTHETIC_FLIGHTS[kind]
     (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
     return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)
 
@@ -46,7 +46,7 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
     """With the true parameters, delay and noise, in calm air, the errors have unit variance and no autocorrelation."""
     record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
     sizes = WindowSizes(length=100, settle=50, warm_up=25)
-    windows = cut([record], [record.time > 1.0], sizes)
+    windows = split_into_windows([record], [record.time > 1.0], sizes)
     outputs = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
     predictor = Predictor(LogModel(scenario, [DELAY]), [record], windows, sizes, outputs, split=2)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-3), np.full(6, 0.1))
@@ -67,21 +67,21 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
     """At most two of about fifteen 95 % intervals miss the true value, and none by more than its half-width."""
     record, scenario, begun = flown(kind, diagrams, "duration=16")
-    found = identify([record], begun, held_out_share=0.0)
+    found = identify([record], begun, held_out_fraction=0.0)
     assert len(found.estimates.identified) >= 10
     missed = outside(found, scenario)
     assert len(missed) <= 2, missed
     assert all(abs(error) < 2.0 * reach for error, reach in missed.values()), missed
     assert found.delay is not None
     true = delay_of(scenario) if kind == "autopilot" else DELAY_IN_LABORATORY
-    assert abs(found.delay.value - true) < 1.5 * found.delay.reach
+    assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
 
 
 @pytest.mark.slow
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
     """At the voltage in flight, the thrust is smaller by at least 1.4 %."""
     record, scenario, begun = flown("battery", diagrams, "duration=12")
-    found = identify([record], begun, held_out_share=0.0).vehicle.vehicle.motors
+    found = identify([record], begun, held_out_fraction=0.0).vehicle.vehicle.motors
     assert found.voltage == 12.6
     assert np.all((record.of("battery_voltage")[100:] / 12.6) ** 2 < 0.986)
     throttle = np.median(record.of("motor_command"))
@@ -95,7 +95,7 @@ def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Pat
     """The log is the flight.csv that was saved; true values are in the intervals of the parameters."""
     flight = simulate(load_scenario(name), sample=0, compiled=True)
     flight.save(tmp_path)
-    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_share=0.0)
+    found = identify([read_log(tmp_path / "flight.csv")], flight.scenario, held_out_fraction=0.0)
     assert not outside(found, flight.scenario)
 
 
@@ -111,7 +111,7 @@ def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
     (flight,) = simulate_samples(scenario, [0], compiled=True)
     record = record_of(flight)
     heights = replace(record, attitude=None, velocity=None, body_rates=None)
-    found = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_share=0.0)
+    found = identify([heights], load_scenario(diagrams / "laboratory.yaml:nominal"), held_out_fraction=0.0)
     assert found.estimates.value("thrust_factor") == pytest.approx(3.9e-5, rel=0.01)
     assert not outside(found, scenario)
     assert "inertia[0]" not in found.estimates.names
@@ -122,7 +122,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's format determines the thrust curve, and drag along x, the direction of flight."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
     scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12", "metrics.start=0"])
-    found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_share=0.0)
+    found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_fraction=0.0)
     missed = outside(found, scenario)
     assert len(missed) <= 2, missed
     assert "body_drag.linear[0]" in found.estimates.identified
@@ -135,7 +135,7 @@ def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
-    found = identify([record], base, held_out_share=0.0).estimates
+    found = identify([record], base, held_out_fraction=0.0).estimates
     assert not any(name.startswith(("motors.curve", "inertia", "rotor_time")) for name in found.identified)
     curve = [found.value(f"motors.curve[{power}]") for power in range(3)]
     thrust = np.polyval(curve[::-1], np.linspace(0.0, 1.0, 50))
@@ -166,7 +166,7 @@ def crazyflie() -> Scenario:
 def test_the_published_crazyflie_is_identified() -> None:
     """Lag, inertia about x and y, and thrust curve agree with arXiv 2404.07837, which used the same logs."""
     logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))
-    estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_share=0.0).estimates
+    estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_fraction=0.0).estimates
     lag = 0.5 * (estimates.value("rotor_time_constant") + estimates.value("rotor_time_constant_down"))
     assert lag == pytest.approx(0.072, abs=0.007)
     assert estimates.value("inertia[0]") == pytest.approx(1.029e-5, rel=0.2)

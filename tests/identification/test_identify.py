@@ -69,7 +69,7 @@ def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
     logs, scenario = prepared_logs.prepare([throttles], rotors)
     assert logs.scenario.vehicle.motors.take_throttles
     assert scenario.vehicle.motors.take_throttles
-    assert logs.own_throttles
+    assert logs.has_motor_throttles
     logs, scenario = prepared_logs.prepare([record(5.0, *POSES)], rotors)
     assert scenario is rotors
 
@@ -123,7 +123,7 @@ def test_a_short_flight_is_refused(rotors):
     with pytest.raises(
         InputError, match=r"^the flight in the logs contains only 3 windows of .* in the air; at least 4"
     ):
-        identify([record(2.0, *POSES)], rotors, held_out_share=0.0)
+        identify([record(2.0, *POSES)], rotors, held_out_fraction=0.0)
 
 
 def test_logs_of_different_rates_are_refused(rotors):
@@ -178,8 +178,8 @@ def climbing(vehicle, seconds):
     heights, commands = np.zeros(count), np.full(count * held + late, hover)
     for i in range(count):
         heights[i] = height
-        share = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
-        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, share))
+        fraction = 1.0 + (6.0 * (wanted[i] - height) - 4.0 * climb) / vehicle.gravity
+        commands[i * held + late : (i + 1) * held + late] = hover * np.sqrt(max(0.2, fraction))
         for command in commands[i * held : (i + 1) * held]:
             before = speed
             speed = command + (speed - command) * np.exp(-step / LAG)
@@ -207,7 +207,7 @@ def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_d
         place = estimates.names.index(name)
         assert name in estimates.identified
         assert low[place] < true < high[place], name
-    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.reach < 0.1 * TRANSPORT_DELAY
+    assert abs(found.delay.value - TRANSPORT_DELAY) < found.delay.half_width < 0.1 * TRANSPORT_DELAY
     assert estimates.value("thrust_factor") == pytest.approx(THRUST_RATIO * calm.vehicle.thrust_factor, rel=1e-3)
     assert estimates.value("rotor_time_constant") == pytest.approx(LAG, rel=0.05)
     # 400 samples determine the noise to within 1 / √800.
@@ -230,9 +230,9 @@ def test_a_vehicle_whose_forecast_is_no_better_than_persistence_is_refused():
 
 def test_a_vehicle_whose_weight_is_carried_by_the_disturbance_is_refused(rotors):
     gravity = rotors.vehicle.gravity
-    for share in (0.1, 0.2):
-        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.full(6, 20.0))
-        if share < 0.15:
+    for fraction in (0.1, 0.2):
+        noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, fraction * gravity, 1.0, 1.0, 1.0]), np.full(6, 20.0))
+        if fraction < 0.15:
             identifiability.check_thrust(rotors, noise)
         else:
             with pytest.raises(InputError, match="a force of 20 % of the weight along z is unexplained"):
@@ -266,7 +266,7 @@ def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
     for push, held in ((0.1, False), (0.4, True)):
         noise = PredictionNoise(np.ones(3), np.full(6, push), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.array([0.2, 0.01]))
-        found = identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted)
+        found = identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted)
         assert set(found) == ({"linear_drag"} if held else set())
         if held:
             expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, but the drag force is only 0.2 N"
@@ -282,11 +282,11 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     )
     parameters = [Parameter(f"autopilot.damping[{i}]", 0.5, 0.5, 0.01, 5.0) for i in range(3)]
     noise = PredictionNoise(np.full(3, 4e-3), np.ones(6), np.ones(6))
-    found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
+    found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
     assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
     assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
     rates = SimpleNamespace(**{**vars(logs), "outputs": [Output("body_rates", 0)]})
-    assert identifiability.unexcited(rates, parameters, SimpleNamespace(noise=noise)) == {}
+    assert identifiability.unexcited_parameters(rates, parameters, SimpleNamespace(noise=noise)) == {}
 
 
 def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
@@ -302,7 +302,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
         )
         noise = PredictionNoise(np.ones(3), np.array([*force, 1.0, 1.0, 1.0]), np.ones(6))
         fitted = SimpleNamespace(noise=noise, values=np.full(5, 0.2))
-        return set(identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted))
+        return set(identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted))
 
     still, moving = 0.0 * time, np.sin(2.0 * time)
     # RMS speeds of a sine with an amplitude of 2 m/s are √2 m/s: the drag is 0.28 N.
@@ -342,7 +342,7 @@ def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
     ):
         records, masks = zip(*map(lambda size, usable: command(size, flying=usable), sizes, flying), strict=True)
         logs = SimpleNamespace(outputs=outputs, records=records, flying=masks)
-        found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
+        found = identifiability.unexcited_parameters(logs, parameters, SimpleNamespace(noise=noise))
         assert set(found) == ({"autopilot.natural_frequency[1]"} if held else set()), sizes
 
 
@@ -358,8 +358,8 @@ def test_an_interval_must_be_narrower_than_the_usual_error_and_not_contain_zero(
 
 
 def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, attitudes):
-    def names(scenario, *signals, own_throttles=False):
-        options = {"own_throttles": own_throttles, "delay": 0.01, "max_delay": 0.1}
+    def names(scenario, *signals, has_motor_throttles=False):
+        options = {"has_motor_throttles": has_motor_throttles, "delay": 0.01, "max_delay": 0.1}
         return {parameter.name for parameter in parameters_of(scenario, {*signals}, **options)}
 
     assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(rotors, *POSES)
@@ -374,7 +374,7 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
 
 
 def test_positive_parameters_have_limits_around_their_value(rotors):
-    options = {"own_throttles": False, "delay": 0.01, "max_delay": 0.1}
+    options = {"has_motor_throttles": False, "delay": 0.01, "max_delay": 0.1}
     for parameter in parameters_of(rotors, {*POSES}, **options):
         assert parameter.lower <= parameter.start <= parameter.upper
         if parameter.name.startswith(("inertia", "thrust_factor", "rotor_time_constant")):

@@ -59,12 +59,12 @@ def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, nois
     random = np.random.default_rng(seed)
     size = len(predictor.outputs) * predictor.sizes.length
     scales = np.array([parameter.scale for parameter in parameters])
-    slopes = strength * random.normal(size=(len(predictor.windows), size, len(parameters))) / np.sqrt(size) / scales
+    jacobian = strength * random.normal(size=(len(predictor.windows), size, len(parameters))) / np.sqrt(size) / scales
     return PredictionFit(
         np.array([parameter.start for parameter in parameters]),
         noise_of(predictor.outputs) if noise is None else noise,
         NOTHING,
-        slopes,
+        jacobian,
         random.normal(size=(len(predictor.windows), size)),
         scales**-2.0,
     )
@@ -128,7 +128,7 @@ def test_the_forecast_is_evaluated_on_flight_that_was_not_fitted(monkeypatch, ro
 
 def test_without_held_out_flight_there_is_one_fit(monkeypatch, rotors):
     log, calls = log_of(24.0), Recorded(monkeypatch)
-    found = module.identify([log], rotors, held_out_share=0.0)
+    found = module.identify([log], rotors, held_out_fraction=0.0)
     (only,) = calls.fits
     assert (calls.forecasts, found.outputs, found.training_vehicle) == ([], (), None)
     assert only.start is None
@@ -140,7 +140,7 @@ def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypat
     hidden = noise_of(POSE, force=0.3)
     calls = Recorded(monkeypatch, noise=hidden)
     log = log_of(24.0, position=np.zeros((2400, 3)))
-    found = module.identify([log], rotors, held_out_share=0.0)
+    found = module.identify([log], rotors, held_out_fraction=0.0)
     first, second = calls.fits
     assert "linear_drag" in first.names
     assert second.names == [name for name in first.names if name != "linear_drag"]
@@ -193,7 +193,9 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     """Return the result of a fit, with the fit and its predictor."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
-    parameters = module.parameters_of(logs.scenario, logs.signals, own_throttles=False, delay=0.02, max_delay=MAX_DELAY)
+    parameters = module.parameters_of(
+        logs.scenario, logs.signals, has_motor_throttles=False, delay=0.02, max_delay=MAX_DELAY
+    )
     names = names_of(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
@@ -221,7 +223,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     assert found.delay.value == fitted.values[place]
     assert found.delay.deviation == pytest.approx(np.sqrt(expected.covariance[place, place]))
     assert found.delay.degrees_of_freedom == expected.degrees_of_freedom[place]
-    assert found.delay.reach == pytest.approx(
+    assert found.delay.half_width == pytest.approx(
         quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
     )
     # Thirty seconds give 23 windows of 1.25 s, of which a tenth at a time is held out.
@@ -240,11 +242,11 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
     """The parameter stays among the estimates. For a delay, a remark is made, and the link is unchanged."""
 
     def without(fitted, names):
-        slopes = fitted.slopes.copy()
-        slopes[:, :, names.index(weak)] = 0.0
+        jacobian = fitted.jacobian.copy()
+        jacobian[:, :, names.index(weak)] = 0.0
         values = fitted.values.copy()
         values[names.index(DELAY)] = 0.1
-        return fitted._replace(slopes=slopes, values=values)
+        return fitted._replace(jacobian=jacobian, values=values)
 
     found, *_ = result_of(rotors, monkeypatch, change=without)
     assert weak not in found.held_out
@@ -262,10 +264,10 @@ def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, we
 def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors):
     def only(kept):
         def change(fitted, names):
-            slopes = np.zeros_like(fitted.slopes)
+            jacobian = np.zeros_like(fitted.jacobian)
             for name in kept:
-                slopes[:, :, names.index(name)] = fitted.slopes[:, :, names.index(name)]
-            return fitted._replace(slopes=slopes)
+                jacobian[:, :, names.index(name)] = fitted.jacobian[:, :, names.index(name)]
+            return fitted._replace(jacobian=jacobian)
 
         return change
 
@@ -289,12 +291,12 @@ def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
     assert NOISES[0] not in found.estimates.names
     assert found.estimates.value(NOISES[1]) == 4e-3
-    assert found.estimates.explained["thrust_factor"].share == 0.7
+    assert found.estimates.explained["thrust_factor"].fraction == 0.7
     assert len(found.outputs) == 6
 
 
 def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch, rotors):
-    monkeypatch.setattr(module, "attenuated", lambda *_: {"inertia[0]": "commands are missing"})
+    monkeypatch.setattr(module, "distorted_parameters", lambda *_: {"inertia[0]": "commands are missing"})
     found, *_ = result_of(rotors, monkeypatch)
     assert found.estimates.not_identified["inertia[0]"] == "commands are missing"
 
@@ -303,15 +305,15 @@ def test_the_explained_fraction_of_a_parameter_is_that_of_the_most_sensitive_out
     """The most sensitive output has the largest sum of squared derivatives over all windows."""
     outputs = [Output("position", 0), Output("position", 2), Output("attitude", 1)]
     parameters = [Parameter(name, 1.0, 1.0) for name in ("mass", DELAY, "inertia[1]", "linear_drag")]
-    slopes = np.full((3, 5, 3, 4), 0.1)
-    slopes[:, :, 1, 0] = -2.0
-    slopes[1, :, 2, 2] = 7.0
-    slopes[:, :, 0, 2] = 3.0
-    slopes[:, :, 0, 3] = 1.0
-    fitted = SimpleNamespace(slopes=slopes.reshape(3, 15, 4))
+    jacobian = np.full((3, 5, 3, 4), 0.1)
+    jacobian[:, :, 1, 0] = -2.0
+    jacobian[1, :, 2, 2] = 7.0
+    jacobian[:, :, 0, 2] = 3.0
+    jacobian[:, :, 0, 3] = 1.0
+    fitted = SimpleNamespace(jacobian=jacobian.reshape(3, 15, 4))
     none = np.zeros(1)
-    shares = {"x": np.nan, "z": 0.5, "pitch": 0.9}
-    shown = [ForecastOutput(name, "m", none, none, none, share, 0.1) for name, share in shares.items()]
+    fractions = {"x": np.nan, "z": 0.5, "pitch": 0.9}
+    shown = [ForecastOutput(name, "m", none, none, none, fraction, 0.1) for name, fraction in fractions.items()]
     found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
     # An output that does not vary explains nothing; a delay is not a parameter of the vehicle.
     assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}
@@ -339,18 +341,22 @@ def test_logs_without_poses_give_no_estimates_of_pose_noise(rotors):
 
 def test_undetermined_parameters_have_a_reason():
     rotors = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0.01"])
-    assert set(module.undetermined(rotors, ["inertia[2]", "linear_drag"])) == {"mass", "drag_factor", "quadratic_drag"}
-    assert set(module.undetermined(rotors, [])) == {"mass"}
+    assert set(module.undetermined_parameters(rotors, ["inertia[2]", "linear_drag"])) == {
+        "mass",
+        "drag_factor",
+        "quadratic_drag",
+    }
+    assert set(module.undetermined_parameters(rotors, [])) == {"mass"}
     still = load_scenario("laboratory:low_wind", ["vehicle.quadratic_drag=0"])
-    assert set(module.undetermined(still, ["linear_drag"])) == {"mass"}
-    assert set(module.undetermined(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
+    assert set(module.undetermined_parameters(still, ["linear_drag"])) == {"mass"}
+    assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
 def test_a_physically_impossible_inertia_is_remarked(monkeypatch, rotors):
     impossible = rotors.vehicle.model_copy(update={"inertia": (1.0, 1.0, 3.0)})
     found = module.Identification(None, rotors.model_copy(update={"vehicle": impossible}), (), remarks=("first",))
     monkeypatch.setattr(module, "_identified", lambda *_: found)
-    monkeypatch.setattr(module, "synchronised", lambda records: module.Synchronised(records, False, ["clocks"]))
+    monkeypatch.setattr(module, "synchronise", lambda records: module.SynchronisedRecords(records, False, ["clocks"]))
     monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
     *others, last = module.identify([log_of(1.0)], rotors).remarks
     assert others == ["first", "clocks", "fast"]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.identification.flown_again import reference
-from drake_quad.identification.flown_again.flown_part import flown_part
-from drake_quad.identification.flown_again.reference import logged_reference
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation import reference
+from drake_quad.identification.validation.free_flight import free_flight
+from drake_quad.identification.validation.reference import logged_reference
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 
@@ -93,7 +93,7 @@ def test_a_log_that_begins_in_motion_is_preceded_by_a_run_up():
 def test_a_gap_is_filled_smoothly():
     """The minimum-snap path through a gap of 0.9 s stays near the true one."""
     record = logged(PATH)
-    found = logged_reference(record.part((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
+    found = logged_reference(record.subset((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
     assert distance(found, PATH, 1.0) < 0.05
 
 
@@ -433,8 +433,8 @@ def test_the_reference_of_a_shipped_ulog_is_a_path_with_small_accelerations(root
     """PX4 logs set-points at 5 Hz; they climb at 1 m/s, and descend at 0.7 m/s until the landing."""
     record = read_log(root / "tests/data/px4/sample_px4_events.ulg.xz")
     assert record.reference_period == pytest.approx(0.2, rel=0.05)
-    part = flown_part(record)
-    found = logged_reference(record.part(slice(part.end)), rest=8.0, lift_off=part.lift_off)
+    part = free_flight(record)
+    found = logged_reference(record.subset(slice(part.end)), rest=8.0, lift_off=part.lift_off)
     path = route_path(found.route)
     time = np.linspace(8.0, path.times[-1], 500)
     assert np.abs(evaluate(path, time, 2)).max() < 4.0

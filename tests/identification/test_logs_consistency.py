@@ -9,7 +9,7 @@ import pytest
 import scipy
 from written_logs import DATA
 
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.consistency import (
     _force_in_body,
     _is_other_frame,
@@ -21,7 +21,7 @@ from drake_quad.identification.logs.consistency import (
     _shift,
     _size_of_force,
     _tilt,
-    contradictions,
+    inconsistencies,
 )
 from drake_quad.identification.logs.faults import faults
 from drake_quad.identification.logs.reading import read_log
@@ -52,7 +52,7 @@ def flight(noise=1.0):
     roll = np.arctan2(-across, np.hypot(along, thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, yaw])
     body_rates = rates_of(attitude)
-    specific_force = rotations(attitude).apply(force, inverse=True)
+    specific_force = rotations_of(attitude).apply(force, inverse=True)
     exact = {
         "position": (position, 1e-3),
         "velocity": (velocity, 0.02),
@@ -79,17 +79,17 @@ def rates_of(attitude):
 
 
 def found(changes=None, time=TIME):
-    return list(contradictions({**flight(), **(changes or {})}, time))
+    return list(inconsistencies({**flight(), **(changes or {})}, time))
 
 
 def test_a_physically_correct_flight_has_no_contradiction():
     assert found() == []
-    assert list(contradictions(flight(noise=0.0), TIME)) == []
+    assert list(inconsistencies(flight(noise=0.0), TIME)) == []
     # The same holds with a gap, and for a shorter log.
     kept = (TIME < 8.0) | (TIME > 9.5)
-    assert list(contradictions({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
+    assert list(inconsistencies({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
     for count in (2, 30, 120):
-        assert list(contradictions({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
+        assert list(inconsistencies({name: values[:count] for name, values in flight().items()}, TIME[:count])) == []
 
 
 def test_windows_that_touch_a_gap_are_left_out():
@@ -190,8 +190,8 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
     assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
     # A wrong sign of the specific force is found as well. A vehicle at rest has no acceleration to show it.
     signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
-    assert list(contradictions(signals, TIME)) == []
-    (remark,) = contradictions(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
+    assert list(inconsistencies(signals, TIME)) == []
+    (remark,) = inconsistencies(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
     assert remark.endswith("the sign of specific_force looks wrong in x")
     assert alone.is_moving
     assert not _on_grid({"position": 0.01 * clean["position"]}, TIME).is_moving
@@ -206,7 +206,7 @@ def test_a_velocity_that_hardly_varies_shows_no_acceleration():
         assert not grid.is_moving
         compared = [pair.other for pair in _pairs(grid) if pair is not None]
         assert compared == ["gravity"]
-        assert list(contradictions(signals, TIME)) == []
+        assert list(inconsistencies(signals, TIME)) == []
     assert _on_grid({"velocity": 0.06 * clean["velocity"] / np.std(clean["velocity"], axis=0)}, TIME).is_moving
 
 
@@ -263,8 +263,8 @@ def test_each_wrong_unit_is_named(name, factor, words):
 
 def test_each_wrong_frame_is_named():
     clean = flight()
-    to_world = rotations(clean["attitude"]).apply
-    to_body = rotations(clean["attitude"]).inv().apply
+    to_world = rotations_of(clean["attitude"]).apply
+    to_body = rotations_of(clean["attitude"]).inv().apply
     for name, turned, words in (
         ("body_rates", to_world, "body_rates looks as if it were along world axes"),
         ("specific_force", to_world, "specific_force looks as if it were along world axes"),
@@ -274,7 +274,7 @@ def test_each_wrong_frame_is_named():
     ):
         (remark,) = found({name: turned(clean[name])})
         assert words in remark
-    remarks = list(contradictions({name: values * HALF_TURN for name, values in clean.items()}, TIME))
+    remarks = list(inconsistencies({name: values * HALF_TURN for name, values in clean.items()}, TIME))
     assert remarks[0].endswith(": all signals look as if NED and FRD were taken for NWU and FLU")
 
 
@@ -289,9 +289,9 @@ def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
     attitude = np.zeros((len(TIME), 3))
     attitude[:, 1] = tilt[:, 0]
     attitude[:, 0] = -np.arctan(np.tan(tilt[:, 1]) * np.cos(tilt[:, 0]))
-    in_body = rotations(attitude).apply(velocity, inverse=True)
-    assert list(contradictions({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
-    (remark,) = contradictions({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
+    in_body = rotations_of(attitude).apply(velocity, inverse=True)
+    assert list(inconsistencies({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
+    (remark,) = inconsistencies({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
     assert remark.endswith("velocity looks as if it were along body axes")
 
 
@@ -317,7 +317,7 @@ def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitu
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
     late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
     remarks = list(
-        contradictions(
+        inconsistencies(
             {
                 "attitude": np.zeros((len(TIME), 3)),
                 "velocity": np.column_stack([still, velocity]),
@@ -345,7 +345,7 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
         force[:, axis] = np.interp(TIME - shift, TIME, acceleration[:, axis])
         force[:, 2] = GRAVITY
         signals = {"attitude": np.zeros((len(TIME), 3)), "velocity": velocity, "specific_force": force}
-        (remark,) = contradictions(signals, TIME)
+        (remark,) = inconsistencies(signals, TIME)
         assert re.match(rf"specific_force is (99|100|101) ± \d ms {words} the acceleration and the tilt: ", remark)
 
 
@@ -411,7 +411,7 @@ def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
     np.testing.assert_allclose(
-        np.cross(rotations(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
+        np.cross(rotations_of(attitude).apply([0.0, 0.0, 1.0]), thrust), 0.0, atol=1e-9
     )  # the thrust is along the body's z axis
     grid = _on_grid({"attitude": attitude, "velocity": velocity}, TIME)
     (pair,) = _pairs(grid, only=_tilt)
@@ -441,7 +441,7 @@ def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement
     velocity = np.sin(np.outer(TIME, rates))
     position = -np.cos(np.outer(TIME, rates)) / rates
     mixed = correlation * velocity + np.sqrt(1.0 - correlation**2) * np.sin(np.outer(TIME, others))
-    remarks = list(contradictions({"position": position, "velocity": mixed}, TIME))
+    remarks = list(inconsistencies({"position": position, "velocity": mixed}, TIME))
     assert any("the sign of" in remark for remark in remarks) == named
 
 
@@ -475,7 +475,7 @@ def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
         velocity = still + np.outer(TIME, [0.0, 0.0, 0.1])
         force = moving * [1.0, 1.0, 0.0] + [0.0, 0.0, GRAVITY + 0.1]
         signals = {"attitude": 0.0 * still, "velocity": velocity, "specific_force": force}
-    remarks = list(contradictions(signals, TIME))
+    remarks = list(inconsistencies(signals, TIME))
     assert any(remark.startswith(f"{name} contradicts {other}") for remark in remarks) == contradicts
 
 
@@ -490,10 +490,10 @@ def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
 )
 def test_a_wrong_sign_of_a_command_is_named_if_it_moves_by_its_threshold(signal, other, threshold, multiple):
     motion = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
-    remarks = list(contradictions({signal: motion * [-1.0, 1.0, 1.0], other: motion}, TIME))
+    remarks = list(inconsistencies({signal: motion * [-1.0, 1.0, 1.0], other: motion}, TIME))
     assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
     # A yaw is not compared with its command.
-    remarks = list(contradictions({signal: motion * [1.0, 1.0, -1.0], other: motion}, TIME))
+    remarks = list(inconsistencies({signal: motion * [1.0, 1.0, -1.0], other: motion}, TIME))
     assert any("the sign of" in each for each in remarks) == (multiple > 1.0 and "attitude" not in other)
 
 
@@ -503,11 +503,11 @@ def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_t
     velocity = sized(np.sin(phases), multiple * 0.05)
     position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
     signals = {"reference_velocity": velocity * [1.0, -1.0, 1.0], "reference_position": position}
-    assert any("the sign of" in each for each in contradictions(signals, TIME)) == (multiple > 1.0)
+    assert any("the sign of" in each for each in inconsistencies(signals, TIME)) == (multiple > 1.0)
     acceleration = sized(np.sin(phases), multiple * 0.2) * [1.0, 1.0, 0.0]
     velocity = np.cumsum(acceleration, axis=0) * PERIOD
     attitude = np.column_stack([-acceleration[:, 1], acceleration[:, 0], 0.0 * TIME]) / GRAVITY
-    remarks = list(contradictions({"attitude": attitude * [1.0, -1.0, 1.0], "velocity": velocity}, TIME))
+    remarks = list(inconsistencies({"attitude": attitude * [1.0, -1.0, 1.0], "velocity": velocity}, TIME))
     assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
 
 
@@ -524,7 +524,7 @@ def test_a_shift_is_not_reported_if_delays_are_usual_between_two_signals(name, o
     clean = flight(0.0)
     clean = clean | {"reference_velocity": np.gradient(clean["reference_position"], PERIOD, axis=0)}
     shifted = np.column_stack([np.interp(TIME - 0.05, TIME, column) for column in clean[name].T])
-    assert list(contradictions({each: clean[each] for each in others} | {name: shifted}, TIME)) == []
+    assert list(inconsistencies({each: clean[each] for each in others} | {name: shifted}, TIME)) == []
 
 
 def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
@@ -614,10 +614,10 @@ def test_two_faults_are_both_named():
 
 def test_without_an_attitude_the_size_of_gravity_is_known():
     force = {"specific_force": flight()["specific_force"]}
-    assert list(contradictions(force, TIME)) == []
-    (remark,) = contradictions({"specific_force": force["specific_force"] / GRAVITY}, TIME)
+    assert list(inconsistencies(force, TIME)) == []
+    (remark,) = inconsistencies({"specific_force": force["specific_force"] / GRAVITY}, TIME)
     assert remark.endswith("specific_force looks as if g were taken for m/s²")
-    (remark,) = contradictions({"specific_force": force["specific_force"] * HALF_TURN}, TIME)
+    (remark,) = inconsistencies({"specific_force": force["specific_force"] * HALF_TURN}, TIME)
     assert "the sign of specific_force looks wrong in z" in remark or "FRD" in remark
 
 
@@ -625,7 +625,7 @@ def test_noise_contradicts_nothing():
     random = np.random.default_rng(1)
     names = ("position", "velocity", "attitude", "body_rates")
     hovering = {name: 1e-3 * random.normal(size=(len(TIME), 3)) for name in names}
-    assert list(contradictions(hovering, TIME)) == []
+    assert list(inconsistencies(hovering, TIME)) == []
 
 
 @pytest.mark.parametrize(
@@ -633,7 +633,7 @@ def test_noise_contradicts_nothing():
 )
 def test_the_shipped_flights_have_no_contradiction(path):
     record = read_log(path)
-    assert list(contradictions(dict(record.signals()), record.time)) == []
+    assert list(inconsistencies(dict(record.signals()), record.time)) == []
     assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)
 
 
@@ -648,13 +648,13 @@ def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
 
 
 @pytest.mark.parametrize(
-    ("parts", "share", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
+    ("parts", "fraction", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
 )
-def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, share, other):
+def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, fraction, other):
     """In the other parts, the other frame agrees slightly worse."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
-    # The squared errors are multiplied by `share`.
-    factors = np.repeat(np.where(np.arange(8) < parts, np.sqrt(share), 1.01), 100)[:, None]
+    # The squared errors are multiplied by `fraction`.
+    factors = np.repeat(np.where(np.arange(8) < parts, np.sqrt(fraction), 1.01), 100)[:, None]
     turned = pair._replace(measured=signal * (1.0 + 0.5 * factors))
     assert _is_other_frame(pair, turned) == other

@@ -41,7 +41,7 @@ def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_ti
 
 def test_signals_present_for_less_than_half_of_the_time_are_left_out():
     clock = channel("body_rates", 1.0, 11.0, 0.01).clock
-    for begin, end, share in (
+    for begin, end, fraction in (
         (1.0, 5.9, 0.49),
         (1.0, 6.1, 0.51),
         (6.1, 99.0, 0.49),
@@ -49,17 +49,19 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
         (12.0, 13.0, 0),
     ):
         chosen, remarks = conversion._sufficiently_logged([channel("position", begin, end, 0.1)], clock)
-        assert bool(chosen) == (share > 0.5)
-        assert remarks == ([] if share > 0.5 else [f"position is left out: it is logged for {share:.0%} of the time"])
+        assert bool(chosen) == (fraction > 0.5)
+        assert remarks == (
+            [] if fraction > 0.5 else [f"position is left out: it is logged for {fraction:.0%} of the time"]
+        )
     # A command is held until the end. A slow signal is extended by its first and last value.
     assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
     # NaN values do not count.
-    for known, share in ((4.4, 0.44), (5.6, 0.56)):
+    for known, fraction in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))
-        assert bool(conversion._sufficiently_logged([full], clock)[0]) == (share > 0.5)
+        assert bool(conversion._sufficiently_logged([full], clock)[0]) == (fraction > 0.5)
 
 
 def test_a_record_has_the_ticks_at_which_all_signals_are_present():

@@ -190,7 +190,7 @@ def smooth(values, width=15):
 def test_signs_of_a_real_flight_agree_with_each_other(name):
     """A vehicle accelerates in the direction of its tilt, and its angles change with its body rates."""
     record = read_log(DATA / f"crazyflie/crazyswarm2/{name}.xz")
-    after = record.part(record.time > 1.5)  # after the gap
+    after = record.subset(record.time > 1.5)  # after the gap
     acceleration = smooth(np.gradient(after.velocity, after.time, axis=0))
     leaning = 9.81 * smooth(np.column_stack([after.attitude[:, 1], -after.attitude[:, 0]]))
     turning = smooth(np.gradient(after.attitude, after.time, axis=0))

@@ -121,14 +121,14 @@ def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):
     for signal, values in whole.signals():
         np.testing.assert_array_equal(padded.of(signal), values)
     assert [remark.split(":")[0] for remark in unread(padded)] == ["the last 1,000,000 bytes are not read"]
-    for share in (0.3, 0.7):
-        place = int(share * len(data))
+    for fraction in (0.3, 0.7):
+        place = int(fraction * len(data))
         cut = read(data[:place] + bytes(-place % 4096))
         assert len(unread(cut)) == 1
         samples = len(cut.time)
         assert samples < len(whole.time)
         if "crazyflie" in file:  # a ULog without its end may have the clock of another topic
-            assert samples == pytest.approx(share * len(whole.time), rel=0.02)
+            assert samples == pytest.approx(fraction * len(whole.time), rel=0.02)
             np.testing.assert_array_equal(cut.body_rates, whole.body_rates[:samples])
 
 

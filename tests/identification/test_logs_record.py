@@ -36,7 +36,7 @@ def test_a_signal_has_a_row_of_numbers_for_every_sample(name):
 def test_a_part_of_a_record_has_the_times_and_rows_of_its_samples():
     record = FlightRecord("flown", TIME, position=np.arange(12.0).reshape(4, 3), thrust_share=np.arange(4.0))
     for chosen in (slice(1, 3), np.array([False, True, True, False])):
-        part = record.part(chosen)
+        part = record.subset(chosen)
         np.testing.assert_array_equal(part.time, [1.1, 1.2])
         np.testing.assert_array_equal(part.position, [[3.0, 4.0, 5.0], [6.0, 7.0, 8.0]])
         np.testing.assert_array_equal(part.thrust_share, [1.0, 2.0])

@@ -10,7 +10,7 @@ from written_logs import DATA
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.logs.timing import gaps, rising_samples, timing_remarks
-from drake_quad.identification.windows import pieces
+from drake_quad.identification.windows import segment_numbers
 
 
 def record(time):
@@ -50,7 +50,7 @@ def test_kept_samples_increase_and_increasing_clocks_are_kept(time):
 def test_gaps_and_the_parts_between_them():
     time = [0.0, 1.0, 2.0, 7.0, 8.0, 9.0, 12.5, 16.0, 17.0]
     assert np.flatnonzero(gaps(np.array(time))).tolist() == [2, 5, 6]
-    assert pieces(record(time)).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 3]
+    assert segment_numbers(record(time)).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 3]
     (remark,) = timing_remarks(np.array(time))
     assert remark == (
         "3 gaps (steps of more than 3 times the median of 1 s), 12 s in total; the longest lasts 5 s, from 2 s on"
@@ -58,7 +58,7 @@ def test_gaps_and_the_parts_between_them():
 
 
 def test_a_record_without_gaps_is_one_part():
-    assert pieces(record([0.0, 1.0, 2.5])).tolist() == [0, 0, 0]
+    assert segment_numbers(record([0.0, 1.0, 2.5])).tolist() == [0, 0, 0]
     assert not [*timing_remarks(np.arange(10.0))]
 
 
@@ -70,7 +70,7 @@ def test_jitter_is_reported_with_its_amplitude():
 
 def test_the_gap_of_a_real_log():
     whole = read_log(DATA / "crazyflie/crazyswarm2/log145.xz")
-    before, after = (whole.part(pieces(whole) == number) for number in range(2))
+    before, after = (whole.subset(segment_numbers(whole) == number) for number in range(2))
     assert len(before.time) + len(after.time) == len(whole.time)
     assert after.time[0] - before.time[-1] == pytest.approx(1.129973)
     np.testing.assert_array_equal(after.position, whole.position[len(before.time) :])

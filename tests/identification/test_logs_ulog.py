@@ -13,7 +13,7 @@ from drake_quad import InputError
 from drake_quad.identification.logs.formats.ulog import _chain_of, _dropouts
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
-from drake_quad.identification.windows import pieces
+from drake_quad.identification.windows import segment_numbers
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
@@ -115,7 +115,7 @@ def test_a_dropout_is_a_gap(read):
     record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
     assert said(record, "1 dropout of the logger, 0.204 s in total; the longest lasts 0.204 s")
     assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in total")
-    before, after = (record.part(pieces(record) == number) for number in range(2))
+    before, after = (record.subset(segment_numbers(record) == number) for number in range(2))
     assert before.time[-1] == pytest.approx(0.396)
     assert after.time[0] == pytest.approx(0.604)
     np.testing.assert_allclose(after.body_rates[:, 0], after.time, atol=1e-6)
@@ -302,7 +302,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
 
 
 @pytest.mark.parametrize(
-    ("parameters", "shares", "words"),
+    ("parameters", "fractions", "words"),
     [
         ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since the log contains no such parameter"),
         ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by the parameters PWM_MAIN_MIN"),
@@ -320,10 +320,10 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
         ),
     ],
 )
-def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, shares, words):
+def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
     """Our order is front right, back right, back left and front left, which are PX4's rotors 1, 4, 2 and 3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
-    np.testing.assert_allclose(record.motor_command[-1], shares, atol=1e-6)
+    np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert said(record, words)
 
 

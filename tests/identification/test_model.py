@@ -15,7 +15,7 @@ from drake_quad.identification.model import (
     Disturbance,
     LogModel,
     ModelFlight,
-    Numbers,
+    ModelParameters,
     Span,
     WindowInputs,
     relative_voltage,
@@ -24,7 +24,7 @@ from drake_quad.identification.model import (
     specific_force,
     step,
 )
-from drake_quad.identification.results.vehicle_numbers import with_throttles
+from drake_quad.identification.results.vehicle_values import with_throttles
 from drake_quad.identification.windows import LogWindow, WindowSizes
 from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 
@@ -47,8 +47,8 @@ def scenario():
 
 
 @pytest.fixture(scope="module")
-def numbers(scenario):
-    return Numbers(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_numbers(), None)
+def model_parameters(scenario):
+    return ModelParameters(vehicle_parameters(scenario.vehicle), scenario.vehicle.effect_parameters(), None)
 
 
 def in_world():
@@ -57,11 +57,11 @@ def in_world():
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
-def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
+def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, kind):
     """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
     h = 0.02
     quiet, pushed = (
-        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), numbers, kind).body)
+        np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind).body)
         for d in (NOTHING, PUSHED)
     )
     force = np.array([PUSHED.x + PUSHED.constant_x, PUSHED.y + PUSHED.constant_y, PUSHED.z])
@@ -75,45 +75,45 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
-def test_specific_force_is_the_acceleration_relative_to_free_fall(numbers, kind):
+def test_specific_force_is_the_acceleration_relative_to_free_fall(model_parameters, kind):
     """The expected value is computed in body axes from the change of velocity in a very short step."""
     h = 1e-6
-    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), numbers, kind).body
+    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), model_parameters, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
-    expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, numbers.parameters.gravity]))
+    expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, model_parameters.parameters.gravity]))
     np.testing.assert_allclose(
-        specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(h, 1.0), numbers, kind), expected, atol=1e-4
+        specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(h, 1.0), model_parameters, kind), expected, atol=1e-4
     )
 
 
-def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, numbers):
+def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, model_parameters):
     """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
-    found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), numbers))
+    found = np.array(rotors_after(SPEEDS, command, Span(h, 1.0), model_parameters))
     for now, told, after in zip(SPEEDS, command, found, strict=True):
         lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
     np.testing.assert_allclose(
-        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h, 1.0), numbers, "world").rotors
+        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h, 1.0), model_parameters, "world").rotors
     )
-    assert rotors_at_rest(command, Span(h, 1.0), numbers) == pytest.approx(command)
+    assert rotors_at_rest(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
 
 
 def test_constant_throttles_give_the_thrust_of_the_curve(scenario):
     vehicle = with_throttles(scenario).vehicle
-    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
+    own = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
     k_0, k_1, k_2 = vehicle.motors.curve
     thrusts = vehicle.thrust_factor * np.square(rotors_at_rest(throttles, Span(PERIOD, 1.0), own))
-    shares = np.array(throttles)
-    np.testing.assert_allclose(thrusts, k_0 + k_1 * shares + k_2 * shares**2)
+    fractions = np.array(throttles)
+    np.testing.assert_allclose(thrusts, k_0 + k_1 * fractions + k_2 * fractions**2)
 
 
 @pytest.mark.parametrize("throttles", [True, False])
 def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     vehicle = (with_throttles(scenario) if throttles else scenario).vehicle
-    own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
+    own = ModelParameters(vehicle_parameters(vehicle), vehicle.effect_parameters(), None)
     command = Throttle(0.3, 0.4, 0.5, 0.6) if throttles else SPEEDS
     full, low = (np.array(rotors_at_rest(command, Span(PERIOD, voltage), own)) for voltage in (1.0, 0.9))
     np.testing.assert_allclose(low, 0.9 * full)
@@ -203,7 +203,7 @@ def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
     inputs = WindowInputs.of([log], vehicle, [LogWindow(0, 40)], sizes, split=1, max_delay=0.0)
     np.testing.assert_array_equal(inputs.commands[:, 4:, 0], angles[33:48])
     assert (vehicle.responds, vehicle.throttles, vehicle.command_signal) == (True, True, "motor_command")
-    found = vehicle.numbers(np.ones((1, 0))).response
+    found = vehicle.physical_parameters(np.ones((1, 0))).response
     autopilot = responding.laboratory.autopilot
     assert tuple(found.frequencies if hasattr(found, "frequencies") else found[0]) == autopilot.natural_frequency
     assert tuple(found[1]) == autopilot.damping
@@ -279,7 +279,7 @@ def test_a_command_delayed_by_a_fraction_of_a_sample_is_a_weighted_mean_of_two(s
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
-def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenario, numbers, kind):
+def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenario, model_parameters, kind):
     """The formulas are evaluated separately for each set of parameters and each window."""
     log = FlightRecord("log", PERIOD * np.arange(50), rotor_speed_command=np.tile(SPEEDS, (50, 1)))
     vehicle = LogModel(scenario, ["mass"], frame=kind)
@@ -292,7 +292,7 @@ def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenar
     found, forces = states.copy(), model.specific_force(states)
     model.step(found)
     for k, (mass,) in enumerate(masses):
-        own = numbers._replace(parameters=numbers.parameters._replace(mass=mass))
+        own = model_parameters._replace(parameters=model_parameters.parameters._replace(mass=mass))
         for w in range(2):
             body, push = State(*states[:NUM_BODY, k, w]), Disturbance(*states[NUM_BODY:, k, w])
             np.testing.assert_allclose(
@@ -326,7 +326,7 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     states = random.normal(scale=0.3, size=(NUM_BODY + NUM_DISTURBANCE, 1, 1))
     body, push = State(*states[:NUM_BODY, 0, 0]), Disturbance(*states[NUM_BODY:, 0, 0])
     rotors = RotorSpeed(*model._rotors.copy())
-    numbers_of_row = LogModel(own, ()).numbers(np.ones((1, 0)))
+    numbers_of_row = LogModel(own, ()).physical_parameters(np.ones((1, 0)))
     span, command, air = Span(PERIOD, voltages[30] / 12.0), Throttle(*throttles[30]), Wind(*inputs.wind[3, :, 0])
     expected = specific_force(body, rotors, command, air, push, span, numbers_of_row, "world")
     np.testing.assert_allclose(model.specific_force(states)[:, 0, 0], np.ravel(expected), atol=1e-9)
@@ -343,7 +343,7 @@ def test_a_payload_is_attached_throughout_all_windows():
     """The time at which the payload is dropped is ignored, since windows of a log have no clock."""
     payload = "vehicle.payload={{mass: 0.2, position: [0.02, 0.0, -0.05], time: {}, event: dropped}}"
     soon, late, never = (
-        Numbers(vehicle_parameters(own.vehicle), own.vehicle.effect_numbers(), None)
+        ModelParameters(vehicle_parameters(own.vehicle), own.vehicle.effect_parameters(), None)
         for own in (
             load_scenario("laboratory:low_wind", overrides)
             for overrides in ([payload.format(0.5)], [payload.format(99.0)], [])

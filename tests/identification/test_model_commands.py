@@ -16,8 +16,8 @@ from drake_quad.identification.model import (
     thrust_of_share,
     with_commands,
 )
-from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.identification.results.vehicle_values import number_of, with_numbers
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.motors import SpeedMotors
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.dynamics import rotor_action
@@ -71,10 +71,10 @@ def test_the_firmware_reduces_the_component_without_priority(root, record, prior
         root / "diagrams" / "laboratory.yaml:low_wind", {"laboratory.allocation.priority": priority}
     )
     speeds = RotorSpeed(*with_commands(wrench_alone, firmware, firmware).rotor_speed_command.T)
-    believed = nominal_parameters(firmware)
+    nominal = nominal_parameters(firmware)
     first = RotorSpeed(*(row[0] for row in speeds))
-    assert rotor_action(first, believed).wrench.tau_x == pytest.approx(given, abs=1e-9)
-    assert max(first) == pytest.approx(believed.max_rotor_speed)
+    assert rotor_action(first, nominal).wrench.tau_x == pytest.approx(given, abs=1e-9)
+    assert max(first) == pytest.approx(nominal.max_rotor_speed)
 
 
 def test_logged_motor_commands_have_priority(flight, record, responding):
@@ -92,10 +92,10 @@ def test_logged_motor_commands_have_priority(flight, record, responding):
 def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))
     vehicle, _ = responding
-    shares = with_commands(thrust, vehicle, vehicle).motor_command
+    fractions = with_commands(thrust, vehicle, vehicle).motor_command
     k_0, k_1, k_2 = vehicle.nominal.motors.curve
-    inside = ((shares > 1e-6) & (shares < 1.0 - 1e-6)).all(axis=1)
-    total = np.sum(k_0 + k_1 * shares + k_2 * shares**2, axis=1)
+    inside = ((fractions > 1e-6) & (fractions < 1.0 - 1e-6)).all(axis=1)
+    total = np.sum(k_0 + k_1 * fractions + k_2 * fractions**2, axis=1)
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
@@ -105,15 +105,15 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
 
 def test_the_thrust_of_a_thrust_share_is_relative_to_that_of_hover(responding):
     scenario, log = responding
-    shares, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
+    fractions, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
-    told = replace(log, thrust_share=shares, hover_share=hover)
-    np.testing.assert_allclose(thrust_of_share(told, weight), weight * shares / 0.45)
+    told = replace(log, thrust_share=fractions, hover_share=hover)
+    np.testing.assert_allclose(thrust_of_share(told, weight), weight * fractions / 0.45)
     throttles = with_commands(told, scenario, scenario).motor_command
     k_0, k_1, k_2 = scenario.nominal.motors.curve
     total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
     inside = (throttles < 1.0 - 1e-6).all(axis=1)
-    np.testing.assert_allclose(total[inside], (weight * shares / 0.45)[inside])
+    np.testing.assert_allclose(total[inside], (weight * fractions / 0.45)[inside])
     assert inside.sum() > 10
     with pytest.raises(InputError, match="hover_share of the log 'responding' is zero or negative"):
         thrust_of_share(replace(told, hover_share=0.0 * hover), weight)

@@ -51,8 +51,8 @@ def throttles() -> Scenario:
     return load_scenario("laboratory:low_wind", [f"nominal.{curve}", f"vehicle.{curve}"])
 
 
-def found_in(scenario: Scenario, signals: set[str], *, own_throttles: bool = False) -> dict[str, Parameter]:
-    found = parameters_of(scenario, signals, own_throttles=own_throttles, delay=DELAY, max_delay=MAX_DELAY)
+def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool = False) -> dict[str, Parameter]:
+    found = parameters_of(scenario, signals, has_motor_throttles=has_motor_throttles, delay=DELAY, max_delay=MAX_DELAY)
     names = names_of(found)
     assert len(names) == len({*names})
     return dict(zip(names, found, strict=True))
@@ -107,12 +107,12 @@ def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Sce
 
 def test_only_throttles_of_single_motors_determine_a_whole_thrust_curve(throttles: Scenario) -> None:
     def powers(signals: set[str], *, own: bool) -> str:
-        return "".join(name[-2] for name in found_in(throttles, signals, own_throttles=own) if "curve" in name)
+        return "".join(name[-2] for name in found_in(throttles, signals, has_motor_throttles=own) if "curve" in name)
 
     assert powers(POSE, own=True) == powers(IMU, own=True) == "012"
     assert powers(POSE, own=False) == "01"
     assert powers({"position"}, own=True) == powers({"position"}, own=False) == "02"
-    assert "thrust_factor" not in found_in(throttles, POSE, own_throttles=True)
+    assert "thrust_factor" not in found_in(throttles, POSE, has_motor_throttles=True)
 
 
 def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes: Scenario) -> None:
@@ -203,7 +203,7 @@ def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
         assert light[name].scale == behind[name].start
         assert bare[name].start == 0.0
     # In hover, each of four motors carries a quarter of the weight.
-    curve = found_in(throttles, POSE, own_throttles=True)
+    curve = found_in(throttles, POSE, has_motor_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )

@@ -11,12 +11,16 @@ from ruamel.yaml import YAML
 from drake_quad import load_scenario, load_undesigned, read_log
 from drake_quad.command_line.identify_controller import write_controller
 from drake_quad.control.pid_cascade.acceleration import _limited_force
-from drake_quad.control.pid_cascade.numbers import AccelerationNumbers, CascadeNumbers, CascadeRules, PidLoopGains
+from drake_quad.control.pid_cascade.parameters import (
+    AccelerationParameters,
+    CascadeParameters,
+    CascadeRules,
+    PidLoopGains,
+)
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.geometry.axes import Vector
-from drake_quad.identification.known_flights import wandering_route
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
@@ -25,6 +29,7 @@ from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, ide
 from drake_quad.identification.position_law.pieces import prepared_pieces
 from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
 from drake_quad.identification.result import Spread
+from drake_quad.identification.synthetic_flights import random_waypoint_route
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
 K_P, K_V, K_I, DELAY, FILTER = 4.0, 3.0, 0.8, 0.06, 0.1
@@ -68,8 +73,8 @@ def flown(vehicle, *, delay=DELAY, filter_time=FILTER, limit=np.inf, noise=0.02)
     (p_r, v_r, a_r), (position, velocity, _) = measured(late)
     if filter_time > 0.0:
         fine = np.arange(-3.0, time[-1] + PERIOD, 2e-3)
-        share = 2e-3 / filter_time
-        filtered = scipy.signal.lfilter([share], [1.0, share - 1.0], measured(fine)[1][1], axis=0)
+        fraction = 2e-3 / filter_time
+        filtered = scipy.signal.lfilter([fraction], [1.0, fraction - 1.0], measured(fine)[1][1], axis=0)
         velocity = np.column_stack([np.interp(late, fine, column) for column in filtered.T])
     error = np.clip(p_r - position, -limit, limit)
     integral = scipy.integrate.cumulative_trapezoid(error, time, axis=0, initial=0.0)
@@ -91,7 +96,7 @@ def flown(vehicle, *, delay=DELAY, filter_time=FILTER, limit=np.inf, noise=0.02)
 
 
 def assert_in_interval(spread, true):
-    assert spread.value == pytest.approx(true, abs=spread.reach)
+    assert spread.value == pytest.approx(true, abs=spread.half_width)
 
 
 @pytest.mark.slow
@@ -104,7 +109,7 @@ def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
             assert_in_interval(axis.gains[name], true)
         assert axis.gains["filter_time"].value == pytest.approx(FILTER, abs=0.02)
         assert axis.gains["reference_acceleration"].value == pytest.approx(1.0, abs=0.1)
-        assert axis.gains["velocity"].reach < 0.3
+        assert axis.gains["velocity"].half_width < 0.3
 
 
 @pytest.mark.slow
@@ -127,7 +132,7 @@ def test_each_form_recovers_the_output_of_the_law(vehicle):
     size = np.linalg.norm(force, axis=1)
     measured = np.column_stack([[0.1, -0.2], [0.05, 0.3], measured_yaw])
     along = attitude_along(force, yaw)
-    aligned = np.sum(force * rotations(measured).apply([0.0, 0.0, 1.0]), axis=1)
+    aligned = np.sum(force * rotations_of(measured).apply([0.0, 0.0, 1.0]), axis=1)
     level = np.column_stack([output[:, :2], np.full(2, GRAVITY)])
     tilted = attitude_along(level, yaw)
     upright = (output[:, 2] + GRAVITY) / np.cos(tilted[:, 0]) / np.cos(tilted[:, 1])
@@ -157,9 +162,9 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 def test_px4_subtracts_the_unproduced_output_from_its_integral(climb):
     """PX4 subtracts 2 / k_p times this output from the velocity error that it integrates."""
     gain, mass = 3.0, 0.7
-    limits = AccelerationNumbers(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
+    limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
-    numbers = CascadeNumbers(gains, gains, 0.0, mass, GRAVITY, limits)
+    numbers = CascadeParameters(gains, gains, 0.0, mass, GRAVITY, limits)
     output, error = np.array([[1.5, -0.8, climb]]), np.array([0.2, -0.1, 0.3])
     _, integrated = _limited_force(Vector(*output[0]), Vector(*error), numbers, CascadeRules())
     taken = gain / 2.0 * (error - np.array(integrated))
@@ -252,7 +257,7 @@ def test_the_rule_of_integration_changes_gains_by_half_a_period_times_the_integr
 
 def test_too_few_samples_and_a_jumping_reference_are_refused(vehicle):
     record = flown(vehicle)
-    slow = replace(record, time=40.0 * record.time).part(slice(50))
+    slow = replace(record, time=40.0 * record.time).subset(slice(50))
     jumping = replace(record, reference_position=RNG.normal(size=(SAMPLES, 3)))
     for log in (slow, jumping):
         with pytest.raises(InputError, match="has no uninterrupted stretch of flight of at least 2 s and 60 samples"):
@@ -301,32 +306,32 @@ def law_of(form="acceleration", **gains):
     return PositionLaw((AxisLaw(("x", "y"), spreads, 0.999), AxisLaw(("z",), spreads, 0.999)), form, 0.0)
 
 
-def cascade_law(position, velocity, of_position, of_velocity, share, form="acceleration"):
+def cascade_law(position, velocity, of_position, of_velocity, fraction, form="acceleration"):
     """Return the linear law of a cascade, from its expanded equation."""
     return law_of(
         form,
-        position=velocity * position + share * of_velocity,
+        position=velocity * position + fraction * of_velocity,
         velocity=velocity,
-        reference_velocity=share * velocity,
+        reference_velocity=fraction * velocity,
         reference_acceleration=0.7,
         integral=velocity * of_position + of_velocity * position,
-        displacement=(1.0 - share) * of_velocity,
+        displacement=(1.0 - fraction) * of_velocity,
         double_integral=of_velocity * of_position,
     )
 
 
 @pytest.mark.parametrize(
-    ("position", "velocity", "of_position", "of_velocity", "share"),
+    ("position", "velocity", "of_position", "of_velocity", "fraction"),
     [(0.95, 1.8, 0.0, 0.4, 1.0), (2.0, 5.74, 0.5, 3.44, 0.0), (1.5, 3.0, 0.0, 0.9, 0.4)],
 )
-def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_position, of_velocity, share):
-    control = control_layer(cascade_law(position, velocity, of_position, of_velocity, share))["control"]
+def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_position, of_velocity, fraction):
+    control = control_layer(cascade_law(position, velocity, of_position, of_velocity, fraction))["control"]
     assert control["kind"] == "pid_cascade"
     np.testing.assert_allclose(control["position"]["k_p"], position, rtol=1e-4)
     np.testing.assert_allclose(control["velocity"]["k_p"], velocity, rtol=1e-4)
     np.testing.assert_allclose(control["velocity"]["k_i"], of_velocity, rtol=1e-4)
     np.testing.assert_allclose(control["position"].get("k_i", 0.0), of_position, rtol=1e-3)
-    assert control["velocity_feed_forward"] == pytest.approx(share)
+    assert control["velocity_feed_forward"] == pytest.approx(fraction)
     assert control["command"] == {"kind": "acceleration", "feed_forward": 0.7}
 
 
@@ -400,11 +405,11 @@ ON_BOARD = (
     ],
 )
 def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true):
-    route = f"route={json.dumps(wandering_route(1.25))}"
+    route = f"route={json.dumps(random_waypoint_route(1.25))}"
     exact = "laboratory.motion_capture.derivative_bandwidth=null"
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", [route, "metrics.start=0", exact, *overrides])
     flight = simulate_samples(scenario, [0], compiled=True)[0]
-    law = identify_position_law([logged(flight).part(slice(1200))], scenario)
+    law = identify_position_law([logged(flight).subset(slice(1200))], scenario)
     assert law.form == form
     vertical = next(axis for axis in law.axes if "z" in axis.axes)
     for name, value in true.items():

@@ -67,7 +67,7 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
 
 
 @pytest.mark.parametrize(
-    ("reference_velocity", "derivative", "share"),
+    ("reference_velocity", "derivative", "fraction"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
         # The ratio to the velocity gain of 3 is set to 0 or 1 if it differs by less than 5 % or its half-width.
@@ -87,13 +87,13 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_velocity, derivative, share, sign):
+def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_velocity, derivative, fraction, sign):
     """A ratio between 0 and 1 gives a cascade. The ratio does not depend on the sign of the gains."""
     value, reach = reference_velocity
     control = control_of(PD | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
     if derivative is None:
         assert control["kind"] == "pid_cascade"
-        assert control["velocity_feed_forward"] == pytest.approx(share, rel=1e-4)
+        assert control["velocity_feed_forward"] == pytest.approx(fraction, rel=1e-4)
     else:
         assert "kind" not in control
         assert control["position"]["derivative"] == derivative

@@ -8,7 +8,7 @@ import scipy
 
 from drake_quad import load_undesigned
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
@@ -214,7 +214,7 @@ def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
     np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 218))
     assert len(limited) == len(time)
     with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
-        prepared_pieces(record.part(slice(217)), vehicle, [])
+        prepared_pieces(record.subset(slice(217)), vehicle, [])
 
 
 def test_sixty_samples_of_a_piece_are_compared_if_the_log_is_slow(vehicle):
@@ -259,7 +259,7 @@ def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
     found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
-    expected = thrust[:, None] * rotations(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
+    expected = thrust[:, None] * rotations_of(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
         [0.0, 0.0, vehicle.nominal.gravity]
     )
     for form in ("acceleration", "heading", "projected"):
@@ -276,7 +276,7 @@ def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
     random = np.random.default_rng(1)
     angles, thrust = random.uniform(-0.5, 0.5, (20, 3)), random.uniform(5.0, 15.0, 20)
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
-    expected = thrust[:, None] * rotations(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
+    expected = thrust[:, None] * rotations_of(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(law_output(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
     # A positive pitch accelerates forward, and a positive roll to the right.
@@ -292,7 +292,7 @@ def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
     angles = np.array([[1.3, 0.0, 0.0], [1.4, 0.0, 0.0], [2.5, 0.0, 0.0]])
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)
-    axis = rotations(angles).apply([0.0, 0.0, 1.0])
+    axis = rotations_of(angles).apply([0.0, 0.0, 1.0])
     projected = law_output(record, np.full(3, 10.0), "projected", 9.81)
     np.testing.assert_allclose(projected[:, :2], 10.0 * axis[:, :2] / cosine[:, None])
     decoupled = law_output(record, np.full(3, 10.0), "decoupled", 9.81)
@@ -302,17 +302,17 @@ def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
 
 def test_thrust_is_scaled_by_newtons_by_the_hover_thrust_or_by_the_median(vehicle):
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
-    share = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
-    usable = share > 0.0
-    record = FlightRecord("log", np.arange(5.0), thrust_share=share, hover_share=np.full(5, 0.25))
+    fraction = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
+    usable = fraction > 0.0
+    record = FlightRecord("log", np.arange(5.0), thrust_share=fraction, hover_share=np.full(5, 0.25))
     thrust, remark = specific_thrust(record, vehicle, usable)
-    np.testing.assert_allclose(thrust, gravity * share / 0.25)
+    np.testing.assert_allclose(thrust, gravity * fraction / 0.25)
     assert remark is None
     thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
-    np.testing.assert_allclose(thrust, gravity * share / 0.65)
+    np.testing.assert_allclose(thrust, gravity * fraction / 0.65)
     assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
-    thrust, remark = specific_thrust(replace(record, thrust_command=share), vehicle, usable)
-    np.testing.assert_allclose(thrust, share / mass)
+    thrust, remark = specific_thrust(replace(record, thrust_command=fraction), vehicle, usable)
+    np.testing.assert_allclose(thrust, fraction / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"
     with pytest.raises(InputError, match="thrust_share of the log 'log' is zero in the air; check the mapping"):
         specific_thrust(replace(record, hover_share=None), vehicle, ~usable)

@@ -281,7 +281,7 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
 
 
 @pytest.mark.parametrize(
-    ("samples", "share", "last", "better"),
+    ("samples", "fraction", "last", "better"),
     [
         # The sum of squared residuals must fall by at least a fifth.
         (2000, 0.79, 1.0, True),
@@ -298,12 +298,14 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
     ],
 )
 @pytest.mark.parametrize("linear", [True, False])
-def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch, samples, share, last, better, linear):
+def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(
+    monkeypatch, samples, fraction, last, better, linear
+):
     # Residuals of alternating sign have no positive correlation.
     left = np.tile([1.0, -1.0], samples // 2)
     simple = fit_with(left)
     rich = fit_with(
-        np.sqrt(share) * left,
+        np.sqrt(fraction) * left,
         ("position", "velocity", "integral") if linear else simple.terms,
         simple.free if linear else ("delay", "filter_time"),
         last,
@@ -359,19 +361,19 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
         regression._regression(pieces, (0, 1), terms, fit.shape._replace(delay=fit.shape.delay + change))[0]
         for change in (-step, 0.0, step)
     ]
-    slopes = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
-    count = len(slopes) // 2
+    jacobian = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
+    count = len(jacobian) // 2
     # Twelve seconds give fifteen blocks per axis, and the same block of both axes is left out together.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
-    inverse = np.linalg.inv(slopes.T @ slopes)
-    moves, shares = [], []
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    moves, fractions = [], []
     for block in range(15):
         kept = blocks != block
-        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.residuals[~kept]))
-        shares.append(np.diag(inverse @ slopes[~kept].T @ slopes[~kept] @ inverse))
+        moves.append(np.linalg.solve(jacobian[kept].T @ jacobian[kept], jacobian[~kept].T @ fit.residuals[~kept]))
+        fractions.append(np.diag(inverse @ jacobian[~kept].T @ jacobian[~kept] @ inverse))
     model = np.mean(fit.residuals**2) * inverse
     variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
-    expected_freedom = np.sum(shares, axis=0) ** 2 / np.sum(np.square(shares), axis=0) - 1.0
+    expected_freedom = np.sum(fractions, axis=0) ** 2 / np.sum(np.square(fractions), axis=0) - 1.0
     named = dict(zip(terms, fit.gains.tolist(), strict=True))
     with_position = np.isin([*terms, "delay"], ["position", "deviation"])
     of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
@@ -456,7 +458,7 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch
         for name in BASIC:
             spread = each.gains[name]
             # About one of twenty 95 % intervals misses the true value by chance.
-            assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.reach)
+            assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.half_width)
         assert each.gain("delay") == pytest.approx(0.05, abs=0.003)
         assert each.explained > 0.999
 
@@ -550,7 +552,7 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
     found = law._spreads([], axes, fit_of_everything(), form)
     assert [*found] == [*BASIC, "delay"]
     np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC), 0.05])
-    np.testing.assert_allclose([each.reach for each in found.values()], reaches)
+    np.testing.assert_allclose([each.half_width for each in found.values()], reaches)
     assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
     assert [each.unit for each in found.values()] == [*units, "s"]
     assert law._units("rad")["double_integral"] == "rad/(m s²)"
@@ -578,11 +580,11 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
 def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typical_value(name, typical, unit):
     certain = {"position": Spread(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
     certain["velocity"] = Spread(-3.0, 0.01, "1/s", 20.0)
-    for share in (0.49, 0.51):
-        reach = share * min(typical, 1e6)
+    for fraction in (0.49, 0.51):
+        reach = fraction * min(typical, 1e6)
         own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
         weak = law._imprecise(certain | {name: own})
-        if share > 0.5 and np.isfinite(typical):
+        if fraction > 0.5 and np.isfinite(typical):
             assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
         else:
             assert weak == {}

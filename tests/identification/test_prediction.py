@@ -9,20 +9,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.flown_again import prediction
-from drake_quad.identification.flown_again.prediction import (
-    CONSTANT_ACCELERATION,
-    CONSTANT_VELOCITY,
-    WITH_DISTURBANCE,
-    Predictions,
-    joined,
-    predict,
-)
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
-from drake_quad.identification.results.vehicle_numbers import with_numbers, with_throttles
+from drake_quad.identification.results.vehicle_values import with_numbers, with_throttles
+from drake_quad.identification.validation import prediction
+from drake_quad.identification.validation.prediction import (
+    CONSTANT_ACCELERATION,
+    CONSTANT_VELOCITY,
+    WITH_DISTURBANCE,
+    Predictions,
+    concatenate_predictions,
+    predict,
+)
 from drake_quad.scenario.files.loading import load_undesigned
 
 SIMPLE = (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
@@ -196,7 +196,7 @@ def test_intervals_follow_from_blocks():
     assert found.value == pytest.approx(math.sqrt(np.mean(squares)))
     assert found.high == pytest.approx(found.value * math.exp(reach), rel=1e-6)
     assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
-    assert joined([given, given]).starts(0.5) == 12
+    assert concatenate_predictions([given, given]).starts(0.5) == 12
     single = Predictions(
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
     )
@@ -228,17 +228,19 @@ def test_joined_predictions_contain_the_quantities_of_all_logs():
             dict.fromkeys(quantities, numbers),
         )
 
-    both = joined([part("a", 4, "position", "attitude", "velocity"), part("b", 2, "velocity", "position")])
+    both = concatenate_predictions(
+        [part("a", 4, "position", "attitude", "velocity"), part("b", 2, "velocity", "position")]
+    )
     assert set(both.errors) == {"position", "velocity"}
     np.testing.assert_array_equal(both.errors["position"][..., 4:], np.arange(12.0).reshape(2, 3, 2))
     assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
     assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
-    single = joined([part("a", 4, "attitude", "velocity")])
+    single = concatenate_predictions([part("a", 4, "attitude", "velocity")])
     assert (single.vehicles, single.horizons) == (both.vehicles, both.horizons)
     assert [*single.errors] == ["attitude", "velocity"]
     with pytest.raises(InputError, match="no log is given; at least one is needed for a prediction"):
-        joined([])
+        concatenate_predictions([])
 
 
 def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
@@ -274,7 +276,7 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
     landed = np.where((log.time > 5.0) & (log.time < 7.0), 0.0, 200.0)
     kept = (log.time < 9.0) | (log.time > 9.3)
-    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).part(kept)
+    log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4)).subset(kept)
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 0.5))
     for i, horizon in enumerate(found.horizons):
         reached = np.isfinite(found.errors["position"][0, i])
@@ -299,7 +301,7 @@ def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_s
     assert (slow[0], set(np.diff(slow))) == (6, {1})
     # The parabola may need more time than the filter.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
-    gapped = log.part((log.time < 2.0) | (log.time > 2.3))
+    gapped = log.subset((log.time < 2.0) | (log.time > 2.3))
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
     times = gapped.time[starts]
     assert times[times < 2.0].max() + 0.2 < 2.0
@@ -328,8 +330,8 @@ def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
     log = moving([0.0, 0.0, 0.1], seconds=10.0)
     landed = np.where((log.time >= 5.0) & (log.time < 9.0), 0.0, 200.0)
     log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4))
-    log = log.part((log.time < 2.0) | (log.time >= 2.2))
-    flying = prediction.airborne(log)
+    log = log.subset((log.time < 2.0) | (log.time >= 2.2))
+    flying = prediction.airborne_mask(log)
     piece = np.cumsum(np.append(0.0, np.diff(log.time)) > 0.05)
     starts = np.arange(0, len(log.time), 7)
     for steps in (1, 20, 100):
@@ -381,15 +383,15 @@ def test_motion_at_a_start_is_fitted_to_fifty_milliseconds_or_four_samples(scena
     """The fifty milliseconds include the samples at both ends."""
     given = []
 
-    def starts_of(record, past, horizons, share):
-        given.append((past, share))
+    def starts_of(record, past, horizons, fraction):
+        given.append((past, fraction))
         return np.array([], dtype=int)
 
     monkeypatch.setattr(prediction, "_starts", starts_of)
     log = moving([0.0, 0.0, 0.1])
     log = replace(log, time=period / 0.01 * log.time)
     with pytest.raises(InputError, match="no airborne stretch of at least 0.7 s"):
-        predict(log, {"vehicle": scenario}, horizons=(0.2, 0.5), share=0.3)
+        predict(log, {"vehicle": scenario}, horizons=(0.2, 0.5), final_fraction=0.3)
     assert given == [(samples, 0.3)]
 
 
@@ -404,7 +406,7 @@ def test_the_interval_of_a_sum_follows_from_independent_blocks():
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 def test_only_the_end_of_the_flight_is_predicted_on_request(record, scenario):
-    late = predict(record, {"right": scenario}, share=0.25, horizons=(0.1,))
+    late = predict(record, {"right": scenario}, final_fraction=0.25, horizons=(0.1,))
     whole = predict(record, {"right": scenario}, horizons=(0.1,))
     assert late.time.min() > 0.7 * record.time[-1]
     assert len(late.time) == pytest.approx(0.25 * len(whole.time), abs=3)
@@ -424,7 +426,7 @@ def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out
 
 def test_a_short_log_is_refused(record, scenario):
     with pytest.raises(InputError, match="has no airborne stretch of"):
-        predict(record.part(record.time < 0.3), {"right": scenario})
+        predict(record.subset(record.time < 0.3), {"right": scenario})
 
 
 @pytest.mark.slow
@@ -433,7 +435,7 @@ def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))
     folder = root / "tests" / "data" / "crazyflie" / "crazypad"
     first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))
-    found = identify([first], base, held_out_share=0.0)
-    predictions = predict(second, {"identified": found.vehicle, "data sheet": base}, believed=base)
+    found = identify([first], base, held_out_fraction=0.0)
+    predictions = predict(second, {"identified": found.vehicle, "data sheet": base}, nominal=base)
     assert set(predictions.errors) == {"height", "climb"}
     assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8

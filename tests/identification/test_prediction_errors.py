@@ -10,7 +10,7 @@ import scipy
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
 from drake_quad.identification import prediction_errors
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
 from drake_quad.identification.parameters import Parameter
@@ -169,7 +169,7 @@ def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
     scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
     predictor = made(scenario, log)
     flown, state = predictor._begin(values[None])
-    markers = rotations(state[3:6, 0].T) * rotations(np.array([0.02, -0.03, 0.1]))
+    markers = rotations_of(state[3:6, 0].T) * rotations_of(np.array([0.02, -0.03, 0.1]))
     expected = markers.as_euler("ZYX").T[::-1]
     np.testing.assert_allclose(predictor._predicted(flown, state)[3:, 0], expected, atol=1e-12)
 
@@ -269,14 +269,14 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
     predictor, noise = made(scenario, log), noise_of(POSE)
     gains = predictor.gains(values, noise)
     _, states = predictor.errors(np.stack([values, values * [1.0, 1.1]]), gains, noise)
-    slopes = np.stack([0.0 * states[:, 0], (states[:, 1] - states[:, 0]) / (0.1 * values[1])], axis=1)
+    jacobian = np.stack([0.0 * states[:, 0], (states[:, 1] - states[:, 0]) / (0.1 * values[1])], axis=1)
     before = predictor.initial.state.copy()
-    predictor.continue_windows(states[:, 0], slopes, values, gains)
+    predictor.continue_windows(states[:, 0], jacobian, values, gains)
     after = predictor.initial
     np.testing.assert_array_equal(after.continued, [False, True, False])
     np.testing.assert_array_equal(after.state[:, 1], states[:, 0, 0])
     np.testing.assert_array_equal(after.state[:, [0, 2]], before[:, [0, 2]])
-    np.testing.assert_array_equal(after.slopes[:, :, 1], slopes[:, :, 0])
+    np.testing.assert_array_equal(after.jacobian[:, :, 1], jacobian[:, :, 0])
     again = predictor.gains(values, noise)
     np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
     np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
@@ -370,14 +370,14 @@ def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(sce
         for name, value in zip(("mass", "linear_drag"), values, strict=True)
     ]
     found = fitting.fit(predictor, parameters, noise)
-    assert found.slopes.shape == (3, 20 * 6, 2)
+    assert found.jacobian.shape == (3, 20 * 6, 2)
     assert found.errors.shape == (3, 20 * 6)
     np.testing.assert_array_equal(predictor.initial.continued, [False, True, False])
     np.testing.assert_array_equal(predictor.initial.parameters, found.values)
     inside = (found.values > 0.501 * values) & (found.values < 1.999 * values)
-    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors) + found.prior * (found.values - 1.2 * values)
-    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes) + found.prior)
-    assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
+    jacobian = np.einsum("wkp,wk->p", found.jacobian, found.errors) + found.prior * (found.values - 1.2 * values)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.jacobian, found.jacobian) + found.prior)
+    assert np.abs(jacobian * deviations)[inside].max(initial=0.0) < 0.5
     # The weight equals the thrust of the log.
     assert inside[0]
     assert found.values[0] == pytest.approx(values[0], rel=0.2)

@@ -163,16 +163,16 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
     attitudes: Scenario, pushed: FlightRecord, kind: str
 ) -> None:
     vehicle = attitudes.vehicle
-    shares = np.linspace(0.3, 0.6, 50)
+    fractions = np.linspace(0.3, 0.6, 50)
     k_0, k_1, k_2 = attitudes.nominal.motors.curve
     signals, thrust = {
-        "thrust": ({"thrust_command": 40.0 * shares}, 40.0 * shares),
+        "thrust": ({"thrust_command": 40.0 * fractions}, 40.0 * fractions),
         "share of hover": (
             # The thrust share is used, and not the thrust factor of the data sheet.
-            {"thrust_share": shares, "hover_share": np.full(50, 0.4), "thrust_command": np.ones(50)},
-            vehicle.mass * vehicle.gravity * shares / 0.4,
+            {"thrust_share": fractions, "hover_share": np.full(50, 0.4), "thrust_command": np.ones(50)},
+            vehicle.mass * vehicle.gravity * fractions / 0.4,
         ),
-        "share of full thrust": ({"thrust_share": shares}, 4.0 * (k_0 + k_1 * shares + k_2 * shares**2)),
+        "share of full thrust": ({"thrust_share": fractions}, 4.0 * (k_0 + k_1 * fractions + k_2 * fractions**2)),
     }[kind]
     found = prepared_logs._with_specific_force(replace(pushed, **signals), attitudes).specific_force
     assert found is not None
@@ -186,16 +186,16 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record
 
-    share = replace(pushed, thrust_share=np.full(50, 0.4))
+    fraction = replace(pushed, thrust_share=np.full(50, 0.4))
     nominal = attitudes.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    assert converted(share)
-    assert not converted(share, attitudes.model_copy(update={"nominal": nominal}))
+    assert converted(fraction)
+    assert not converted(fraction, attitudes.model_copy(update={"nominal": nominal}))
     assert not converted(pushed)
     assert not converted(replace(pushed, hover_share=np.full(50, 0.4)))
     # A logged specific force has priority, and without an attitude, the axes of the force are unknown.
-    assert not converted(replace(share, specific_force=np.zeros((50, 3))))
-    assert not converted(replace(share, attitude=None))
-    assert not converted(replace(share, residual_force=None))
+    assert not converted(replace(fraction, specific_force=np.zeros((50, 3))))
+    assert not converted(replace(fraction, attitude=None))
+    assert not converted(replace(fraction, residual_force=None))
 
 
 def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
@@ -215,7 +215,7 @@ def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: S
     logs, scenario = prepare([log_of(3.0, "attitude", **command)], own)  # type: ignore[arg-type]
     assert logs.scenario is scenario
     assert scenario.vehicle.rotor_time_constant_down is None
-    assert not logs.own_throttles
+    assert not logs.has_motor_throttles
 
 
 def test_the_allocation_of_the_firmware_may_come_from_another_scenario(rotors: Scenario) -> None:
@@ -226,6 +226,6 @@ def test_the_allocation_of_the_firmware_may_come_from_another_scenario(rotors: S
         "rotor_speed_command": None,
     }
     log = log_of(3.0, *POSE, **wrench)  # type: ignore[arg-type]
-    for believed, factor in ((None, rotors.nominal.thrust_factor), (heavy, 8e-5)):
-        logs, _ = prepare([log], rotors, believed)
+    for nominal, factor in ((None, rotors.nominal.thrust_factor), (heavy, 8e-5)):
+        logs, _ = prepare([log], rotors, nominal)
         np.testing.assert_allclose(logs.records[0].rotor_speed_command, np.sqrt(1.5 / factor))

@@ -6,13 +6,13 @@ from scipy.stats import chi2, f
 
 from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, sums_over_blocks
 from drake_quad.identification.random_effects import (
-    NUM_STRETCHES,
-    Stretches,
+    NUM_SEGMENTS,
+    FlightSegments,
     Variation,
     uncertainty_of_mean,
     variation_of,
 )
-from drake_quad.identification.results.held_out import hold_out
+from drake_quad.identification.results.held_out import hold_out_check
 
 SCALES = np.full(2, 1e6)
 
@@ -20,8 +20,8 @@ SCALES = np.full(2, 1e6)
 def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
     """Return the evidence of a linear fit with unit noise, whose second parameter varies between stretches."""
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.7, 1.4, size=(windows, 1, 1))
-    slopes = np.stack([np.ones(NUM_STRETCHES), -2.0 + deviation * rng.normal(size=NUM_STRETCHES)], axis=1)
-    own = slopes[np.arange(windows) * NUM_STRETCHES // windows]
+    jacobian = np.stack([np.ones(NUM_SEGMENTS), -2.0 + deviation * rng.normal(size=NUM_SEGMENTS)], axis=1)
+    own = jacobian[np.arange(windows) * NUM_SEGMENTS // windows]
     values = np.einsum("wkp,wp->wk", rows, own) + rng.normal(size=(windows, samples))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     errors = values - rows @ found
@@ -30,11 +30,11 @@ def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> E
     )
 
 
-def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> Stretches:
+def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> FlightSegments:
     """Return stretches with one parameter, from estimates and the variances of their errors."""
     information = 1.0 / variances[:, None, None]
     nothing = np.zeros((len(estimates), 1))
-    return Stretches(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
+    return FlightSegments(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
 
 
 def test_a_parameter_without_information_does_not_vary() -> None:
@@ -67,8 +67,8 @@ def test_each_stretch_is_fitted_separately() -> None:
     values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     scores = -np.einsum("wkp,wk->wp", rows, values - rows @ found)
-    stretches = Stretches.of(Evidence(("a", "b"), found, SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
-    for b in range(NUM_STRETCHES):
+    stretches = FlightSegments.of(Evidence(("a", "b"), found, SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
+    for b in range(NUM_SEGMENTS):
         own = slice(2 * b, 2 * b + 2)
         by_hand = np.linalg.lstsq(rows[own].reshape(-1, 2), values[own].ravel(), rcond=None)[0]
         np.testing.assert_allclose(stretches.estimates[b], by_hand, rtol=1e-6)
@@ -90,24 +90,24 @@ def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noi
     rng = np.random.default_rng(11)
     scores = noise * rng.normal(size=(windows, 1))
     h = 1.7
-    stretches = Stretches.of(
+    stretches = FlightSegments.of(
         Evidence(("drag",), np.zeros(1), np.full(1, 1e6), np.full((windows, 1, 1), h), scores, 5.0)
     )
-    blocks = [scores[np.arange(windows) * NUM_STRETCHES // windows == b] for b in range(NUM_STRETCHES)]
+    blocks = [scores[np.arange(windows) * NUM_SEGMENTS // windows == b] for b in range(NUM_SEGMENTS)]
     sizes = np.array([len(block) for block in blocks])
     assert len(set(sizes)) == (1 if windows == 20 else 2)
     differ = sum(len(block) * np.var(block, ddof=1) for block in blocks) / windows
     np.testing.assert_allclose(stretches.variances[:, 0], max(1.0, differ / h) / (sizes * h), rtol=1e-9)
     assert (differ > h) == (noise > 1.0)
-    assert stretches.degrees_of_freedom == windows - NUM_STRETCHES
+    assert stretches.degrees_of_freedom == windows - NUM_SEGMENTS
     assert stretches.duration == pytest.approx(0.5)
 
 
 def test_errors_are_those_of_the_model_with_one_window_in_a_stretch() -> None:
-    own = evidence(np.random.default_rng(12), deviation=3.0, windows=NUM_STRETCHES, samples=40)
-    stretches = Stretches.of(own._replace(scales=np.full(2, 0.3)))
-    believed = np.linalg.inv(own.information + np.eye(2) / 0.09)
-    np.testing.assert_allclose(stretches.variances, np.diagonal(believed, axis1=1, axis2=2), rtol=1e-9)
+    own = evidence(np.random.default_rng(12), deviation=3.0, windows=NUM_SEGMENTS, samples=40)
+    stretches = FlightSegments.of(own._replace(scales=np.full(2, 0.3)))
+    nominal = np.linalg.inv(own.information + np.eye(2) / 0.09)
+    np.testing.assert_allclose(stretches.variances, np.diagonal(nominal, axis1=1, axis2=2), rtol=1e-9)
     assert stretches.degrees_of_freedom == np.inf
 
 
@@ -129,7 +129,7 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     one, other = rng.normal(size=(2, 400))
     estimates = 5.0 + np.stack([one, -2.0 * one, other], axis=1)
     variances = np.full((400, 3), 1e-6)
-    own = Stretches(np.zeros((400, 3, 3)), np.zeros((400, 3)), estimates, variances, 50.0, 1.0)
+    own = FlightSegments(np.zeros((400, 3, 3)), np.zeros((400, 3)), estimates, variances, 50.0, 1.0)
     found = own.correlation(np.array([1.0, 4.0, 1.0]))
     np.testing.assert_allclose(found[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
     assert found[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
@@ -139,19 +139,19 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     # The variation has these correlations, and the standard deviation of each parameter.
     evidences = evidence(rng, deviation=2.0)
     varied = variation_of(evidences)
-    stretches = Stretches.of(evidences)
+    stretches = FlightSegments.of(evidences)
     sizes = np.sqrt(np.diag(varied.covariance))
     np.testing.assert_allclose(sizes**2, stretches.variance_between())
     np.testing.assert_allclose(varied.covariance, stretches.correlation(sizes**2) * np.outer(sizes, sizes))
-    assert varied.degrees_of_freedom == NUM_STRETCHES - 1
+    assert varied.degrees_of_freedom == NUM_SEGMENTS - 1
     assert varied.duration == 8.0
 
 
 def test_a_variation_can_be_reduced_and_extended() -> None:
     whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
-    part = whole.part([2, 0])
+    part = whole.subset([2, 0])
     np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])
-    extended = part.with_unknown(2)
+    extended = part.with_unknown_parameters(2)
     np.testing.assert_array_equal(extended.covariance[:2, :2], part.covariance)
     assert np.isnan(np.diag(extended.covariance)[2:]).all()
     assert not extended.covariance[:2, 2:].any()
@@ -200,8 +200,8 @@ def test_too_few_windows_give_no_variation() -> None:
     few = first(9)
     assert variation_of(first(19)) is None
     assert variation_of(own) is not None
-    assert hold_out(first(10)).keys() == {"drag", "lag"}
-    assert hold_out(few) == {}
+    assert hold_out_check(first(10)).keys() == {"drag", "lag"}
+    assert hold_out_check(few) == {}
     unsure = Uncertainty(np.eye(2), np.full(2, 8.0), np.eye(2))
     assert uncertainty_of_mean(unsure, few, None) is unsure
 
@@ -209,7 +209,7 @@ def test_too_few_windows_give_no_variation() -> None:
 def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None:
     """The uncertainty of a parameter that does not vary is unchanged."""
     own = evidence(np.random.default_rng(4), deviation=2.0)
-    blocks = np.arange(60) * NUM_STRETCHES // 60
+    blocks = np.arange(60) * NUM_SEGMENTS // 60
     by_stretches = jackknife(sums_over_blocks(own.information, blocks), sums_over_blocks(own.scores, blocks))
     before = Uncertainty(np.array([[4e-3, 1e-3], [1e-3, 5e-3]]), np.full(2, 30.0), np.eye(2))
     varies = Variation(np.diag([0.0, 4.0]), 9.0, 8.0)
@@ -226,25 +226,27 @@ def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None
 def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
     """For small and large variation, the coverage is 95 %, to within three standard errors."""
     rng = np.random.default_rng(5)
-    held = [[each.covered for each in hold_out(evidence(rng, deviation=deviation)).values()] for _ in range(60)]
-    share = np.mean(held, axis=0) / NUM_STRETCHES
+    held = [
+        [each.num_covered for each in hold_out_check(evidence(rng, deviation=deviation)).values()] for _ in range(60)
+    ]
+    fraction = np.mean(held, axis=0) / NUM_SEGMENTS
     # The standard error of the coverage of 600 intervals is 0.009.
-    assert np.all(share > 0.95 - 3.0 * 0.009)
-    assert np.all(share < 0.95 + 4.0 * 0.009)
+    assert np.all(fraction > 0.95 - 3.0 * 0.009)
+    assert np.all(fraction < 0.95 + 4.0 * 0.009)
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_model() -> None:
     """The other stretches contain no information on this parameter, so it has one degree of freedom."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
-    alone = np.arange(60) * NUM_STRETCHES // 60 == 3
+    alone = np.arange(60) * NUM_SEGMENTS // 60 == 3
     kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]
     apart = own._replace(
         scales=np.ones(2),
         information=own.information * np.eye(2) * kept[:, :, None],
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
-    mean = Stretches.of(apart).uncertainty()
+    mean = FlightSegments.of(apart).uncertainty()
     # The estimate does not change when another block is left out, so the model determines its variance.
     assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
@@ -255,11 +257,11 @@ def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_
         information=apart.information[:, :1, :1],
         scores=apart.scores[:, :1],
     )
-    alike = Stretches.of(drag).uncertainty()
+    alike = FlightSegments.of(drag).uncertainty()
     assert mean.covariance[0, 0] == pytest.approx(alike.covariance[0, 0])
     before = Uncertainty(np.diag([4e-3, 2e-2]), np.full(2, 30.0), np.eye(2))
     after = uncertainty_of_mean(before, apart, Variation(np.diag([0.0, 1.0]), 9.0, 8.0))
     np.testing.assert_array_equal(after.covariance, before.covariance)
-    held = hold_out(apart)
-    assert np.all(np.isfinite(held["lag"].reach))
-    np.testing.assert_allclose(held["drag"].errors, hold_out(drag)["drag"].errors)
+    held = hold_out_check(apart)
+    assert np.all(np.isfinite(held["lag"].half_width))
+    np.testing.assert_allclose(held["drag"].errors, hold_out_check(drag)["drag"].errors)

@@ -13,10 +13,10 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.sampling import (
-    attenuated,
+    distorted_parameters,
+    fast_command_fraction,
     fast_command_remarks,
-    fast_command_share,
-    synchronised,
+    synchronise,
     with_averaging_error,
 )
 
@@ -66,7 +66,7 @@ def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
     """At least fifty windows of 0.1 s are required. Parts without a common motion are left out."""
     record = rolling(np.zeros(20))
     for count in (10, 40, 58, 220):
-        assert len(shifts_of(record.part(slice(count)))) == 0
+        assert len(shifts_of(record.subset(slice(count)))) == 0
     random = np.random.default_rng(1)
     noise = replace(record, body_rates=random.normal(size=(len(TIME), 3)))
     assert len(shifts_of(noise)) == 0
@@ -77,7 +77,7 @@ def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
 def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
     drifting = rolling(DRIFT)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
-    (kept,), late, (remark,) = synchronised([drifting])
+    (kept,), late, (remark,) = synchronise([drifting])
     assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
     assert kept.period == pytest.approx(0.03)
     assert not late
@@ -87,23 +87,23 @@ def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
 def test_a_constant_shift_is_no_drift():
     """Body rates that lag may be derived from the attitude."""
     record = rolling(np.full(20, -0.03))
-    assert synchronised([record]) == ([record], False, [])
+    assert synchronise([record]) == ([record], False, [])
 
 
 def test_an_attitude_that_lags_behind_the_gyroscope_is_late():
     record = rolling(np.full(20, 0.007))
-    (kept,), late, (remark,) = synchronised([record])
+    (kept,), late, (remark,) = synchronise([record])
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
     # Without other signals, even a late attitude is used.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
-    assert synchronised([bare]) == ([bare], False, [])
+    assert synchronise([bare]) == ([bare], False, [])
 
 
 def test_without_an_accelerometer_a_drift_is_only_remarked():
     record = rolling(DRIFT, lost=("specific_force",))
-    kept, late, (remark,) = synchronised([record])
+    kept, late, (remark,) = synchronise([record])
     assert kept == [record]
     assert not late
     assert remark.endswith("their clocks are not synchronised")
@@ -128,7 +128,7 @@ def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, dri
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
     monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
-    kept, late, remarks = synchronised(records)
+    kept, late, remarks = synchronise(records)
     assert not late
     if drifts:
         assert [record.attitude for record in kept] == [None] * len(records)
@@ -150,10 +150,10 @@ def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
     monkeypatch.setattr(sampling, "clock_shifts", shifts_of_part)
     fast = rolling(np.zeros(20))
     slow = FlightRecord("slow", 4.0 * TIME, **dict(fast.signals()))
-    kept, _, _ = synchronised([fast, slow])
+    kept, _, _ = synchronise([fast, slow])
     assert [record.period for record in kept] == pytest.approx([0.03, 0.04])
     for lost in ("attitude", "body_rates"):
-        one, _, (remark,) = synchronised([fast, rolling(np.zeros(20), lost=(lost,)).part(slice(1000))])
+        one, _, (remark,) = synchronise([fast, rolling(np.zeros(20), lost=(lost,)).subset(slice(1000))])
         assert remark.endswith("not synchronised") == (lost == "body_rates")
         assert (one[0] is fast) == (lost == "body_rates")
     assert compared == [4000] * 4
@@ -167,17 +167,17 @@ def test_a_log_of_fewer_than_256_samples_in_flight_has_no_spectrum():
     random = np.random.default_rng(3)
     whole = rolling(np.zeros(20))
     white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
-    assert fast_command_share(white.part(slice(255))) == 0.0
-    assert fast_command_share(white.part(slice(256))) > 0.3
+    assert fast_command_fraction(white.subset(slice(255))) == 0.0
+    assert fast_command_fraction(white.subset(slice(256))) > 0.3
     # Constant commands have no power. Rotor speeds count as commands.
-    assert fast_command_share(whole) == 0.0
+    assert fast_command_fraction(whole) == 0.0
     speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
-    assert fast_command_share(speeds) == pytest.approx(fast_command_share(white))
+    assert fast_command_fraction(speeds) == pytest.approx(fast_command_fraction(white))
     # Only flight counts, and a slow drift of the commands is removed.
     landed = np.where((TIME > 20.0)[:, None], 0.0, white.motor_command)
-    assert fast_command_share(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
+    assert fast_command_fraction(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
     drifting = white.motor_command + np.outer(TIME, [0.1, -0.1, 0.05, -0.05])
-    assert fast_command_share(replace(white, motor_command=drifting)) == pytest.approx(0.5, abs=0.05)
+    assert fast_command_fraction(replace(white, motor_command=drifting)) == pytest.approx(0.5, abs=0.05)
 
 
 def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_commands():
@@ -185,23 +185,26 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
     still = rolling(np.zeros(20))
     white = replace(still, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
     smooth = replace(still, motor_command=0.5 + 0.1 * np.sin(np.outer(TIME, [3.0, 4.0, 5.0, 6.0])))
-    assert fast_command_share(white) == pytest.approx(0.5, abs=0.03)
-    assert fast_command_share(smooth) < 0.01
+    assert fast_command_fraction(white) == pytest.approx(0.5, abs=0.03)
+    assert fast_command_fraction(smooth) < 0.01
     # Equal commands of all rotors produce no torque.
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
-    assert fast_command_share(common) < 0.01
-    assert fast_command_share(replace(still, motor_command=None)) == 0.0
+    assert fast_command_fraction(common) < 0.01
+    assert fast_command_fraction(replace(still, motor_command=None)) == 0.0
     torque = noise_with(disturbance=[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.2])
     parameters = [
         Parameter(name, 1.0, 1.0)
         for name in ("thrust_factor", "inertia[0]", "rotor_time_constant", "rotor_time_constant_down", "delay")
     ]
-    distorted = attenuated([smooth, white], parameters, torque)
+    distorted = distorted_parameters([smooth, white], parameters, torque)
     assert [*distorted] == ["inertia[0]", "rotor_time_constant", "rotor_time_constant_down"]
     assert "(rolling)" in distorted["inertia[0]"]
-    assert attenuated([smooth, common], parameters, torque) == {}
+    assert distorted_parameters([smooth, common], parameters, torque) == {}
     # A disturbing force does not replace a torque, so no commands are missing.
-    assert attenuated([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])) == {}
+    assert (
+        distorted_parameters([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3]))
+        == {}
+    )
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
 

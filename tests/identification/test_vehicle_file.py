@@ -13,7 +13,7 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
-from drake_quad.identification.results.vehicle_file import believed_estimates, write_vehicle
+from drake_quad.identification.results.vehicle_file import nominal_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
@@ -77,7 +77,7 @@ def written(estimates, base, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def believed(estimates, base, tmp_path_factory):
+def nominal(estimates, base, tmp_path_factory):
     """Return a vehicle whose nominal parameters are also the estimates."""
     path = tmp_path_factory.mktemp("believed") / "my_drone.yaml"
     return load_undesigned(write_vehicle(path, "my-drone", estimates, base=base, nominal=True))
@@ -98,7 +98,7 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     joint = joint_normal(distributions_in(vehicle))
     drawn = [name for name in estimates.names if name not in NOT_DRAWN[:1]]
     assert set(joint.paths) == {scenario_path(name) for name in drawn}
-    part = estimates.part(drawn)
+    part = estimates.subset(drawn)
     order = [joint.paths.index(scenario_path(name)) for name in drawn]
     wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
     scale = wider**2 * np.outer(part.deviations, part.deviations)
@@ -158,7 +158,7 @@ def test_an_unknown_variation_is_not_claimed(base, tmp_path):
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "uncertainty of a parameter. Fields" in text
-    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
+    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown_parameters(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
     assert "its variation among these flights. The variation is unknown for inertia[0]. Fields" in text
 
@@ -166,7 +166,7 @@ def test_an_unknown_variation_is_not_claimed(base, tmp_path):
 def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
     names = ["mass", "motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "centre_of_mass[0]"]
     batch = Batch.draw(vehicle, range(20_000)).varying
-    part = estimates.part(names)
+    part = estimates.subset(names)
     wider = (scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)) ** 2
     found = np.cov([batch[scenario_path(name)] for name in names]) / np.outer(part.deviations, part.deviations)
     np.testing.assert_allclose(found, wider * part.correlation, atol=0.03)
@@ -176,15 +176,15 @@ def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
         assert np.mean((drawn > least) & (drawn < most)) == pytest.approx(0.95, abs=0.006)
 
 
-def test_nominal_parameters_change_only_on_request(base, vehicle, believed):
+def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
     """By default, the controller keeps the nominal parameters with which it flew the log."""
     own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
     assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
-    assert believed.nominal.mass == pytest.approx(0.03345)
-    assert believed.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
-    assert believed.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
-    assert distributions_in(believed.nominal) == {}
-    assert believed.vehicle == vehicle.vehicle
+    assert nominal.nominal.mass == pytest.approx(0.03345)
+    assert nominal.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
+    assert nominal.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+    assert distributions_in(nominal.nominal) == {}
+    assert nominal.vehicle == vehicle.vehicle
     assert vehicle.vehicle.inertia[2] == 2.98e-5
     assert vehicle.vehicle.body_drag.linear[2] == 0.01278
     assert vehicle.laboratory.command_link.delay_ticks == 1.0
@@ -233,8 +233,8 @@ def test_a_falling_curve_cannot_be_nominal(base, tmp_path):
 
 
 @pytest.mark.parametrize("part", ["vehicle", "nominal"])
-def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(believed, part):
-    limited = getattr(believed, part)
+def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(nominal, part):
+    limited = getattr(nominal, part)
     assert limited.thrust_factor * limited.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
@@ -448,7 +448,7 @@ def test_an_error_leaves_no_file(base, tmp_path, found, options, words):
 
 def test_a_vehicle_needs_at_least_one_estimate(estimates, base, tmp_path):
     with pytest.raises(InputError, match="at least one estimate"):
-        write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
+        write_vehicle(tmp_path / "none.yaml", "none", estimates.subset([]), base=base)
 
 
 def test_comments_have_the_indentation_of_their_fields(written):
@@ -492,7 +492,7 @@ def test_what_was_given_is_in_the_file_and_the_full_thrust_that_is_believed_foll
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
-    path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, given=given)
+    path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, overrides=given)
     scenario = load_undesigned(path)
     assert (scenario.vehicle.mass, scenario.nominal.thrust_factor, scenario.vehicle.gravity) == (0.031, 3e-8, 9.8)
     assert path.read_text().count("# set by the user, not identified") == 3
@@ -522,15 +522,15 @@ def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
     curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(found | curve), not_identified=dict.fromkeys(unknown, "it hardly moves"))
-    believed = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
+    nominal = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
     for index in range(2):
         name = f"inertia[{index}]"
         expected = sheet.nominal.inertia[index] if name in unknown else found[name][0]
-        assert believed.inertia[index] == pytest.approx(expected)
-    assert believed.inertia[2] == sheet.nominal.inertia[2]
+        assert nominal.inertia[index] == pytest.approx(expected)
+    assert nominal.inertia[2] == sheet.nominal.inertia[2]
     expected = sheet.nominal.rotor_inertia if "rotor_inertia" in unknown else 2e-8
-    assert believed.rotor_inertia == pytest.approx(expected)
-    assert believed.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+    assert nominal.rotor_inertia == pytest.approx(expected)
+    assert nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
 
 
 def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(base, tmp_path):
@@ -544,8 +544,8 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
     assert found == plain
 
 
-def test_the_believed_estimates_of_a_vehicle_are_listed(vehicle, believed):
+def test_the_believed_estimates_of_a_vehicle_are_listed(vehicle, nominal):
     """Only these estimates have a place in `nominal`."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
-    assert sorted(believed_estimates(believed)) == sorted(names)
-    assert believed_estimates(vehicle) == []
+    assert sorted(nominal_estimates(nominal)) == sorted(names)
+    assert nominal_estimates(vehicle) == []

@@ -9,13 +9,13 @@ from drake_quad.identification.windows import (
     LogWindow,
     WindowSizes,
     _near,
-    airborne,
-    coarser,
+    airborne_mask,
     common_period,
-    cut,
-    held_out,
-    pieces,
-    steep_remarks,
+    downsample,
+    held_out_mask,
+    segment_numbers,
+    split_into_windows,
+    steep_pitch_remarks,
     wrapped_angles,
 )
 
@@ -36,7 +36,7 @@ def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
     """
     command = np.full((2000, 4), 0.5)
     command[:500] = command[1500:] = 0.0
-    flying = np.flatnonzero(airborne(record(motor_command=command)))
+    flying = np.flatnonzero(airborne_mask(record(motor_command=command)))
     assert flying[0] == pytest.approx(600, abs=5)
     assert flying[-1] == pytest.approx(1400, abs=5)
     assert np.all(np.diff(flying) == 1)
@@ -46,14 +46,14 @@ def test_a_short_cut_of_the_throttle_is_still_flight() -> None:
     """A quarter of a second without thrust counts as a manoeuvre."""
     command = np.full((2000, 4), 0.5)
     command[1000:1025] = 0.0
-    assert airborne(record(motor_command=command))[900:1100].all()
+    assert airborne_mask(record(motor_command=command))[900:1100].all()
 
 
 def test_a_second_around_a_collision_is_left_out() -> None:
     """A lateral specific force of five times the weight is not flight."""
     force = np.tile([0.0, 0.0, 9.81], (2000, 1))
     force[1000, 0] = 50.0
-    flying = airborne(record(specific_force=force))
+    flying = airborne_mask(record(specific_force=force))
     assert not flying[900:1101].any()
     assert flying[[899, 1101]].all()
 
@@ -63,8 +63,8 @@ def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
     base = record(10.0)
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
-    assert pieces(broken)[[500, 501]].tolist() == [0, 1]
-    found = cut([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
+    assert segment_numbers(broken)[[500, 501]].tolist() == [0, 1]
+    found = split_into_windows([broken], [np.ones(1000, dtype=bool)], WindowSizes(length=100, settle=50, warm_up=0))
     assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
@@ -72,7 +72,7 @@ def test_windows_use_flight_only() -> None:
     """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
-    found = cut([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
+    found = split_into_windows([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
     assert [start for _, start in found][:2] == [20, 151]
 
 
@@ -80,14 +80,14 @@ def test_the_last_third_of_the_flight_is_held_out() -> None:
     """The last 200 of 600 samples in the air are held out."""
     flying = np.zeros(1000, dtype=bool)
     flying[100:700] = True
-    assert np.flatnonzero(held_out(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
+    assert np.flatnonzero(held_out_mask(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
 
 
 def test_angles_wrap_in_a_coarser_record() -> None:
     """The vehicle turns at a constant rate. The mean of angles on both sides of ±180° is not 0°."""
     yaw = 0.7 * PERIOD * np.arange(2000.0)
     angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
-    few = coarser(record(attitude=angles), 4)
+    few = downsample(record(attitude=angles), 4)
     assert few.attitude is not None
     turn = np.exp(1j * (few.attitude[:, 2] - 0.7 * few.time))
     np.testing.assert_allclose(turn, 1.0, atol=1e-9)
@@ -99,10 +99,10 @@ def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
     angles = np.zeros((2000, 3))
     angles[1000:1020, 1] = np.radians(-80.0)
     steep = record(attitude=angles)
-    flying = airborne(steep)
+    flying = airborne_mask(steep)
     assert not flying[900:1120].any()
     assert flying[[899, 1120]].all()
-    (sentence,) = steep_remarks([record(), steep])
+    (sentence,) = steep_pitch_remarks([record(), steep])
     assert sentence.startswith("the log 'hover' pitches beyond 75 degrees for 0.2 s, which are left out")
 
 
@@ -111,7 +111,7 @@ def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_a
     ramp = np.arange(2000.0)
     tilted = record(motor_command=np.tile(ramp[:, None], 4), specific_force=np.tile(ramp[:, None], 3))
     for step in (4, 5):
-        few = coarser(tilted, step)
+        few = downsample(tilted, step)
         samples = few.time / PERIOD
         assert few.specific_force is not None
         assert few.motor_command is not None
@@ -134,12 +134,12 @@ def test_a_vehicle_flies_while_its_thrust_is_above_half_of_the_usual_one(
     signal: str, columns: int | None, carries: float, lies: float
 ) -> None:
     """The usual thrust is the median while the rotors work, which they do for a third of this log."""
-    for share, flies in ((carries, True), (lies, False)):
+    for fraction, flies in ((carries, True), (lies, False)):
         command = np.zeros(3000)
         command[1000:2000] = 400.0
-        command[1200:1500] *= share
+        command[1200:1500] *= fraction
         values = command if columns is None else np.tile(command[:, None], columns)
-        flying = airborne(FlightRecord("log", PERIOD * np.arange(3000), **{signal: values}))
+        flying = airborne_mask(FlightRecord("log", PERIOD * np.arange(3000), **{signal: values}))
         assert flying[1300:1400].all() == flies
         assert flying[1300:1400].any() == flies
         assert flying[1700:1800].all()
@@ -150,14 +150,14 @@ def test_a_vehicle_flies_while_its_thrust_is_above_half_of_the_usual_one(
 def test_motor_commands_have_priority_in_detecting_flight() -> None:
     still, hover = np.zeros(2000), np.full(2000, 0.5)
     four = np.tile(hover[:, None], 4)
-    assert airborne(record(thrust_command=still, rotor_speed_command=0.0 * four)).all()
-    assert not airborne(record(motor_command=0.0 * four, thrust_command=hover, rotor_speed_command=four)).any()
+    assert airborne_mask(record(thrust_command=still, rotor_speed_command=0.0 * four)).all()
+    assert not airborne_mask(record(motor_command=0.0 * four, thrust_command=hover, rotor_speed_command=four)).any()
     speeds = {"motor_command": None, "rotor_speed_command": four, "thrust_command": still}
-    assert airborne(record(**speeds)).all()
+    assert airborne_mask(record(**speeds)).all()
     thrust = {"motor_command": None, "thrust_command": hover, "thrust_share": still}
-    assert airborne(record(**thrust)).all()
+    assert airborne_mask(record(**thrust)).all()
     # Without a logged command, the whole log counts as flight.
-    assert airborne(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
+    assert airborne_mask(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -166,16 +166,16 @@ def test_twice_the_weight_in_any_direction_is_a_collision(axis: int, sign: float
     for size, flies in ((1.98 * 9.81, True), (2.02 * 9.81, False)):
         force = np.zeros((2000, 3))
         force[1000, axis] = sign * size
-        assert airborne(record(specific_force=force))[1000] == flies
+        assert airborne_mask(record(specific_force=force))[1000] == flies
 
 
 def test_roll_does_not_make_an_attitude_steep() -> None:
     for column, flies in ((0, True), (1, False), (2, True)):
         angles = np.zeros((2000, 3))
         angles[1000, column] = np.radians(76.0)
-        assert airborne(record(attitude=angles))[1000] == flies
+        assert airborne_mask(record(attitude=angles))[1000] == flies
     angles = np.tile([0.0, np.radians(74.0), 0.0], (2000, 1))
-    assert airborne(record(attitude=angles)).all()
+    assert airborne_mask(record(attitude=angles)).all()
 
 
 def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
@@ -201,28 +201,30 @@ def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
     """A window with its settling time ends at the last sample but one at the latest."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
-    found = cut(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
+    found = split_into_windows(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
     assert found == [LogWindow(0, 50), LogWindow(0, 150), LogWindow(1, 50), LogWindow(2, 50)]
 
 
 def test_gaps_are_steps_of_more_than_three_periods() -> None:
     for step, number in ((2.9, 0), (3.1, 1)):
         time = PERIOD * np.concatenate([np.arange(10), 9.0 + step + np.arange(10)])
-        assert pieces(FlightRecord("log", time, position=np.zeros((20, 3)))).tolist() == [0] * 10 + [number] * 10
+        assert (
+            segment_numbers(FlightRecord("log", time, position=np.zeros((20, 3)))).tolist() == [0] * 10 + [number] * 10
+        )
 
 
 def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_steps() -> None:
     whole = record(1.03)
-    assert coarser(whole, 1) is whole
+    assert downsample(whole, 1) is whole
     for step in (2, 3, 4):
-        few = coarser(whole, step)
+        few = downsample(whole, step)
         assert len(few.time) == (103 - step) // step
         assert few.time[0] == whole.time[step // 2]
     # In a step of an odd number of samples, all weights are equal; for an even number, the outer two are halved.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
-        few = coarser(record(1.03, specific_force=force), step)
+        few = downsample(record(1.03, specific_force=force), step)
         assert few.specific_force is not None
         values = few.specific_force[:, 0]
         np.testing.assert_allclose(values[values > 0.0], expected)

@@ -14,7 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.sensors.accelerometer import (
     ACCELEROMETER,
-    AccelerometerNumbers,
+    AccelerometerParameters,
     SensorPosition,
     SpecificForce,
     specific_force,
@@ -24,7 +24,7 @@ from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import Number, Quantity, State, VehicleAcceleration
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
 GRAVITY = 9.7  # m/s²
 # With equal moments of inertia and rotors without inertia, no gyroscopic torque turns the vehicle. Idle rotors do not
@@ -47,10 +47,10 @@ def readings(parameters, state, speeds, duration=0.2, position=(0.0, 0.0, 0.0)):
     """
     num_vehicles = np.shape(state)[1]
     builder = DiagramBuilder()
-    numbers = QuadrotorNumbers(parameters)
-    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(num_vehicles, time_step=0.001, numbers=numbers))
-    numbers = AccelerometerNumbers(SensorPosition(*position), parameters.gravity)
-    sensor = Sensor(num_vehicles, name="accelerometer", law=ACCELEROMETER, period=0.001, numbers=numbers)
+    config = QuadrotorConfig(parameters)
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(num_vehicles, time_step=0.001, parameters=config))
+    config = AccelerometerParameters(SensorPosition(*position), parameters.gravity)
+    sensor = Sensor(num_vehicles, name="accelerometer", law=ACCELEROMETER, period=0.001, parameters=config)
     builder.AddNamedSystem("accelerometer", sensor)
     for name in ACCELEROMETER.reads:
         builder.Connect(vehicle.GetOutputPort(name), sensor.GetInputPort(name))
@@ -164,8 +164,8 @@ def test_the_reading_follows_the_motion_of_the_sensor():
 def test_readings_have_the_given_bias_and_white_noise():
     """Each vehicle has its own bias and noise. The noise is independent between axes, readings and vehicles."""
     noise, n = np.array([0.1, 0.2]), 2000
-    numbers = AccelerometerNumbers(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
-    sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, numbers=numbers)
+    config = AccelerometerParameters(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
+    sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, parameters=config)
     builder = DiagramBuilder()
     builder.AddNamedSystem("accelerometer", sensor)
     feed_noise(builder, sensor, StreamKind.NOISE, Samples(2, [0, 1]))
@@ -192,13 +192,13 @@ class Altitude(NamedTuple):
     height: Annotated[float, Quantity("m", "W")]
 
 
-class AltimeterNumbers(NamedTuple):
+class AltimeterParameters(NamedTuple):
     """Numbers of an exact altimeter."""
 
     latency_samples: Number = 0.0
 
 
-ALTIMETER = SensorLaw(Altitude, lambda numbers, noise, state: Altitude(state.z), ("state",))
+ALTIMETER = SensorLaw(Altitude, lambda config, noise, state: Altitude(state.z), ("state",))
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
@@ -207,8 +207,8 @@ def test_a_reading_arrives_a_whole_number_of_periods_after_its_sample(latency):
     state = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(state))
-    numbers = AltimeterNumbers(float(latency))
-    sensor: FleetSystem = Sensor(name="altimeter", law=ALTIMETER, period=0.02, longest_latency=3, numbers=numbers)
+    config = AltimeterParameters(float(latency))
+    sensor: FleetSystem = Sensor(name="altimeter", law=ALTIMETER, period=0.02, longest_latency=3, parameters=config)
     builder.AddSystem(sensor)
     builder.Connect(source.get_output_port(), sensor.GetInputPort("state"))
     log = LogVectorOutput(sensor.GetOutputPort("altimeter"), builder, publish_period=0.005)

@@ -26,19 +26,19 @@ def fill_line(now, longest):
     return now, (now,) * longest
 
 
-def step_line(now, under_way, delay):
-    return delay_line_step(now, under_way, delay.ticks)
+def step_line(now, in_transit, delay):
+    return delay_line_step(now, in_transit, delay.ticks)
 
 
 @fleet_system(float, AutoDiffXd)
 class DelaySystem(FleetSystem):
     """System that delays its input by a number of ticks. Before that, its output is the initial input."""
 
-    def declare(self, *, longest=0, numbers=Delay()):
+    def declare(self, *, longest=0, parameters=Delay()):
         now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
         line = declare_delay_line(self, "later", lambda _: Pair(7.0, 8.0), longest)
         self.initialize(fill_line, now, longest, writes=line)
-        self.update(1.0, step_line, now, line.under_way, delay, writes=line)
+        self.update(1.0, step_line, now, line.in_transit, delay, writes=line)
         self.state_output(line.out)
 
 
@@ -62,7 +62,7 @@ def outputs_of(system, inputs):
 @pytest.mark.parametrize(("delay", "longest"), [(0, 0), *((d, n) for d in range(4) for n in (3, 5))])
 def test_before_the_first_sample_arrives_the_output_is_the_initial_output(delay, longest):
     inputs = np.arange(1.0, 17.0).reshape(8, 2)
-    outputs = outputs_of(DelaySystem(longest=longest, numbers=Delay(delay)), inputs)
+    outputs = outputs_of(DelaySystem(longest=longest, parameters=Delay(delay)), inputs)
     np.testing.assert_array_equal(outputs[:delay], -1.0)
     np.testing.assert_array_equal(outputs[delay:], inputs[: 8 - delay])
 
@@ -70,7 +70,7 @@ def test_before_the_first_sample_arrives_the_output_is_the_initial_output(delay,
 def test_each_vehicle_of_a_fleet_has_its_own_delay():
     delays = np.array([2.0, 0.0, 4.0, 1.0])
     inputs = np.random.default_rng(0).normal(size=(9, 2, 4))
-    system = DelaySystem(num_vehicles=4, longest=4, numbers=Delay(delays))
+    system = DelaySystem(num_vehicles=4, longest=4, parameters=Delay(delays))
     outputs = outputs_of(system, inputs.reshape(9, 8)).reshape(9, 2, 4)
     for i, delay in enumerate(delays.astype(int)):
         np.testing.assert_array_equal(outputs[:delay, :, i], -1.0)
@@ -81,7 +81,7 @@ def test_each_vehicle_of_a_fleet_has_its_own_delay():
 def test_derivatives_are_delayed_like_their_values(delays):
     inputs = np.random.default_rng(1).normal(size=(9, 8))
     gradients = np.arange(72.0).reshape(72, 1)
-    system = DelaySystem(num_vehicles=4, longest=4, numbers=Delay(delays))
+    system = DelaySystem(num_vehicles=4, longest=4, parameters=Delay(delays))
     differentiable = InitializeAutoDiff(inputs.ravel(), gradient=gradients).reshape(9, 8)
     outputs = outputs_of(system.ToAutoDiffXd(), differentiable).ravel()
     np.testing.assert_array_equal(ExtractValue(outputs).reshape(9, 8), outputs_of(system, inputs))
@@ -90,10 +90,10 @@ def test_derivatives_are_delayed_like_their_values(delays):
 
 
 def test_a_line_without_samples_outputs_its_initial_rows():
-    system = DelaySystem(longest=2, numbers=Delay(2.0))
+    system = DelaySystem(longest=2, parameters=Delay(2.0))
     context = system.CreateDefaultContext()
     assert system.get_state(context, "later") == Pair(7.0, 8.0)
-    assert system.get_state(context, "later_under_way") == (Pair(7.0, 8.0), Pair(7.0, 8.0))
+    assert system.get_state(context, "later_in_transit") == (Pair(7.0, 8.0), Pair(7.0, 8.0))
 
 
 def test_the_latest_sample_is_from_the_last_tick():

@@ -20,7 +20,7 @@ from drake_quad.laboratory.flight_monitor import (
     nearest_solid,
 )
 from drake_quad.signals import SIGNALS, State
-from drake_quad.space.shapes import Ball, Cuboid, hull_of
+from drake_quad.space.shapes import Ball, Cuboid, convex_hull
 
 PERIOD = 0.02  # s, control tick
 
@@ -226,7 +226,7 @@ def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
     x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
     y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
     monitor, context = monitor_of_tape(tape_at_rest(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
-    np.testing.assert_array_equal(monitor.touched(context), [0, 1, 0, 2, 2])
+    np.testing.assert_array_equal(monitor.obstacle_hit(context), [0, 1, 0, 2, 2])
     np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
 
 
@@ -236,7 +236,7 @@ def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
         tape = tape_at_rest(x=start[0], y=start[1])
         solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
         monitor, context = monitor_of_tape(tape, surroundings=Surroundings((solid,), 0.2))
-        assert monitor.touched(context) == [1]
+        assert monitor.obstacle_hit(context) == [1]
         assert monitor.metrics(context).crash_time == [0.0]
 
 
@@ -249,7 +249,7 @@ def test_the_first_collision_is_recorded_permanently():
     tape["state"][2:, row("state", "x")] = tape["reference"][2:, row("reference", "x")] = 1.4
     tape["state"][3:, 0:2] = tape["reference"][3:, 0:2] = 0.0, 3.0
     monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
-    assert monitor.touched(context) == [1]
+    assert monitor.obstacle_hit(context) == [1]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
@@ -258,7 +258,7 @@ def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
     tape["state"][2, row("state", "roll")] = 1.5
     tape["state"][3:, row("state", "x")] = tape["reference"][3:, row("reference", "x")] = 1.4
     monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
-    assert monitor.touched(context) == [0]
+    assert monitor.obstacle_hit(context) == [0]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
@@ -267,8 +267,8 @@ def test_no_collision_is_missed_if_distances_are_skipped(num_vehicles):
     """Vehicles are slow, fast or jumping. For comparison, all distances are computed at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
-    rock = hull_of(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
-    solids = *SOLIDS, rock, hull_of(rng.normal(size=(8, 3)) * 0.3 + [1.0, -2.0, 1.0])
+    rock = convex_hull(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
+    solids = *SOLIDS, rock, convex_hull(rng.normal(size=(8, 3)) * 0.3 + [1.0, -2.0, 1.0])
     steps = rng.normal(size=(ticks, 3, num_vehicles)) * rng.choice([0.001, 0.03, 0.3], (ticks, 1, num_vehicles))
     positions = np.cumsum(steps, axis=0) + np.array([0.0, 0.0, 1.5])[:, None]
     if num_vehicles > 1:
@@ -279,18 +279,18 @@ def test_no_collision_is_missed_if_distances_are_skipped(num_vehicles):
     tape = {name: values.reshape(ticks, -1) for name, values in tape.items()}
     limits = CrashLimits(height=-math.inf)
     monitor, context = monitor_of_tape(tape, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits)
-    touched, crash_time = monitor.touched(context), monitor.metrics(context).crash_time
+    obstacle_hit, crash_time = monitor.obstacle_hit(context), monitor.metrics(context).crash_time
     num_collisions = 0
     for i in range(num_vehicles):
         distances = np.array([solid.distances(positions[:, :, i]) for solid in solids])
         crashes = np.flatnonzero((distances.min(axis=0) < radius) | np.isnan(positions[:, 0, i]))
         if not len(crashes):
-            assert (touched[i], crash_time[i]) == (0, math.inf)
+            assert (obstacle_hit[i], crash_time[i]) == (0, math.inf)
             continue
         first = distances[:, crashes[0]]
-        assert touched[i] == (0 if np.isnan(first[0]) else 1 + np.argmin(first))
+        assert obstacle_hit[i] == (0 if np.isnan(first[0]) else 1 + np.argmin(first))
         assert crash_time[i] == pytest.approx(PERIOD * crashes[0])
-        num_collisions += touched[i] > 0
+        num_collisions += obstacle_hit[i] > 0
     assert num_vehicles == 1 or 3 <= num_collisions < num_vehicles
 
 
@@ -328,7 +328,7 @@ def test_distances_are_computed_only_after_a_vehicle_has_left_its_free_ball():
 def test_the_distance_of_a_hull_is_computed_only_if_it_can_be_the_nearest():
     near, far = (
         CountingSolid(Ball((1.0, 0.0, 1.0), radius=0.5)),
-        CountingSolid(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0]))),
+        CountingSolid(convex_hull(np.add(np.eye(4, 3), [5.0, 0.0, 0.0]))),
     )
     detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
     assert (near.count, far.count) == (1, 0)

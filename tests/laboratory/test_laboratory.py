@@ -12,13 +12,13 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.assembly.recorder import build_recorder, read_recorder
 from drake_quad.framework.records import record_like
-from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.command_link import CommandLink, LinkParameters
 from drake_quad.laboratory.flight_monitor import CrashLimits, Surroundings, Window
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.motion_capture import CameraParameters, MotionCapture
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceParameters
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
-from drake_quad.laboratory.wind.gust import Gust, GustNumbers
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.scenario import models
@@ -62,7 +62,7 @@ def test_motion_capture_holds_each_frame_for_a_period():
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_the_command_link_delays_by_whole_ticks(delay):
-    link = CommandLink(period=0.02, longest_delay=delay, numbers=LinkNumbers(delay, initial=INITIAL_WRENCH))
+    link = CommandLink(period=0.02, longest_delay=delay, parameters=LinkParameters(delay, initial=INITIAL_WRENCH))
     time, value = recorded_output(link, "wrench", 4, 0.3)
     # At a tick, the recorder reads the output before the link receives the command of that tick.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
@@ -74,7 +74,7 @@ def test_each_vehicle_of_a_fleet_has_its_own_delay():
     delays = np.array([2, 0, 1])
     for i, delay in enumerate(delays):
         link = CommandLink(
-            num_vehicles=3, period=0.02, longest_delay=2, numbers=LinkNumbers(delays, initial=INITIAL_WRENCH)
+            num_vehicles=3, period=0.02, longest_delay=2, parameters=LinkParameters(delays, initial=INITIAL_WRENCH)
         )
         time, value = recorded_output(link, "wrench", 12, 0.3, column=i)
         tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
@@ -84,8 +84,8 @@ def test_each_vehicle_of_a_fleet_has_its_own_delay():
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_lost_packet_is_replaced_by_the_previous_one(delay):
     rate, n = 0.3, 20
-    numbers = LinkNumbers(delay, rate)
-    link = CommandLink(num_vehicles=n, period=0.02, longest_delay=delay, loses_packets=True, numbers=numbers)
+    parameters = LinkParameters(delay, rate)
+    link = CommandLink(num_vehicles=n, period=0.02, longest_delay=delay, loses_packets=True, parameters=parameters)
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", ramp_source(4 * n))
     builder.AddNamedSystem("link", link)
@@ -102,8 +102,8 @@ def test_a_lost_packet_is_replaced_by_the_previous_one(delay):
     lateness = ages - (delay + 1)
     assert lateness.min() == 0.0
     for ticks in (0, 1, 2):
-        share = (1.0 - rate) * rate**ticks
-        assert (lateness == ticks).mean() == pytest.approx(share, abs=0.02)
+        fraction = (1.0 - rate) * rate**ticks
+        assert (lateness == ticks).mean() == pytest.approx(fraction, abs=0.02)
     is_current = lateness[:, 1:] == 0
     np.testing.assert_array_equal(is_current | (lateness[:, 1:] == lateness[:, :-1] + 1), True)
 
@@ -124,21 +124,21 @@ def test_the_recorder_stores_signals_as_a_discrete_update_reads_them_at_each_tic
         np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)
 
 
-FILTERED_CAMERAS = CameraNumbers(derivative_bandwidth=50.0)
+FILTERED_CAMERAS = CameraParameters(derivative_bandwidth=50.0)
 JET = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
 TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
 
 def test_by_default_the_laboratory_is_ideal():
-    assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, 0.0, 0.0, 0.0))
-    assert CameraNumbers() == record_like(CameraNumbers, models.Laboratory().motion_capture)
+    assert LinkParameters() == (0.0, 0.0, Wrench(0.0, 0.0, 0.0, 0.0))
+    assert CameraParameters() == record_like(CameraParameters, models.Laboratory().motion_capture)
     assert Surroundings() == ((), 0.0)
     assert Window() == (0.0, math.inf)
     wind = Wind(1.0, 2.0, 3.0)
-    assert GustNumbers(wind, 1.0, 2.0).hold_time == math.inf
-    assert SineNumbers(wind, 1.0).phase == 0.0
+    assert GustParameters(wind, 1.0, 2.0).hold_time == math.inf
+    assert SineParameters(wind, 1.0).phase == 0.0
     assert JET.turbulence == 0.0
-    assert TurbulenceNumbers(TURBULENCE).heading == 0.0
+    assert TurbulenceParameters(TURBULENCE).heading == 0.0
 
 
 def test_default_crash_limits_agree_with_a_scenario():
@@ -151,11 +151,11 @@ def test_before_a_simulation_begins_measurements_and_wind_are_zero():
     """Only the initialization events take the first samples."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
-        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, numbers=FILTERED_CAMERAS),
-        Gust(numbers=GustNumbers(wind, 0.0, 1.0)),
-        SineWind(numbers=SineNumbers(wind, 1.0, 1.0)),
-        Fans(numbers=(JET,)),
-        DrydenTurbulence(numbers=TurbulenceNumbers(TURBULENCE)),
+        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, parameters=FILTERED_CAMERAS),
+        Gust(parameters=GustParameters(wind, 0.0, 1.0)),
+        SineWind(parameters=SineParameters(wind, 1.0, 1.0)),
+        Fans(parameters=(JET,)),
+        DrydenTurbulence(parameters=TurbulenceParameters(TURBULENCE)),
     ):
         context = system.CreateDefaultContext()
         for i in range(context.num_discrete_state_groups()):

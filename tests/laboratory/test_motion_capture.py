@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.kinematics import small_rotation
 from drake_quad.laboratory.motion_capture import (
-    CameraNumbers,
+    CameraParameters,
     Cameras,
     MotionCapture,
     Pose,
@@ -53,7 +53,7 @@ def state_at_rest(n=1):
 
 
 def camera_with_filter(bandwidth, **structure):
-    return MotionCapture(filtered=True, numbers=CameraNumbers(derivative_bandwidth=bandwidth), **structure)
+    return MotionCapture(filtered=True, parameters=CameraParameters(derivative_bandwidth=bandwidth), **structure)
 
 
 def state_ramp(rates):
@@ -65,9 +65,9 @@ def state_ramp(rates):
 
 def test_noise_has_the_given_deviation_and_no_mean():
     n = 40
-    numbers = CameraNumbers(position_noise=1e-3, attitude_noise=4e-3)
+    parameters = CameraParameters(position_noise=1e-3, attitude_noise=4e-3)
     _, frames = measurements_of(
-        state_at_rest(n), MotionCapture(num_vehicles=n, noisy=True, numbers=numbers), duration=5.0, n=n
+        state_at_rest(n), MotionCapture(num_vehicles=n, noisy=True, parameters=parameters), duration=5.0, n=n
     )
     np.testing.assert_allclose(frames[:3].std(axis=(1, 2)), 1e-3, rtol=0.03)
     np.testing.assert_allclose(frames[3:6].std(axis=(1, 2)), 4e-3, rtol=0.03)
@@ -80,8 +80,8 @@ def test_noise_has_the_given_deviation_and_no_mean():
 def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
     """The filter (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹) gives white noise the variance σ² (1 - a)² / 2h²."""
     n, sigma = 60, 1e-3
-    numbers = CameraNumbers(sigma, derivative_bandwidth=bandwidth)
-    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
+    parameters = CameraParameters(sigma, derivative_bandwidth=bandwidth)
+    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, parameters=parameters)
     _, frames = measurements_of(state_at_rest(n), camera, duration=40.0, n=n)
     velocity = frames[6, :, 200:]
     decay = math.exp(-bandwidth * H)
@@ -98,8 +98,8 @@ def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
 def test_velocity_at_every_second_frame_has_no_noise_at_zero_frequency():
     """The noise of the mean over 4 s is the position noise divided by 4 s, not the velocity noise divided by √200."""
     n, sigma = 200, 1e-3
-    numbers = CameraNumbers(sigma, derivative_bandwidth=100.0)
-    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
+    parameters = CameraParameters(sigma, derivative_bandwidth=100.0)
+    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, parameters=parameters)
     _, frames = measurements_of(state_at_rest(n), camera, duration=5.0, n=n)
     mean = frames[6, :, -400::2].mean(axis=1)
     # The differences add up to the last minus the first position, so the noise in between cancels.
@@ -156,12 +156,12 @@ def test_body_rates_are_correct_for_a_body_that_turns_over(body_rates, misaligne
     state[3:6] = rotations.as_euler("ZYX")[:, ::-1].T
     assert np.abs(np.diff(state[3:6], axis=1)).max() > 3.0
     misalignment = Attitude(0.1, -0.05, 0.2)
-    numbers = CameraNumbers(
+    parameters = CameraParameters(
         derivative_bandwidth=1e4, misalignment=misalignment if misaligned else Attitude(0.0, 0.0, 0.0)
     )
     trajectory = PiecewisePolynomial.ZeroOrderHold(times, state)
     _, frames = measurements_of(
-        trajectory, MotionCapture(filtered=True, misaligned=misaligned, numbers=numbers), duration=2.0
+        trajectory, MotionCapture(filtered=True, misaligned=misaligned, parameters=parameters), duration=2.0
     )
     expected = np.array(body_rates)
     if misaligned:
@@ -216,7 +216,7 @@ def test_latency_is_a_whole_number_of_frames():
     latency = np.array([0, 3, 1])
     rows = state_ramp(rates).vector_values([0.0, 100.0])
     state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.repeat(rows, 3, axis=0))
-    camera = MotionCapture(num_vehicles=3, longest_latency=3, numbers=CameraNumbers(latency_frames=latency))
+    camera = MotionCapture(num_vehicles=3, longest_latency=3, parameters=CameraParameters(latency_frames=latency))
     time, frames = measurements_of(state, camera, duration=0.2, n=3)
     expected = np.maximum(time[None] - H * (1 + latency[:, None]), 0.0)
     np.testing.assert_allclose(frames[0], expected, atol=1e-12)
@@ -226,8 +226,8 @@ def test_latency_is_a_whole_number_of_frames():
 def test_before_the_first_frame_arrives_the_output_is_the_initial_frame(bandwidth):
     """Without a filter, the initial frame contains velocity and body rates. With a filter, these are zero."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
-    numbers = CameraNumbers(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
-    camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, numbers=numbers)
+    parameters = CameraParameters(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
+    camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, parameters=parameters)
     _, frames = measurements_of(PiecewisePolynomial(start[:, None]), camera, duration=0.1)
     expected = start if bandwidth is None else np.concatenate([start[:6], np.zeros(6)])
     np.testing.assert_array_equal(frames[:, 0], np.repeat(expected[:, None], frames.shape[2], axis=1))
@@ -236,8 +236,8 @@ def test_before_the_first_frame_arrives_the_output_is_the_initial_frame(bandwidt
 def test_a_lost_frame_repeats_the_previous_frame():
     n, rate = 30, 0.2
     state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.outer(np.ones(12 * n), [0.0, 100.0]))
-    numbers = CameraNumbers(dropout_rate=rate, derivative_bandwidth=30.0)
-    camera = MotionCapture(num_vehicles=n, loses_frames=True, numbers=numbers)
+    parameters = CameraParameters(dropout_rate=rate, derivative_bandwidth=30.0)
+    camera = MotionCapture(num_vehicles=n, loses_frames=True, parameters=parameters)
     time, frames = measurements_of(state, camera, duration=10.0, n=n)
     steps = np.diff(frames[0, :, 2:], axis=1)
     lost = np.abs(steps) < 1e-9
@@ -246,7 +246,7 @@ def test_a_lost_frame_repeats_the_previous_frame():
     is_current = np.abs(frames[0] - (time - H)) < 1e-9
     np.testing.assert_array_equal(is_current[:, 3:], ~lost)
     # While frames are lost, the filter measures no motion. Afterwards, it measures all of the motion at once.
-    filtered = MotionCapture(num_vehicles=n, loses_frames=True, filtered=True, numbers=numbers)
+    filtered = MotionCapture(num_vehicles=n, loses_frames=True, filtered=True, parameters=parameters)
     _, frames = measurements_of(state, filtered, duration=10.0, n=n)
     assert frames[6, :, 100:].mean() == pytest.approx(1.0, abs=0.02)
 
@@ -263,9 +263,9 @@ def test_misaligned_markers_rotate_with_the_body(attitude):
 def test_cameras_measure_the_attitude_of_the_markers():
     """Each vehicle has its own misalignment. Position, velocity and body rates are not affected."""
     rolls = np.array([0.05, -0.1])
-    numbers = CameraNumbers(misalignment=Attitude(rolls, -0.08, 0.2))
+    parameters = CameraParameters(misalignment=Attitude(rolls, -0.08, 0.2))
     state = np.tile([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9], (2, 1)).T
-    camera = MotionCapture(num_vehicles=2, misaligned=True, numbers=numbers)
+    camera = MotionCapture(num_vehicles=2, misaligned=True, parameters=parameters)
     _, frames = measurements_of(PiecewisePolynomial(state.reshape(-1, 1)), camera, duration=0.05, n=2)
     for i, roll in enumerate(rolls):
         marker_rotation = (
@@ -278,7 +278,7 @@ def test_cameras_measure_the_attitude_of_the_markers():
 def test_each_row_of_the_pose_has_independent_noise():
     noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
     state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
-    cameras = Cameras.of(CameraNumbers(position_noise=0.1, attitude_noise=0.5))
+    cameras = Cameras.of(CameraParameters(position_noise=0.1, attitude_noise=0.5))
     pose = measured_pose(state, noise, cameras, misaligned=True)
     np.testing.assert_allclose(pose, Pose(1.1, 1.8, 3.3, -1.99, 2.52, -2.97))
 
@@ -286,18 +286,18 @@ def test_each_row_of_the_pose_has_independent_noise():
 @pytest.mark.parametrize("filtered", [False, True])
 def test_only_the_velocity_has_a_scale_error(filtered):
     """Each vehicle has its own error on each axis, with and without a filter that estimates the velocity."""
-    shares = np.array([[0.1, -0.2, 0.05], [0.3, 0.0, -0.1]])
+    fractions = np.array([[0.1, -0.2, 0.05], [0.3, 0.0, -0.1]])
     state = np.random.default_rng(3).normal(scale=0.3, size=(12, 3))
     trajectory = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], np.repeat(state, 2, axis=0))
-    numbers = CameraNumbers(derivative_bandwidth=40.0)
-    numbers_with_errors = numbers._replace(velocity_error=VelocityError(*shares.T))
+    parameters = CameraParameters(derivative_bandwidth=40.0)
+    numbers_with_errors = parameters._replace(velocity_error=VelocityError(*fractions.T))
     _, exact_frames = measurements_of(
-        trajectory, MotionCapture(num_vehicles=2, filtered=filtered, numbers=numbers), duration=2.0, n=2
+        trajectory, MotionCapture(num_vehicles=2, filtered=filtered, parameters=parameters), duration=2.0, n=2
     )
-    camera = MotionCapture(num_vehicles=2, filtered=filtered, velocity_scaled=True, numbers=numbers_with_errors)
+    camera = MotionCapture(num_vehicles=2, filtered=filtered, velocity_scaled=True, parameters=numbers_with_errors)
     _, frames = measurements_of(trajectory, camera, duration=2.0, n=2)
     expected = exact_frames.copy()
-    expected[6:9] *= 1.0 + shares.T[:, :, None]
+    expected[6:9] *= 1.0 + fractions.T[:, :, None]
     assert np.abs(expected - exact_frames).max() > 0.01
     np.testing.assert_allclose(frames, expected, atol=1e-13)
 
@@ -306,8 +306,8 @@ def test_the_velocity_drift_has_the_given_deviation_and_correlation_time():
     """The correlation between successive frames is exp(-h / T). Only the velocity changes."""
     state = np.tile(np.arange(12.0)[:, None] * 0.1, 2)
     trajectory = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], state)
-    numbers = CameraNumbers(velocity_drift=VelocityDrift(0.03, 0.01, 0.0), drift_time=0.1)
-    _, frames = measurements_of(trajectory, MotionCapture(drifts=True, numbers=numbers), duration=100.0, n=1)
+    parameters = CameraParameters(velocity_drift=VelocityDrift(0.03, 0.01, 0.0), drift_time=0.1)
+    _, frames = measurements_of(trajectory, MotionCapture(drifts=True, parameters=parameters), duration=100.0, n=1)
     errors = frames[:, 0] - state[:, :1]
     assert np.abs(np.delete(errors, [6, 7], axis=0)).max() < 1e-12
     for velocity_row, deviation in ((6, 0.03), (7, 0.01)):

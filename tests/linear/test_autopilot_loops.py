@@ -28,8 +28,8 @@ from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laborato
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.margins import margins
 from drake_quad.linear.sampled_system import at_tick, linearize
-from drake_quad.linear.step_response import release
-from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.linear.step_response import initial_response
+from drake_quad.scenario.hovering import at_rest, nominal_hover
 
 RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.45, 0.5, 0.7]}",
@@ -102,7 +102,7 @@ def test_poles_of_the_yaw_loop_on_board_agree_with_the_whole_diagram(onboard):
     outer = on_board_attitude_plant(yaw_plant, 10.0)
     assert (outer.inputs, outer.outputs) == (("rate_command",), ("state.yaw",))
     poles = outer.with_feedback(np.array([[4.0]])).poles() ** 8
-    multipliers = closed_loop(as_believed(scenario)).system.poles()
+    multipliers = closed_loop(nominal_hover(scenario)).system.poles()
     assert len(poles) == 3
     for pole in poles:
         assert np.abs(multipliers - pole).min() < 1e-6
@@ -110,7 +110,7 @@ def test_poles_of_the_yaw_loop_on_board_agree_with_the_whole_diagram(onboard):
 
 def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
     """The modes of the yaw, on which no position loop acts, are exp(s h) with s = ω_n (-ζ ± i √(1 - ζ²))."""
-    multipliers = closed_loop(as_believed(onboard(*RESPONSE))).system.poles()
+    multipliers = closed_loop(nominal_hover(onboard(*RESPONSE))).system.poles()
     pole = np.exp(3.0 * 0.02 * complex(-0.7, np.sqrt(1.0 - 0.49)))
     assert np.abs(multipliers - pole).min() < 1e-9
 
@@ -124,7 +124,7 @@ def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
     position, laboratory = scenario.control.position, laboratory_plant(scenario)
     plants = [position_plant(laboratory, scenario, "x", None), position_plant(laboratory, scenario, "y", None)]
     plants.append(attitude_plant(laboratory, scenario, "z"))
-    multipliers = closed_loop(as_believed(scenario)).system.poles()
+    multipliers = closed_loop(nominal_hover(scenario)).system.poles()
     for plant, k_p, k_d in zip(plants, position.k_p, position.k_d, strict=True):
         assert plant.outputs[1].startswith("measurement.v_")
         poles = plant.with_feedback(np.array([[k_p, k_d]])).poles()
@@ -204,7 +204,7 @@ def test_shipped_gains_are_reproduced_by_their_documented_call(root, onboard, de
 
 def grows(scenario, row, duration):
     """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
-    response = release(closed_loop(scenario), {row: 1e-5}, duration=duration)
+    response = initial_response(closed_loop(scenario), {row: 1e-5}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
     return last > third
@@ -227,29 +227,29 @@ def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboa
     """A small displacement decays 2 % below the stability limit, and grows 2 % above the limit."""
     scenario = onboard(*AUTOPILOT_OVERRIDES[kind])
     loop = design_cascade(scenario).loops[row]
-    resting = at_rest(as_believed(with_gains(scenario, design_cascade(scenario).gains())))
+    resting = at_rest(nominal_hover(with_gains(scenario, design_cascade(scenario).gains())))
     factor = 10.0 ** (loop.margins.gain / 20.0)
     assert not grows(with_position_scaled(resting, 0.98 * factor, axes), row, duration)
     assert grows(with_position_scaled(resting, 1.02 * factor, axes), row, duration)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.98, 1.02])
-def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, designed, share):
+@pytest.mark.parametrize("fraction", [0.98, 1.02])
+def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, designed, fraction):
     """For the yaw, the limit of the attitude loop around the rate loop is correct to 2 %."""
-    factor = share * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
-    resting = at_rest(as_believed(onboard()))
+    factor = fraction * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
+    resting = at_rest(nominal_hover(onboard()))
     gains = designed.autopilot_gains()
     roll, pitch, yaw = gains["k_attitude"]
     changed = with_autopilot_gains(resting, {**gains, "k_attitude": (roll, pitch, factor * yaw)})
-    assert grows(changed, "yaw", 4.0) == (share > 1.0)
+    assert grows(changed, "yaw", 4.0) == (fraction > 1.0)
 
 
 def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(onboard):
     scenario = onboard("laboratory.autopilot={attitude_noise: 0.1, gyroscope_bias: [0.1, 0.2, 0.3]}")
-    resting, believed = (change(scenario).laboratory.autopilot for change in (at_rest, as_believed))
+    resting, nominal = (change(scenario).laboratory.autopilot for change in (at_rest, nominal_hover))
     assert resting == scenario.laboratory.autopilot.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
-    assert believed == resting.model_copy(update={"gyroscope_bias": (0.0, 0.0, 0.0)})
+    assert nominal == resting.model_copy(update={"gyroscope_bias": (0.0, 0.0, 0.0)})
 
 
 @pytest.mark.parametrize(

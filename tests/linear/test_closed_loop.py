@@ -11,10 +11,10 @@ from drake_quad.linear import closed_loop as closed_loop_module
 from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import tick_after
-from drake_quad.linear.step_response import release
+from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.hovering import as_believed, at_rest
-from drake_quad.vehicle.quadrotor import Place
+from drake_quad.scenario.hovering import at_rest, nominal_hover
+from drake_quad.vehicle.quadrotor import HoverPose
 
 
 @pytest.fixture
@@ -104,14 +104,14 @@ def test_random_and_transient_effects_are_left_out(diagrams):
     assert resting.laboratory.command_link.loss_rate == 0.0
     assert (resting.vehicle.battery_sag, resting.vehicle.rotor_failure) == (0.0, None)
     assert resting.vehicle.linear_drag == 0.1
-    believed = as_believed(load_scenario(diagrams / "outdoor.yaml", ["vehicle.mass=0.8"]))
-    assert (believed.vehicle.mass, believed.vehicle.linear_drag, believed.laboratory.wind) == (0.68, 0.1, ())
+    nominal = nominal_hover(load_scenario(diagrams / "outdoor.yaml", ["vehicle.mass=0.8"]))
+    assert (nominal.vehicle.mass, nominal.vehicle.linear_drag, nominal.laboratory.wind) == (0.68, 0.1, ())
 
 
 def test_the_equilibrium_is_where_a_hover_route_hovers(laboratory):
     assert at_rest(laboratory("route={kind: hover, position: [0, -4, 1.5]}")).route.position == (0.0, -4.0, 1.5)
     assert at_rest(laboratory()).route.position == (0.0, 0.0, 1.0)
-    assert as_believed(laboratory("route={kind: hover, yaw: 1}")).route.yaw == 0.0
+    assert nominal_hover(laboratory("route={kind: hover, yaw: 1}")).route.yaw == 0.0
 
 
 @pytest.mark.parametrize(
@@ -151,17 +151,17 @@ def test_a_missing_equilibrium_is_reported(laboratory):
 
 
 def test_small_displacements_match_the_linear_model(laboratory):
-    loop = closed_loop(as_believed(laboratory()))
+    loop = closed_loop(nominal_hover(laboratory()))
     for row in ("x", "z", "yaw"):
-        response = release(loop, {row: 1e-4}, duration=4.0)
+        response = initial_response(loop, {row: 1e-4}, duration=4.0)
         np.testing.assert_allclose(response.nonlinear, response.linear, atol=1e-7)
         column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
         assert response.linear[0, column] == pytest.approx(1e-4)
         assert abs(response.linear[-1, column]) < 0.3e-4
     with pytest.raises(InputError, match="cannot displace height"):
-        release(loop, {"height": 1e-4}, duration=1.0)
+        initial_response(loop, {"height": 1e-4}, duration=1.0)
     # A large displacement differs from the linear model, because the tilt is limited.
-    response = release(loop, {"x": 40.0}, duration=4.0)
+    response = initial_response(loop, {"x": 40.0}, duration=4.0)
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
 
 
@@ -169,13 +169,13 @@ def test_a_release_is_a_flight_that_starts_at_an_offset_from_the_reference(labor
     """The cameras measure the displacement from their first frame on, with or without latency."""
     offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):
-        scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
-        deviations = release(closed_loop(scenario), offset, duration=1.0).nonlinear
+        scenario = nominal_hover(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
+        deviations = initial_response(closed_loop(scenario), offset, duration=1.0).nonlinear
         diagram = build_tracking_diagram(scenario)
         simulator = Simulator(diagram)
         vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
         context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        vehicle.set_hover(context, Place(0.3, -0.2, 1.1, -0.4))
+        vehicle.set_hover(context, HoverPose(0.3, -0.2, 1.1, -0.4))
         simulator.Initialize()
         equilibrium = np.array([0.0, 0.0, 1.0] + [0.0] * 9)
         for tick, deviation in enumerate(deviations):
@@ -220,12 +220,12 @@ def test_a_random_route_becomes_hover_at_its_middle(laboratory):
 def test_the_nominal_vehicle_has_the_lag_and_the_drag_of_the_actual_one(laboratory):
     flawed = ["vehicle.mass=0.85", "vehicle.rotor_time_constant=0.07", "vehicle.quadratic_drag=0.03"]
     uneven = ["vehicle.centre_of_mass=[0.002, 0]", "laboratory.motion_capture.misalignment=[0.01, 0.02, 0.03]"]
-    believed = as_believed(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
-    vehicle = believed.vehicle
+    nominal = nominal_hover(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
+    vehicle = nominal.vehicle
     assert (vehicle.mass, vehicle.thrust_factor, vehicle.time_step) == (0.68, 4.2e-5, 0.005)
     assert (vehicle.rotor_time_constant, vehicle.linear_drag, vehicle.quadratic_drag) == (0.07, 0.1, 0.03)
     assert vehicle.centre_of_mass == (0.0, 0.0)
-    assert believed.laboratory.motion_capture.misalignment == (0.0, 0.0, 0.0)
+    assert nominal.laboratory.motion_capture.misalignment == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -289,12 +289,12 @@ def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
     )
-    believed, actual = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
+    nominal, actual = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
     point = np.exp([1j * 3.0 * 0.02])
     for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
         gains = [
             plant.between([f"wrench.{torque}"], [f"measurement.{angle}"]).response(point)[0, 0, 0]
-            for plant in (believed, actual)
+            for plant in (nominal, actual)
         ]
         assert gains[1] / gains[0] == pytest.approx(gain, rel=1e-9)
 

@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from drake_quad import build_tracking_diagram, load_scenario
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.wiring import subsystem
-from drake_quad.linear.context_vector import ContextVector, leaf_paths, port_rows, undotted
+from drake_quad.linear.context_vector import ContextVector, leaf_paths, port_rows, without_dots
 from drake_quad.signals import Row
 
 
@@ -38,7 +38,7 @@ class Count(NamedTuple):
 class NamedMemory(FleetSystem):
     """Fleet system with two named groups and parameters."""
 
-    def declare(self, *, numbers=Count(0.0)):
+    def declare(self, *, parameters=Count(0.0)):
         self.state("pd", lambda start: Pair(start.number, start.number + 1.0))
         self.state("count", lambda start: Count(start.number + 2.0))
         self.continuous_state(lambda start: Pair(start.number + 3.0, start.number + 4.0))
@@ -51,7 +51,7 @@ def nested():
     """Return a diagram with the system "b" and the subdiagrams "inner" with "a" and "watcher" with "c"."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("b", Memory(100.0))
-    for name, system in (("inner", ("a", NamedMemory(numbers=Count(200.0)))), ("watcher", ("c", Memory(300.0)))):
+    for name, system in (("inner", ("a", NamedMemory(parameters=Count(200.0)))), ("watcher", ("c", Memory(300.0)))):
         part = DiagramBuilder()
         part.AddNamedSystem(*system)
         builder.AddNamedSystem(name, part.Build())
@@ -90,7 +90,7 @@ def test_numbers_are_ordered_by_system_and_group(nested):
 
 def test_vehicles_of_a_fleet_are_numbered():
     builder = DiagramBuilder()
-    builder.AddNamedSystem("a", NamedMemory(num_vehicles=2, numbers=Count(np.array([10.0, 20.0]))))
+    builder.AddNamedSystem("a", NamedMemory(num_vehicles=2, parameters=Count(np.array([10.0, 20.0]))))
     diagram = builder.Build()
     layout = ContextVector(diagram)
     assert layout.names == (
@@ -121,7 +121,7 @@ def test_rows_of_a_port_are_named_by_its_signal_or_numbered():
     assert port_rows("wrench", 4)[0] == "wrench.thrust"
     assert port_rows("statement", 1) == ("statement.0",)
     assert port_rows("weather", 2) == ("weather.0", "weather.1")
-    assert undotted(["a.b.c", "d"]) == ["a_b_c", "d"]
+    assert without_dots(["a.b.c", "d"]) == ["a_b_c", "d"]
 
 
 def test_the_layout_is_the_same_in_every_scalar_type():
@@ -131,7 +131,7 @@ def test_the_layout_is_the_same_in_every_scalar_type():
     context, root = diagram.CreateDefaultContext(), converted.CreateDefaultContext()
     layout.write(diagram, context, np.arange(float(len(layout.names))))
     root.SetTimeStateAndParametersFrom(context)
-    numbers = layout.read(converted, root)
-    assert [number.value() for number in numbers] == [*range(len(layout.names))]
-    layout.write(converted, root, numbers[::-1])
+    parameters = layout.read(converted, root)
+    assert [number.value() for number in parameters] == [*range(len(layout.names))]
+    layout.write(converted, root, parameters[::-1])
     assert [number.value() for number in layout.read(converted, root)] == [*range(len(layout.names))][::-1]

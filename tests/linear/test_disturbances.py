@@ -7,8 +7,8 @@ import scipy
 from drake_quad import simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.disturbances import disturbance_statistics, disturbances_along
-from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.batch import Batch
 
 HOVER = "route={kind: hover, position: [0, 0, 1], duration: 0.4}"

@@ -11,7 +11,7 @@ from drake_quad.design.gains import AxisGains, pd_loop
 from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
 from drake_quad.linear.link_margins import link_loops
 from drake_quad.linear.margins import frequencies, margins
-from drake_quad.scenario.hovering import as_believed
+from drake_quad.scenario.hovering import nominal_hover
 
 ASYMMETRIC = [
     "nominal.mass=0.75",
@@ -47,7 +47,7 @@ def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
 
 def link_loop(scenario, row):
     """Return the loop of a row, with the nominal vehicle."""
-    return link_loops(as_believed(scenario))[row]
+    return link_loops(nominal_hover(scenario))[row]
 
 
 def responses(loop):
@@ -59,7 +59,7 @@ def test_the_loop_of_a_torque_contains_attitude_and_position_and_that_of_thrust_
     scenario = loaded(*ASYMMETRIC)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
-    loops = link_loops(as_believed(scenario))
+    loops = link_loops(nominal_hover(scenario))
     for row, axis, i, tilt in (("tau_y", "x", 0, 1), ("tau_x", "y", 1, 0)):
         outer = AxisGains(position.k_p[i], position.k_d[i])
         expected = loop_of_the_torque(
@@ -73,7 +73,7 @@ def test_the_loop_of_a_torque_contains_attitude_and_position_and_that_of_thrust_
 @pytest.mark.slow
 def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
     scenario = loaded(*ASYMMETRIC, OBSERVER)
-    multipliers = closed_loop(as_believed(scenario)).system.poles()
+    multipliers = closed_loop(nominal_hover(scenario)).system.poles()
     loop = link_loop(scenario, "tau_y")
     poles = loop.with_feedback(np.eye(1)).poles()
     for pole in poles[np.abs(poles) > 0.1]:
@@ -91,7 +91,7 @@ def test_the_loop_becomes_unstable_at_the_delay_margin(loaded):
     def largest_pole(extra_ticks):
         """Return the magnitude of the largest pole with additional ticks of delay."""
         delayed = loaded(*ASYMMETRIC, OBSERVER, f"laboratory.command_link.delay_ticks={1 + extra_ticks}")
-        return np.abs(closed_loop(as_believed(delayed)).system.poles()).max()
+        return np.abs(closed_loop(nominal_hover(delayed)).system.poles()).max()
 
     assert largest_pole(ticks) < 1.0 < largest_pole(ticks + 1)
 
@@ -107,7 +107,7 @@ def test_the_shipped_controllers_meet_their_limits(diagrams, name):
     layers = [diagrams / "controllers" / "designed" / name]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
     sensitivity, delay = SENSITIVITY_LIMITS[name], 0.05
-    loops = link_loops(as_believed(scenario))
+    loops = link_loops(nominal_hover(scenario))
     for row in ("tau_y", "thrust"):
         loop = loops[row]
         achieved = margins(loop)

@@ -11,10 +11,10 @@ from drake_quad.design.cascade import design_cascade, with_gains
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.link_margins import fast_link_margins, link_loops, link_margins
-from drake_quad.linear.step_response import release
+from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
-from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.scenario.hovering import at_rest, nominal_hover
 from drake_quad.signals import AttitudeTarget, Wrench
 
 pytestmark = pytest.mark.slow
@@ -37,7 +37,7 @@ def asymmetric_lqg(asymmetric):
 
 def grows(scenario, row, duration):
     """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
-    response = release(closed_loop(scenario), {row: 1e-6}, duration=duration)
+    response = initial_response(closed_loop(scenario), {row: 1e-6}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
     return last > third
@@ -47,7 +47,7 @@ def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
     """A design breaks the loop at the commanded acceleration, which is the link's signal for thrust and yaw."""
     scenario = laboratory()
     designed = design_cascade(scenario)
-    margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
     for name, axis in (("thrust", "z"), ("tau_z", "yaw")):
         np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
 
@@ -56,7 +56,7 @@ def test_loops_with_an_autopilot_are_the_position_loops(diagrams):
     """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
-    margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
     assert [*margins_by_signal] == [*AttitudeTarget._fields[:4]]
     assert margins_by_signal["yaw"] is None
     # The fed-forward body rates depend only on the reference, so they do not affect the loops.

@@ -9,7 +9,7 @@ from drake_quad.design.sensitivity import flight_sensitivities
 from drake_quad.linear.closed_loop import closed_loop, laboratory_plant
 from drake_quad.linear.vehicle_model import STATES, SWING_STATES, affine_vehicle, find_trim, linear_vehicle
 from drake_quad.linear.vehicle_model import to_state_space as named
-from drake_quad.scenario.hovering import as_believed, at_rest
+from drake_quad.scenario.hovering import at_rest, nominal_hover
 from drake_quad.scenario.numbers import with_number
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
@@ -24,7 +24,7 @@ from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.payload import Payload, PayloadPosition, loaded_body
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.slung_load import SlungLoad
 
 MANY_EFFECTS = Effects(
@@ -73,8 +73,8 @@ def test_a_linear_model_in_flight_matches_differences(asymmetric_vehicle, effect
     place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
     trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **place, effects=effects)
     system = affine_vehicle(trim, asymmetric_vehicle, effects=effects)
-    numbers = QuadrotorNumbers(asymmetric_vehicle, effects=effects)
-    vehicle = Quadrotor(time_step=0.0, effects=effects.names, numbers=numbers)
+    config = QuadrotorConfig(asymmetric_vehicle, effects=effects)
+    vehicle = Quadrotor(time_step=0.0, effects=effects.names, parameters=config)
     context = vehicle.CreateDefaultContext()
     swing = np.zeros(len(SWING_STATES) if effects.slung_load else 0)
     point = np.concatenate([trim.state, trim.rotor_speed, swing, trim.rotor_speed, trim.wind])
@@ -131,7 +131,7 @@ PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: 
 def test_the_loop_at_rest_has_the_payload_of_the_beginning(laboratory):
     for time, event, is_carried in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
         resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
-        payload = resting.effect_numbers().payload
+        payload = resting.effect_parameters().payload
         assert (payload is not None) == is_carried
         if payload is not None:
             masses = [loaded_body(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
@@ -144,7 +144,7 @@ def test_the_loop_at_rest_has_the_payload_of_the_beginning(laboratory):
 def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.01, 0.02, 0.03]}"
     others = ["vehicle.ground_effect={rotor_radius: 0.1}", "vehicle.reaction_torque=true", PAYLOAD.format(1, "dropped")]
-    vehicle = as_believed(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *others)).vehicle
+    vehicle = nominal_hover(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *others)).vehicle
     assert vehicle.body_drag.linear == (0.1, 0.2, 0.3)
     assert vehicle.body_drag.centre_of_pressure == (0.0, 0.0, 0.0)
     assert vehicle.rotor_aerodynamics.lift == 0.02
@@ -187,8 +187,8 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)
     else:
         throttle = (np.sqrt(1.05**2 + 4.0 * 2.6 * (0.68 * 9.81 / 4.0 - 0.11)) - 1.05) / 5.2
-        believed = 4.0 * (0.1 + throttle + 2.8 * throttle**2)
-        assert specific_thrust == pytest.approx(believed / 0.68, rel=1e-9)
+        nominal = 4.0 * (0.1 + throttle + 2.8 * throttle**2)
+        assert specific_thrust == pytest.approx(nominal / 0.68, rel=1e-9)
     assert len(plant.states) > 0
     laboratory_plant(laboratory(*ALL_EFFECTS, PAYLOAD.format(1.0, "dropped")), vehicle=vehicle)
 

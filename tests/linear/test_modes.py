@@ -36,9 +36,9 @@ def test_a_mode_names_its_main_states_in_descending_order(poles, period):
     for _ in range(12):
         T = rng.normal(size=(6, 6))
         A = T @ np.diag(poles) @ np.linalg.inv(T)
-        shares = np.abs(T * np.linalg.inv(T).T)
-        for mode, share in zip(modes(A, states, period=period), shares.T, strict=True):
-            order = [states[i] for i in np.argsort(-share) if share[i] > 0.1 * share.max()]
+        fractions = np.abs(T * np.linalg.inv(T).T)
+        for mode, fraction in zip(modes(A, states, period=period), fractions.T, strict=True):
+            order = [states[i] for i in np.argsort(-fraction) if fraction[i] > 0.1 * fraction.max()]
             assert mode.states == tuple(order)
             num_left_out += 6 - len(order)
             orders.add(tuple(order))

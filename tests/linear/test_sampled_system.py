@@ -83,8 +83,8 @@ def test_the_state_has_names_and_excludes_passive_systems(hover):
     names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
-    assert "laboratory.motion_capture.measurement_under_way.0.v_x" in names
-    assert "laboratory.command_link.wrench_under_way.1.thrust" in names
+    assert "laboratory.motion_capture.measurement_in_transit.0.v_x" in names
+    assert "laboratory.command_link.wrench_in_transit.1.thrust" in names
     assert "laboratory.wind.fans.wind.x" in names
     assert not any(name.startswith(PASSIVE_SYSTEMS) for name in names)
 

@@ -5,25 +5,25 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.linear.closed_loop import closed_loop
-from drake_quad.linear.step_response import release
-from drake_quad.scenario.hovering import as_believed
+from drake_quad.linear.step_response import initial_response
+from drake_quad.scenario.hovering import nominal_hover
 
 
 @pytest.fixture(scope="module")
 def loop():
-    return closed_loop(as_believed(load_scenario("diagrams/laboratory.yaml:nominal")))
+    return closed_loop(nominal_hover(load_scenario("diagrams/laboratory.yaml:nominal")))
 
 
 @pytest.mark.parametrize(("duration", "ticks"), [(0.0, 1), (0.1, 6), (0.5, 26)])
 def test_a_release_has_a_tick_at_each_end(loop, duration, ticks):
-    response = release(loop, {"x": 1e-4}, duration=duration)
+    response = initial_response(loop, {"x": 1e-4}, duration=duration)
     np.testing.assert_allclose(response.time, 0.02 * np.arange(ticks), atol=1e-12)
     assert response.linear.shape == response.nonlinear.shape == (ticks, 12)
 
 
 def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
     offset = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
-    response = release(loop, offset, duration=0.02)
+    response = initial_response(loop, offset, duration=0.02)
     expected = np.zeros(12)
     expected[[1, 5, 8, 10]] = 1e-3, -2e-3, 3e-3, 4e-3
     np.testing.assert_allclose(response.linear[0], expected, atol=1e-15)
@@ -35,6 +35,6 @@ def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
 
 def test_a_release_does_not_change_the_loop(loop):
     before = loop.context.get_time()
-    first = release(loop, {"z": 1e-3}, duration=0.2)
+    first = initial_response(loop, {"z": 1e-3}, duration=0.2)
     assert loop.context.get_time() == before
-    np.testing.assert_array_equal(release(loop, {"z": 1e-3}, duration=0.2).nonlinear, first.nonlinear)
+    np.testing.assert_array_equal(initial_response(loop, {"z": 1e-3}, duration=0.2).nonlinear, first.nonlinear)

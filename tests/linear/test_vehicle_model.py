@@ -21,7 +21,7 @@ from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
 WITH_DRAG = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
 
@@ -77,7 +77,7 @@ def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
     def rates(x):
         state = VehicleState(State(*x[:12]), RotorSpeed(*x[12:16]))
         inputs = RotorSpeed(*x[16:20]), Wind(*x[20:]), None
-        slope = quadrotor_slope(state, *inputs, WITH_DRAG, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
+        slope = quadrotor_derivatives(state, *inputs, WITH_DRAG, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
         return np.hstack([slope.body, slope.rotors])
 
     steps = 1e-6 * np.maximum(1.0, np.abs(point))

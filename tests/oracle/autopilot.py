@@ -54,14 +54,14 @@ class AttitudeAutopilot:
         return self.held_wrench
 
 
-class ThrustAlone(NoAutopilot):
+class ThrustOnly(NoAutopilot):
     """Autopilot that passes on only the thrust of the target."""
 
     def wrench(self, command):
         return np.array([command[0], 0.0, 0.0, 0.0])
 
 
-AUTOPILOTS = {"none": NoAutopilot, "attitude": AttitudeAutopilot, "response": ThrustAlone}
+AUTOPILOTS = {"none": NoAutopilot, "attitude": AttitudeAutopilot, "response": ThrustOnly}
 
 
 class RespondingVehicle(SmallAngleVehicle):

@@ -69,7 +69,7 @@ class Cameras(DelayLine):
         self.drift_noise = Stream(seed, sample, NOISE, "motion_capture.velocity_drift", 3)
         self.drift, self.drifts = np.zeros(3), any(numbers.velocity_drift)
         pose = self.pose(0, state)
-        self.factors = np.array([*(1.0 + share for share in numbers.velocity_error), 1.0, 1.0, 1.0])
+        self.factors = np.array([*(1.0 + fraction for fraction in numbers.velocity_error), 1.0, 1.0, 1.0])
         rates = self.factors * state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
         self.before = pose
         super().__init__(np.concatenate([pose, rates]), numbers.latency_frames)

@@ -154,11 +154,11 @@ class Vehicle:
     def targets(self, command, time):
         """Return the target speeds of the rotors for a command at a time."""
         numbers = self.numbers
-        share = np.full(4, 1.0 - self.sag * time)
+        fraction = np.full(4, 1.0 - self.sag * time)
         failure = numbers.rotor_failure
         if failure is not None and time >= failure.time:
-            share[int(failure.rotor) - 1] *= failure.speed_factor
-        return share * np.clip(command, numbers.min_rotor_speed, numbers.max_rotor_speed)
+            fraction[int(failure.rotor) - 1] *= failure.speed_factor
+        return fraction * np.clip(command, numbers.min_rotor_speed, numbers.max_rotor_speed)
 
     def step(self, state, speeds, command, wind, time, h):
         """Return state and rotor speeds after a step h that ends at a time, by the classical Runge-Kutta method.
@@ -242,8 +242,8 @@ def allocate(wrench, nominal, priority):
     inside &= (corners[:, 2] >= min(yaw, 0.0)) & (corners[:, 2] <= max(yaw, 0.0))
     missing = np.abs(corners[inside] - [thrust / weight, 1.0, yaw])
     first = [0, 1, 2] if priority == "thrust" else [1, 0, 2]
-    kept, share, turned = corners[inside][_least(missing[:, first])] * scale
-    given = np.array([kept, share * wrench[1], share * wrench[2], turned])
+    kept, fraction, turned = corners[inside][_least(missing[:, first])] * scale
+    given = np.array([kept, fraction * wrench[1], fraction * wrench[2], turned])
     return np.sqrt(np.clip(parts @ given, low, high)), wrench - given
 
 

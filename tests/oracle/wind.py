@@ -28,14 +28,14 @@ class Gust:
         time, rise = (k + 0.5) * self.h - self.source.start, self.source.rise_time
         hold = math.inf if self.source.hold_time is None else self.source.hold_time
         if time <= 0.0 or time >= 2.0 * rise + hold:
-            share = 0.0
+            fraction = 0.0
         elif time < rise:
-            share = 0.5 * (1.0 - math.cos(math.pi * time / rise))
+            fraction = 0.5 * (1.0 - math.cos(math.pi * time / rise))
         elif time <= rise + hold:
-            share = 1.0
+            fraction = 1.0
         else:
-            share = 0.5 * (1.0 + math.cos(math.pi * (time - rise - hold) / rise))
-        return share * self.velocity
+            fraction = 0.5 * (1.0 + math.cos(math.pi * (time - rise - hold) / rise))
+        return fraction * self.velocity
 
 
 class Sine:

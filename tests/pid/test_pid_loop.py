@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from drake_quad.pid.filters import EMPTY_FILTER, butterworth, filtered, first_order
+from drake_quad.pid.filters import EMPTY_FILTER, butterworth, filter_step, first_order
 from drake_quad.pid.loop import Derivative, Integral, LastMeasurement, Memory, Terms, pid
 
 PERIOD = 0.01  # s, tick of the loop
@@ -36,7 +36,7 @@ def test_the_second_order_filter_agrees_with_scipy():
     np.testing.assert_allclose([1.0, a_1, a_2], a, rtol=1e-12)
     samples, state, actual = np.random.default_rng(1).normal(size=40), EMPTY_FILTER, []
     for sample in samples:
-        output, state = filtered(sample, butterworth(2.0 * np.pi * 30.0, 0.002), state)
+        output, state = filter_step(sample, butterworth(2.0 * np.pi * 30.0, 0.002), state)
         actual.append(output)
     np.testing.assert_allclose(actual, scipy.signal.lfilter(b, a, samples), rtol=1e-10)
 
@@ -54,9 +54,9 @@ def test_an_integral_saturates_and_leaves_its_limit_at_once(first, offset):
 
 
 def test_the_growth_of_an_integral_decreases_with_the_squared_error():
-    for error, share in [(0.5, 1.0 - 0.25**2), (1.0, 0.75), (2.0, 0.0), (3.0, 0.0)]:
+    for error, fraction in [(0.5, 1.0 - 0.25**2), (1.0, 0.75), (2.0, 0.0), (3.0, 0.0)]:
         actual = run(Terms(Integral(3.0, 9.0, 2.0)), [error] * 2, [0.0] * 2)
-        assert actual[1] == pytest.approx(3.0 * share * error * PERIOD)
+        assert actual[1] == pytest.approx(3.0 * fraction * error * PERIOD)
 
 
 def test_a_derivative_is_the_rate_of_the_measurement_and_not_of_the_setpoint():

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.errors import InputError
-from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.flight.hover_error import nominal_tracking_error
 from drake_quad.flight.mission import plan_route, planned
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
@@ -165,7 +165,7 @@ def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
-    predicted_error = believed_tracking_error(room(wind, *dragged)).rms.value
+    predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
     # The fraction affects the plan, but not the detection of collisions.
     assert room("space.tracking=0.5").room().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)

@@ -8,9 +8,9 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
-from drake_quad.planning.believed import nominal_parameters, planned_parameters
 from drake_quad.planning.duration import flight_duration, window_end, window_start
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import nominal_parameters, planned_parameters
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.files.loading import load_mission
@@ -267,9 +267,9 @@ def test_yaw_rate_along_a_path_includes_the_rate_of_its_direction():
     mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
     plan = plan_route(mission)
     demand = plan_demand(plan, planned_parameters(mission), sample_times(plan))
-    (yaw,) = evaluate(plan.flown_yaw, sample_times(plan))
+    (yaw,) = evaluate(plan.extended_yaw, sample_times(plan))
     assert np.ptp(yaw) > 2.0 * math.pi
     np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
     # For a small tilt, the body rate r is nearly the yaw rate.
-    (yaw_rate,) = evaluate(plan.flown_yaw, sample_times(plan), 1)
+    (yaw_rate,) = evaluate(plan.extended_yaw, sample_times(plan), 1)
     np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())

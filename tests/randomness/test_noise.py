@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceParameters
 from drake_quad.randomness.noise import (
     EXPORTED_PREFIX,
     Exported,
@@ -29,7 +29,7 @@ class SourceOfOneStream:
     """Noise source with a single stream, and its context."""
 
     def __init__(self, stream, samples):
-        self.source = NoiseSource(num_vehicles=len(samples.numbers), streams=[stream], numbers=samples)
+        self.source = NoiseSource(num_vehicles=len(samples.indices), streams=[stream], parameters=samples)
 
     def at(self, time):
         """Return the numbers (rows · N,) at a time, s."""
@@ -79,7 +79,7 @@ def test_a_stream_does_not_depend_on_others_in_the_same_source():
         Stream("c", StreamKind.WIND, 2, GAUSSIAN, 0.01),
     ]
     samples = Samples(5, [4, 1])
-    together = NoiseSource(num_vehicles=2, streams=streams, numbers=samples)
+    together = NoiseSource(num_vehicles=2, streams=streams, parameters=samples)
     for time in (0.0, 0.01, 7.0, 50.01):
         apart = [SourceOfOneStream(stream, samples).at(time) for stream in streams]
         np.testing.assert_array_equal(source_numbers(together, time), np.concatenate(apart))
@@ -97,7 +97,7 @@ def test_a_source_has_streams_of_several_periods():
     streams = Stream("n", StreamKind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", StreamKind.NOISE, 1, UNIFORM, 0.02)
     fast, slow = (SourceOfOneStream(stream, samples) for stream in streams)
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("noise", NoiseSource(streams=streams, numbers=samples))
+    source = builder.AddNamedSystem("noise", NoiseSource(streams=streams, parameters=samples))
     log = LogVectorOutput(source.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.0)
@@ -112,7 +112,7 @@ def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
     """Neither other contexts nor the source itself change."""
     streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])
-    source, other = (NoiseSource(num_vehicles=2, streams=streams, numbers=samples) for samples in (first, second))
+    source, other = (NoiseSource(num_vehicles=2, streams=streams, parameters=samples) for samples in (first, second))
     untouched, context = source.CreateDefaultContext(), source.CreateDefaultContext()
     before = source_numbers(source, 0.5, untouched)
     source.reset(context, second)
@@ -127,7 +127,7 @@ def turbulent_builder(num_vehicles):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
     builder = DiagramBuilder()
     sources = {
-        name: DrydenTurbulence(num_vehicles=num_vehicles, period=0.02, numbers=TurbulenceNumbers(turbulence))
+        name: DrydenTurbulence(num_vehicles=num_vehicles, period=0.02, parameters=TurbulenceParameters(turbulence))
         for name in "ab"
     }
     for name, source in sources.items():

@@ -14,17 +14,17 @@ RISING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
 
 def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
     limits = PathLimits(speed=2.1875)
-    path = RISING_PATH.stretched(stretch_factor(RISING_PATH, limits))
+    path = RISING_PATH.scaled_in_time(stretch_factor(RISING_PATH, limits))
     (binding,) = active_constraints(path, limits)
-    assert (binding.what, binding.where, binding.segment) == ("speed", "", 0)
+    assert (binding.quantity, binding.location, binding.segment) == ("speed", "", 0)
     assert binding.time == pytest.approx(2.0, abs=1e-6)
 
 
 def test_the_acceleration_limit_is_active_when_speeding_up_and_braking():
     limits = PathLimits(speed=100.0, acceleration=1.0)
-    path = RISING_PATH.stretched(stretch_factor(RISING_PATH, limits))
+    path = RISING_PATH.scaled_in_time(stretch_factor(RISING_PATH, limits))
     actual = active_constraints(path, limits)
-    assert [binding.what for binding in actual] == ["acceleration"] * 2
+    assert [binding.quantity for binding in actual] == ["acceleration"] * 2
     middle = path.times.mean()
     np.testing.assert_allclose(middle - actual[0].time, actual[1].time - middle, atol=1e-6)
 
@@ -34,7 +34,7 @@ def test_a_wall_that_is_touched_between_waypoints_is_active():
     top = Box([-1.0, -1.0], [3.0, 1.0])
     actual = active_constraints(path, PathLimits(), (top, None))
     # The path turns back at the waypoint, which belongs to both segments. Only the first segment has a corridor.
-    assert all((binding.what, binding.where) == ("corridor", "y max") for binding in actual)
+    assert all((binding.quantity, binding.location) == ("corridor", "y max") for binding in actual)
     assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 
 
@@ -54,15 +54,17 @@ def test_active_constraints_are_in_order_of_time_with_their_segments():
     expected = sorted([
         (samples[highest], "corridor", "y max"), (samples[lowest], "corridor", "y min"), (samples[fastest], "speed", "")
     ])  # fmt: skip
-    assert [(binding.what, binding.where) for binding in actual] == [(what, where) for _, what, where in expected]
+    assert [(binding.quantity, binding.location) for binding in actual] == [
+        (what, where) for _, what, where in expected
+    ]
     np.testing.assert_allclose([binding.time for binding in actual], [time for time, *_ in expected], atol=1e-3)
     assert [binding.segment for binding in actual] == [0, 1, 2]
 
 
-@pytest.mark.parametrize(("share", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
-def test_a_margin_below_a_thousandth_counts_as_active(share, count):
-    assert len(active_constraints(RISING_PATH, PathLimits(speed=2.1875 * share))) == count
+@pytest.mark.parametrize(("fraction", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
+def test_a_margin_below_a_thousandth_counts_as_active(fraction, count):
+    assert len(active_constraints(RISING_PATH, PathLimits(speed=2.1875 * fraction))) == count
     top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
     highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()
-    roof = highest + 2.0 * (share - 1.0)
+    roof = highest + 2.0 * (fraction - 1.0)
     assert len(active_constraints(top, PathLimits(), [Box([-0.5, roof - 2.0], [1.0, roof])] * 2)) == count

@@ -19,7 +19,9 @@ CLIMBING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
 def check(path, **limits):
     limits = {"min_rotor_speed": 60.0, "max_rotor_speed": 300.0, **limits}
     times = sample_times(path)
-    return first_violation(times, np.array(plan_demand(Plan.facing(path), PAPER_VEHICLE, times).rotor_speed), **limits)
+    return first_violation(
+        times, np.array(plan_demand(Plan.with_constant_yaw(path), PAPER_VEHICLE, times).rotor_speed), **limits
+    )
 
 
 def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():

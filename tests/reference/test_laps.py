@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.mission import plan_route
-from drake_quad.reference.laps import LapDurations, path_of_laps, periodic_seam
+from drake_quad.reference.laps import LapDurations, path_of_laps, periodic_boundary_derivatives
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.time_allocation import trapezoid_times
@@ -27,11 +27,11 @@ def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
+    np.testing.assert_allclose(periodic_boundary_derivatives(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
 
 
 def test_the_motion_between_laps_has_the_minimum_snap():
-    seam = periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES)
+    seam = periodic_boundary_derivatives(POINTS, DURATIONS, FREE_DERIVATIVES)
     least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
@@ -41,10 +41,10 @@ def test_the_motion_between_laps_has_the_minimum_snap():
 def test_given_derivatives_between_laps_are_kept():
     stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
-    np.testing.assert_array_equal(periodic_seam(POINTS, DURATIONS, stop), 0.0)
+    np.testing.assert_array_equal(periodic_boundary_derivatives(POINTS, DURATIONS, stop), 0.0)
     still = FREE_DERIVATIVES.copy()
     still[-1, 0] = 0.25
-    seam = periodic_seam(POINTS, DURATIONS, still)
+    seam = periodic_boundary_derivatives(POINTS, DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
     path = closed_path(seam)
     for order in (4, 5):
@@ -202,11 +202,11 @@ def test_metrics_cannot_start_at_a_lap_that_does_not_exist(diagrams, window, wor
         simulate(route(diagrams, "kind: circle", f"metrics={window}"))
 
 
-@pytest.mark.parametrize(("share", "fits"), [(1.0, True), (1.0 / 1.2, False)])
-def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessary_factor(diagrams, share, fits):
+@pytest.mark.parametrize(("fraction", "fits"), [(1.0, True), (1.0 / 1.2, False)])
+def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessary_factor(diagrams, fraction, fits):
     given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {SQUARE}, top_acceleration: null, top_speed: "
     fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
-    limited = given + repr(share * fastest)
+    limited = given + repr(fraction * fastest)
     if fits:
         assert plan_route(route(diagrams, limited)).lap_times[-1] == pytest.approx(37.0)
     else:

@@ -23,7 +23,7 @@ def test_the_path_and_its_derivatives_agree_with_sines(figure):
     path = lissajous(**figure, period=period, laps=laps)
     assert (path.times[0], path.times[-1]) == (0.0, pytest.approx(period * laps))
     times = np.random.default_rng(0).uniform(0.0, period * laps, 300)
-    for order, share in enumerate((1e-9, 1e-8, 1e-6, 1e-5, 1e-3)):
+    for order, fraction in enumerate((1e-9, 1e-8, 1e-6, 1e-5, 1e-3)):
         for axis in range(3):
             w = math.tau * figure["turns"][axis] / period
             a = figure["amplitude"][axis]
@@ -31,7 +31,7 @@ def test_the_path_and_its_derivatives_agree_with_sines(figure):
             if order == 0:
                 expected = expected + figure["centre"][axis]
             np.testing.assert_allclose(
-                evaluate(path, times, order)[axis], expected, rtol=0, atol=share * max(1e-3, abs(a) * w**order)
+                evaluate(path, times, order)[axis], expected, rtol=0, atol=fraction * max(1e-3, abs(a) * w**order)
             )
 
 

@@ -23,7 +23,7 @@ from drake_quad.reference.minimum_snap_program import MinimumSnapProgram
 from drake_quad.reference.path_problem import Box, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, evaluate_at
-from drake_quad.reference.time_optimization import least_snap_durations
+from drake_quad.reference.time_optimization import minimum_snap_durations
 
 EXACT_COSTS = [
     ([0, 1.7], [0, 1.3], 100800 * 1.7**2 / 1.3**7),
@@ -350,6 +350,6 @@ def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less(
         for order in range(5):
             scale = np.abs(desired[order]).max()
             np.testing.assert_allclose(evaluate(path, samples, order).T, desired[order], atol=1e-7 * scale)
-        better = least_snap_durations(waypoints, durations)
+        better = minimum_snap_durations(waypoints, durations)
         assert better.sum() == pytest.approx(durations.sum(), rel=1e-12)
         assert MinimumSnap(waypoints, better).cost <= cost * (1.0 + 1e-9)

@@ -50,20 +50,20 @@ def random_route(seed, segments):
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
 @example(999999999, 9, 0.8623080172107366)  # infeasible, but the solver cannot prove it
 @settings(max_examples=30, deadline=None)
-def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
+def test_limits_are_kept_everywhere_and_attained(seed, segments, fraction):
     waypoints, durations = random_route(seed, segments)
     free = MinimumSnap(waypoints, durations).path()
     peaks = {order: peak_norm(free, order) for order in (1, 2)}
-    limits = PathLimits(speed=share * peaks[1], acceleration=share * peaks[2])
+    limits = PathLimits(speed=fraction * peaks[1], acceleration=fraction * peaks[2])
     try:
         path = path_within(PathProblem(points(waypoints), limits=limits), durations)
     except InfeasibleError:
         assume(False)
-    shares = [
+    fractions = [
         np.linalg.norm(dense_samples(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()
     ]
-    assert max(shares) <= 1.0 + 1e-6
-    assert max(shares) >= 0.999
+    assert max(fractions) <= 1.0 + 1e-6
+    assert max(fractions) >= 0.999
     assert snap_cost(path).sum() >= snap_cost(free).sum()
     for order in (1, 2, 3):
         assert jump(path, order) <= 1e-8 * peak_norm(path, order)
@@ -172,9 +172,9 @@ def test_a_user_defined_constraint_can_be_added(order):
 
 
 @pytest.mark.parametrize(
-    ("slack", "share"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
+    ("slack", "fraction"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
-def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, share):
+def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, fraction):
     """This scaling holds for any durations, so the coefficients of the program have similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
@@ -184,7 +184,7 @@ def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, share):
         for variable, curvature in zip(binding.variables(), np.diag(binding.evaluator().Q()), strict=True):
             costs[variable.get_id()] += 0.5 * curvature
     assert len(costs) == 2 * 2 * 4
-    np.testing.assert_allclose(list(costs.values()), share, rtol=1e-9)
+    np.testing.assert_allclose(list(costs.values()), fraction, rtol=1e-9)
 
 
 def test_points_within_limits_are_planned_in_closed_form():
@@ -371,8 +371,8 @@ def test_the_excess_over_limits_is_the_smallest_possible():
     program.solve()
     assert program.excess > 0.01
 
-    def path(share):
-        wider = PathLimits(**{name: (1.0 + share * program.excess) * limit for name, limit in limits.items()})
+    def path(fraction):
+        wider = PathLimits(**{name: (1.0 + fraction * program.excess) * limit for name, limit in limits.items()})
         return path_within(PathProblem(points(waypoints), limits=wider), durations)
 
     assert path(1.01).duration == pytest.approx(durations.sum())

@@ -113,21 +113,21 @@ def test_a_plan_that_begins_later_hovers_until_then():
 
 def test_a_path_of_too_high_a_degree_cannot_be_written():
     coefficients = np.zeros((1, 10, 3))
-    Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))
-    assert pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
+    Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients))
+    assert pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
     coefficients[0, 9] = 1.0
     with pytest.raises(InputError, match="the path has degree 9, but a piece has at most degree 7"):
-        pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
+        pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 
 def test_a_file_of_other_programs_is_read(write):
     """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
     plan = plan_route(load_mission(write(ROUND_TRIP)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
-    shares = np.linspace(0.0, 1.0, 21)
-    blend = 35 * shares**4 - 84 * shares**5 + 70 * shares**6 - 20 * shares**7
-    np.testing.assert_allclose(evaluate(plan.path, 2.0 * shares)[0], blend, atol=1e-12)
-    np.testing.assert_allclose(evaluate(plan.path, 2.0 + 4.0 * shares)[0], 1.0 - blend, atol=5e-3)
+    fractions = np.linspace(0.0, 1.0, 21)
+    blend = 35 * fractions**4 - 84 * fractions**5 + 70 * fractions**6 - 20 * fractions**7
+    np.testing.assert_allclose(evaluate(plan.path, 2.0 * fractions)[0], blend, atol=1e-12)
+    np.testing.assert_allclose(evaluate(plan.path, 2.0 + 4.0 * fractions)[0], 1.0 - blend, atol=5e-3)
     np.testing.assert_allclose(evaluate(plan.yaw, [1.0, 4.0, 6.0])[0], [0.0, 0.2, 0.4], atol=1e-12)
 
 
@@ -279,13 +279,13 @@ def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
     actual = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
-    assert_alike(Plan.facing(PATH, 0.4), actual)
+    assert_alike(Plan.with_constant_yaw(PATH, 0.4), actual)
     np.testing.assert_array_equal(actual.yaw.times, PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():
     made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(PLAN), degree=7, num_continuous_orders=4)
-    assert_alike(Plan.facing(PATH), plan_of_minsnap(made), atol=1e-9)
+    assert_alike(Plan.with_constant_yaw(PATH), plan_of_minsnap(made), atol=1e-9)
 
 
 def test_an_invalid_trajectory_of_minsnap_trajectories_is_rejected(monkeypatch):

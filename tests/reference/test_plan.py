@@ -9,7 +9,7 @@ from drake_quad.reference.polynomial_path import evaluate, hermite_path
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.source import build_reference
 
-PLAN = Plan.facing(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
+PLAN = Plan.with_constant_yaw(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
 
 
 def test_the_source_outputs_the_derivatives_of_the_plan():
@@ -58,7 +58,7 @@ def test_a_hover_plan_stays_at_its_position():
 
 
 def test_a_plan_has_leg_times_and_an_initial_yaw():
-    plan = Plan.facing(PLAN.path, 0.3, (Leg("away", 0), Leg("back", 1)))
+    plan = Plan.with_constant_yaw(PLAN.path, 0.3, (Leg("away", 0), Leg("back", 1)))
     assert plan.leg_times == [0.5, 1.5]
     assert plan.initial_yaw == 0.3
     assert plan.duration == 2.5
@@ -87,7 +87,7 @@ def test_the_reference_lasts_until_path_and_yaw_are_at_rest(speed, yaw_rate):
     assert plan.rest_time > 5.0
     reference = plan.reference()
     for time in np.linspace(0.0, plan.rest_time + 3.0, 40):
-        until = [min(time, part.times[-1]) for part in (plan.flown_path, plan.flown_yaw)]
-        place = [evaluate(plan.flown_path, until[:1], order)[:, 0] for order in range(3)]
-        angle = [evaluate(plan.flown_yaw, until[1:], order)[0, 0] for order in range(2)]
+        until = [min(time, part.times[-1]) for part in (plan.extended_path, plan.extended_yaw)]
+        place = [evaluate(plan.extended_path, until[:1], order)[:, 0] for order in range(3)]
+        angle = [evaluate(plan.extended_yaw, until[1:], order)[0, 0] for order in range(2)]
         np.testing.assert_allclose(reference.value(time)[:11, 0], [*np.ravel(place), *angle], atol=1e-9)

@@ -12,10 +12,10 @@ from drake_quad.reference.active_constraints import active_constraints
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 from drake_quad.reference.planner import (
-    GivenTimes,
-    Heuristic,
-    LeastSnap,
-    Shortest,
+    FixedTimes,
+    HeuristicTiming,
+    MinimumSnapTiming,
+    MinimumTimeTiming,
     passing_times,
     plan_path,
     without_repeats,
@@ -38,7 +38,7 @@ def total(path):
     return path.times[-1] - path.times[0]
 
 
-def shares(path, limits=LIMITS):
+def fractions(path, limits=LIMITS):
     """Return the largest speed and acceleration relative to their limits, from dense samples of the path."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
@@ -72,8 +72,8 @@ def random_points(seed):
 def test_random_routes_are_planned_within_the_limits(seed):
     points = random_points(seed)
     asked = problem(points)
-    path = plan_path(asked, Shortest())
-    kept = shares(path)
+    path = plan_path(asked, MinimumTimeTiming())
+    kept = fractions(path)
     assert max(kept) <= 1.0 + 1e-6
     assert max(kept) >= 0.999
     distinct = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
@@ -92,8 +92,8 @@ def test_random_routes_are_planned_within_the_limits(seed):
 @pytest.mark.parametrize("seed", range(8))
 def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
     asked = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
-    heuristic, shortest = (plan_path(asked, timing) for timing in (Heuristic(), Shortest()))
-    assert 0.999 <= max(shares(heuristic)) <= 1.0 + 1e-6
+    heuristic, shortest = (plan_path(asked, timing) for timing in (HeuristicTiming(), MinimumTimeTiming()))
+    assert 0.999 <= max(fractions(heuristic)) <= 1.0 + 1e-6
     assert total(shortest) < total(heuristic)
 
 
@@ -108,9 +108,14 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
     ]
     asked = PathProblem(places, corridors=CORRIDORS, limits=LIMITS)
     totals = {}
-    for timing in (GivenTimes((0.0, 5.0, 9.0, 13.0, 18.0)), Heuristic(), LeastSnap(17.0), Shortest()):
+    for timing in (
+        FixedTimes((0.0, 5.0, 9.0, 13.0, 18.0)),
+        HeuristicTiming(),
+        MinimumSnapTiming(17.0),
+        MinimumTimeTiming(),
+    ):
         path = plan_path(asked, timing)
-        assert max(shares(path)) <= 1.0 + 1e-6
+        assert max(fractions(path)) <= 1.0 + 1e-6
         passed = evaluate(path, path.times).T
         for place, position in zip(places, passed, strict=True):
             assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
@@ -119,39 +124,42 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
             assert (positions >= corridor.low - 1e-6).all()
             assert (positions <= corridor.high + 1e-6).all()
         totals[type(timing)] = total(path)
-    assert totals[GivenTimes] == 18.0
-    assert totals[LeastSnap] == pytest.approx(17.0)
-    assert totals[Shortest] < totals[Heuristic]
-    touched = {binding.what for binding in active_constraints(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
+    assert totals[FixedTimes] == 18.0
+    assert totals[MinimumSnapTiming] == pytest.approx(17.0)
+    assert totals[MinimumTimeTiming] < totals[HeuristicTiming]
+    touched = {
+        binding.quantity
+        for binding in active_constraints(plan_path(asked, MinimumTimeTiming()), LIMITS, asked.corridors)
+    }
     assert touched == {"acceleration", "corridor"}
 
 
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_agrees_with_an_independent_search():
     """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
-    assert total(plan_path(problem(corridors=CORRIDORS), Shortest())) <= 1.002 * 14.930
+    assert total(plan_path(problem(corridors=CORRIDORS), MinimumTimeTiming())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
 def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
     """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
-    path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), LeastSnap(14.0))
+    path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), MinimumSnapTiming(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
 def test_limits_have_priority_over_least_snap():
     asked = problem()
-    shortest = plan_path(asked, Shortest())
-    free = plan_path(problem(limits=PathLimits()), LeastSnap(total(shortest)))
-    within = plan_path(asked, LeastSnap(total(shortest)))
-    assert max(shares(free)) > 1.001
-    assert max(shares(within)) <= 1.0 + 1e-6
+    shortest = plan_path(asked, MinimumTimeTiming())
+    free = plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total(shortest)))
+    within = plan_path(asked, MinimumSnapTiming(total(shortest)))
+    assert max(fractions(free)) > 1.001
+    assert max(fractions(within)) <= 1.0 + 1e-6
     assert snap_cost(free).sum() <= snap_cost(within).sum() <= snap_cost(shortest).sum() * (1.0 + 1e-6)
-    ample = plan_path(asked, LeastSnap(30.0))
+    ample = plan_path(asked, MinimumSnapTiming(30.0))
     assert MinimumSnap(SQUARE, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
 
 
-@pytest.mark.parametrize("timing", [Heuristic(), Shortest()])
+@pytest.mark.parametrize("timing", [HeuristicTiming(), MinimumTimeTiming()])
 def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
     """With at most 0.7 m/s², a flight of 1 cm from rest to rest takes at least 2 √(0.01 / 0.7) s."""
     duration = total(plan_path(problem(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])), timing))
@@ -162,18 +170,23 @@ def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
 def test_a_given_velocity_is_flown():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [-1.0, 0.5, 0.0]
-    for timing in (Heuristic(), Shortest(), LeastSnap(18.0), GivenTimes((0.0, 5.0, 10.0, 14.0, 20.0))):
+    for timing in (
+        HeuristicTiming(),
+        MinimumTimeTiming(),
+        MinimumSnapTiming(18.0),
+        FixedTimes((0.0, 5.0, 10.0, 14.0, 20.0)),
+    ):
         path = plan_path(problem(derivatives=derivatives), timing)
         np.testing.assert_allclose(evaluate(path, path.times[2:3], 1)[:, 0], [-1.0, 0.5, 0.0], atol=1e-9)
-        assert max(shares(path)) <= 1.0 + 1e-6
+        assert max(fractions(path)) <= 1.0 + 1e-6
 
 
 def test_repeated_waypoints_are_merged_unless_times_are_given():
     points = SQUARE[[0, 1, 1, 1, 2]]
-    chosen = plan_path(problem(points), Shortest())
+    chosen = plan_path(problem(points), MinimumTimeTiming())
     assert len(chosen.times) == 3
     np.testing.assert_array_equal(passing_times(problem(points), chosen), chosen.times[[0, 1, 1, 1, 2]])
-    given = plan_path(problem(points), GivenTimes((0.0, 5.0, 6.0, 8.0, 13.0)))
+    given = plan_path(problem(points), FixedTimes((0.0, 5.0, 6.0, 8.0, 13.0)))
     stay = np.linspace(5.0, 8.0, 50)
     np.testing.assert_allclose(evaluate(given, stay).T, np.tile(points[1], (50, 1)), atol=1e-12)
 
@@ -193,8 +206,8 @@ def test_repeated_waypoints_keep_their_given_derivatives():
 
 def test_times_may_begin_at_any_instant_and_span_a_day():
     times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
-    expected = plan_path(problem(), GivenTimes(tuple(times)))
-    later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
+    expected = plan_path(problem(), FixedTimes(tuple(times)))
+    later = plan_path(problem(), FixedTimes(tuple(1e5 + times)))
     np.testing.assert_array_equal(later.times, 1e5 + times)
     np.testing.assert_allclose(
         later.coefficients, expected.coefficients, atol=1e-9 * np.abs(expected.coefficients).max()
@@ -203,12 +216,12 @@ def test_times_may_begin_at_any_instant_and_span_a_day():
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])
 def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
-    assert plan_path(problem(limits=PathLimits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
+    assert plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total)).duration == pytest.approx(total, rel=1e-9)
 
 
 def test_a_flight_after_a_stay_equals_a_flight_that_starts_there():
     points = SQUARE[[0, 0, 1, 2]]
-    stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
+    stayed = plan_path(problem(points), FixedTimes((0.0, 3.0, 7.0, 12.0)))
     alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
     np.testing.assert_allclose(stayed.coefficients[1:], alone.coefficients, atol=1e-12)
 
@@ -231,7 +244,7 @@ def test_merged_waypoints_keep_their_corridors_and_derivatives():
 def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     with pytest.raises(InputError) as error:
-        plan_path(problem(), GivenTimes(tuple(times)))
+        plan_path(problem(), FixedTimes(tuple(times)))
     words = re.fullmatch(
         r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
         r"needed; flown ([\d.]+) times slower, it is feasible",
@@ -241,14 +254,14 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     needed, slower = float(words[2]), float(words[3])
     # The acceleration decreases with the square of the duration.
     assert slower == pytest.approx(np.sqrt(needed / 0.7), rel=0.01)
-    path = plan_path(problem(), GivenTimes(tuple(slower * times)))
-    assert max(shares(path)) <= 1.0 + 1e-6
+    path = plan_path(problem(), FixedTimes(tuple(slower * times)))
+    assert max(fractions(path)) <= 1.0 + 1e-6
     with pytest.raises(InputError, match="cannot be kept"):
-        plan_path(problem(), GivenTimes(tuple(0.98 * slower * times)))
+        plan_path(problem(), FixedTimes(tuple(0.98 * slower * times)))
     with pytest.raises(InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; flown 2.19 times"):
-        plan_path(problem(SQUARE[:2], limits=PathLimits(speed=1.0)), GivenTimes((0.0, 2.0)))
+        plan_path(problem(SQUARE[:2], limits=PathLimits(speed=1.0)), FixedTimes((0.0, 2.0)))
     with pytest.raises(InputError, match=r"the acceleration limit .* flown 1\.\d+ times slower"):
-        plan_path(problem(), LeastSnap(9.0))
+        plan_path(problem(), MinimumSnapTiming(9.0))
 
 
 @pytest.mark.slow
@@ -257,20 +270,20 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 )
 def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
-        plan_path(problem(), GivenTimes(times))
+        plan_path(problem(), FixedTimes(times))
     slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
-    path = plan_path(problem(), GivenTimes(tuple(slower * np.array(times))))
-    assert max(shares(path)) <= 1.0 + 1e-6
+    path = plan_path(problem(), FixedTimes(tuple(slower * np.array(times))))
+    assert max(fractions(path)) <= 1.0 + 1e-6
 
 
 def test_an_object_that_is_no_timing_is_rejected():
     with pytest.raises(TypeError, match="is not a GivenTimes, Heuristic, LeastSnap or Shortest"):
-        plan_path(problem(), Shortest)
+        plan_path(problem(), MinimumTimeTiming)
 
 
 def test_a_path_that_turns_back_is_not_slower_than_a_path_with_a_stop():
     points = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    path = plan_path(problem(points), Shortest())
+    path = plan_path(problem(points), MinimumTimeTiming())
     assert total(path) <= 1.0011 * rest_to_rest_durations(points, LIMITS).sum()
 
 
@@ -278,29 +291,29 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
     with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
-        plan_path(problem(derivatives=derivatives, corridors=CORRIDORS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
+        plan_path(problem(derivatives=derivatives, corridors=CORRIDORS), FixedTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
 
 
 @pytest.mark.parametrize(
     ("asked", "timing", "words"),
     [
-        (problem(), GivenTimes((0.0, 1.0)), "2 times for 5 waypoints"),
-        (problem(), GivenTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
-        (problem(), GivenTimes((0.0, 1.0, np.nan, 2.0, 3.0)), "times must be finite and increase$"),
-        (problem(), GivenTimes((0.0, 1.0, 2.0, np.inf, np.inf)), "times must be finite and increase$"),
-        (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
-        (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
-        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
-        (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
-        (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "need not move; give the times"),
+        (problem(), FixedTimes((0.0, 1.0)), "2 times for 5 waypoints"),
+        (problem(), FixedTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
+        (problem(), FixedTimes((0.0, 1.0, np.nan, 2.0, 3.0)), "times must be finite and increase$"),
+        (problem(), FixedTimes((0.0, 1.0, 2.0, np.inf, np.inf)), "times must be finite and increase$"),
+        (problem(), FixedTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
+        (problem(), MinimumSnapTiming(0.0), "total duration is 0 s, but must be positive"),
+        (problem(), MinimumSnapTiming(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
+        (problem(limits=PathLimits(speed=1e-9)), MinimumTimeTiming(), "would take about .* s, more than 86400 s"),
+        (problem(limits=PathLimits(speed=1e-300)), HeuristicTiming(), "would take about .* s, more than 86400 s"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), MinimumTimeTiming(), "need not move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
-            Shortest(),
+            MinimumTimeTiming(),
             "the vehicle need not move; give the times",
         ),
-        (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
-        (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
+        (problem(limits=PathLimits()), MinimumTimeTiming(), "give a limit on the speed or acceleration"),
+        (problem(SQUARE[[0, 0]]), MinimumTimeTiming(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )
 def test_invalid_input_is_rejected_with_the_reason(asked, timing, words):

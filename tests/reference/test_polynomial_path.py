@@ -13,7 +13,7 @@ from drake_quad.reference.polynomial_path import (
     hermite_path,
     knots,
     peak_norm,
-    refined,
+    subdivide,
     turning_points,
 )
 
@@ -79,7 +79,7 @@ def test_between_turning_points_the_position_is_monotonic(seed, segments):
 @settings(max_examples=40, deadline=None)
 def test_a_refined_path_is_the_same_path(seed, times):
     path = random_path(seed)
-    finer = refined(path, np.array(sorted(set(times))))
+    finer = subdivide(path, np.array(sorted(set(times))))
     assert set(path.times) <= set(finer.times)
     samples = np.linspace(path.times[0], path.times[-1], 400)
     for order in range(5):
@@ -89,7 +89,7 @@ def test_a_refined_path_is_the_same_path(seed, times):
 
 def test_refining_a_path_at_its_own_times_changes_nothing():
     path = random_path(3)
-    finer = refined(path, path.times + 1e-14)
+    finer = subdivide(path, path.times + 1e-14)
     np.testing.assert_array_equal(finer.times, path.times)
     np.testing.assert_array_equal(finer.coefficients, path.coefficients)
 
@@ -105,7 +105,7 @@ def test_the_knots_of_a_path_of_degree_7_determine_it(seed, segments):
 
 def test_a_stretched_path_passes_the_same_points_later():
     path = random_path(1)
-    slower = path.stretched(2.0)
+    slower = path.scaled_in_time(2.0)
     assert slower.duration == pytest.approx(2.0 * path.duration)
     assert slower.times[0] == path.times[0] != 0.0
     np.testing.assert_allclose(slower.durations, 2.0 * path.durations)
@@ -123,7 +123,7 @@ def test_outside_its_times_a_path_has_the_value_at_the_nearer_end():
 
 @pytest.mark.parametrize("factor", [1.0, 1e-4])
 def test_a_path_can_be_refined_at_times_that_are_close_to_its_knots(factor):
-    path = random_path(3).stretched(factor)
+    path = random_path(3).scaled_in_time(factor)
     near = path.times[2] + 1e-6 * path.durations.min()
-    finer = refined(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))
+    finer = subdivide(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))
     np.testing.assert_array_equal(finer.times, np.insert(path.times, 3, near))

@@ -7,12 +7,12 @@ import pytest
 
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathLimits, PathProblem
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
+from drake_quad.reference.planner import FixedTimes, HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming, plan_path
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.regions import Box, Polytope
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
-TIMINGS = [GivenTimes((0.0, 5.0, 10.0, 15.0)), LeastSnap(15.0), Heuristic(), Shortest()]
+TIMINGS = [FixedTimes((0.0, 5.0, 10.0, 15.0)), MinimumSnapTiming(15.0), HeuristicTiming(), MinimumTimeTiming()]
 POINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
 CORRIDORS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
 NUM_SAMPLES = 10_000
@@ -82,7 +82,11 @@ def chain(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("timing", [Heuristic(), LeastSnap(30.0), Shortest()], ids=lambda timing: type(timing).__name__)
+@pytest.mark.parametrize(
+    "timing",
+    [HeuristicTiming(), MinimumSnapTiming(30.0), MinimumTimeTiming()],
+    ids=lambda timing: type(timing).__name__,
+)
 def test_a_path_stays_in_polytopes_everywhere(timing, seed):
     problem = chain(seed)
     path = plan_path(problem, timing)
@@ -103,7 +107,7 @@ def test_the_distance_of_a_point_outside_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("segments", "timing"), [(25, Heuristic()), (10, Shortest())], ids=["25 heuristic", "10 shortest"]
+    ("segments", "timing"), [(25, HeuristicTiming()), (10, MinimumTimeTiming())], ids=["25 heuristic", "10 shortest"]
 )
 def test_a_path_stays_in_a_long_chain_of_polytopes(segments, timing):
     """The polytopes are cells of a zigzag, with a waypoint in the intersection of consecutive polytopes."""

@@ -54,7 +54,7 @@ def reference_at(plan, time):
 def test_the_reference_is_at_rest_before_and_after_every_route(route):
     plan = planned(route)
     start, end = plan.path.times[[0, -1]]
-    place = plan.flown_path.waypoints[-1]
+    place = plan.extended_path.waypoints[-1]
     for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
         reference, jerk, snap, ahead = reference_at(plan, time)
         np.testing.assert_allclose(reference[:3], place, atol=1e-9)
@@ -80,8 +80,8 @@ def test_only_the_snap_jumps_at_the_end_of_a_route(route):
 def test_braking_does_not_exceed_speed_and_acceleration_of_the_route(name):
     plan = planned(ROUTES[name])
     assert plan.brakes
-    assert peak_norm(plan.flown_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
-    assert peak_norm(plan.flown_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
+    assert peak_norm(plan.extended_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
+    assert peak_norm(plan.extended_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
 
 
 def test_braking_from_steady_motion_is_the_minimum_snap_motion():
@@ -111,7 +111,7 @@ def test_an_exported_plan_that_ends_in_motion_brakes_the_same_way_when_it_is_rea
     again = plan_of_pieces(
         np.array([[3.0, *[0, 0, 0.1, 0, 0, 0, 0, 0], *[0] * 8, *[1, *[0] * 7], *[0.1, 0.5, *[0] * 6]]])
     )
-    np.testing.assert_allclose(again.flown_path.coefficients, plan.flown_path.coefficients, atol=1e-12)
+    np.testing.assert_allclose(again.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_with_a_remark():
     end = flight.plan.path.times[-1:]
     speed = np.linalg.norm(evaluate(flight.plan.path, end, 1))
     assert f"ends in motion ({speed:.2f} m/s) at {end.item():.2f} s," in remark
-    further = np.linalg.norm(evaluate(flight.plan.flown_path, [99.0]) - evaluate(flight.plan.path, end))
+    further = np.linalg.norm(evaluate(flight.plan.extended_path, [99.0]) - evaluate(flight.plan.path, end))
     assert remark.endswith(f", {further:.2f} m beyond the end of the route")
     assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
 
@@ -209,7 +209,7 @@ def test_braking_below_the_crash_height_is_rejected():
     overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
     scenario = load_scenario("figure_eight", overrides)
     plan = plan_route(scenario)
-    lowest = plan.flown_path.waypoints[-1, 2]
+    lowest = plan.extended_path.waypoints[-1, 2]
     with pytest.raises(InputError, match=f"it descends to {lowest:.2f} m, below crash.height, 0 m"):
         flight_duration(scenario, plan)
 

@@ -23,9 +23,9 @@ def random_path(seed, segments=6):
 @settings(max_examples=40, deadline=None)
 def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed, top_acceleration):
     path = random_path(seed)
-    path = path.stretched(stretch_factor(path, PathLimits(top_speed, top_acceleration)))
-    shares = peak_norm(path, 1) / top_speed, peak_norm(path, 2) / top_acceleration
-    assert max(shares) == pytest.approx(1.0, abs=1e-12)
+    path = path.scaled_in_time(stretch_factor(path, PathLimits(top_speed, top_acceleration)))
+    fractions = peak_norm(path, 1) / top_speed, peak_norm(path, 2) / top_acceleration
+    assert max(fractions) == pytest.approx(1.0, abs=1e-12)
 
 
 @given(st.floats(0.01, 100.0), st.floats(0.1, 10.0) | st.just(math.inf), st.floats(0.1, 10.0) | st.just(math.inf))
@@ -35,8 +35,8 @@ def test_a_flight_with_stops_attains_the_limits(distance, speed, acceleration):
     limits = PathLimits(speed, acceleration)
     points = np.array([[0.0], [distance]])
     path = minimum_snap(points, [0.0, *rest_to_rest_durations(points, limits)])
-    shares = peak_norm(path, 1) / speed, peak_norm(path, 2) / acceleration
-    assert max(shares) == pytest.approx(1.0, abs=1e-12)
+    fractions = peak_norm(path, 1) / speed, peak_norm(path, 2) / acceleration
+    assert max(fractions) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_long_route_has_a_trapezoidal_profile():

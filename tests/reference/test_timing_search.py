@@ -11,13 +11,13 @@ from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_co
 from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, InfeasibleError, path_within
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
-from drake_quad.reference.time_optimization import least_snap_durations
+from drake_quad.reference.time_optimization import minimum_snap_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
     improve_repeatedly,
-    least_snap_path,
-    path_through_given_motion,
-    shortest_path,
+    minimum_snap_path,
+    minimum_time_path,
+    path_with_fixed_derivatives,
 )
 
 LIMITS = PathLimits(speed=2.0, acceleration=1.0)
@@ -66,20 +66,20 @@ def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
     assert abs(by_rule(asked.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
 
 
-@pytest.mark.parametrize(("corridor", "share"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
-def test_no_segment_has_a_very_short_initial_duration(corridor, share):
+@pytest.mark.parametrize(("corridor", "fraction"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
+def test_no_segment_has_a_very_short_initial_duration(corridor, fraction):
     """At constant speed, half a millimetre would take 1e-5 of the time of 50 m."""
     points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
     durations = heuristic_path(
         problem(points, limits=PathLimits(speed=2.0), corridors=[corridor, None, None])
     ).durations
-    assert durations.min() / durations.max() == pytest.approx(share)
+    assert durations.min() / durations.max() == pytest.approx(fraction)
 
 
 def test_a_route_with_very_unequal_steps_is_flown_with_stops():
     stops = rest_to_rest_durations(UNEVEN_ROUTE, LIMITS)
     assert stretched(UNEVEN_ROUTE, stops).sum() > 1.2 * stops.sum()
-    np.testing.assert_allclose(shortest_path(problem(UNEVEN_ROUTE)).durations, 1.001 * stops, rtol=1e-12)
+    np.testing.assert_allclose(minimum_time_path(problem(UNEVEN_ROUTE)).durations, 1.001 * stops, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
-    actual = shortest_path(problem(points, corridors=halls))
+    actual = minimum_time_path(problem(points, corridors=halls))
     assert actual.duration <= 1.002 * duration
     assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
@@ -108,7 +108,7 @@ def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
     """A Nelder-Mead search found 14.175 s from three initial points. Without a second round, the result is 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
-    actual = shortest_path(problem(points, corridors=halls))
+    actual = minimum_time_path(problem(points, corridors=halls))
     assert actual.duration <= 1.002 * 14.175
     assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
@@ -117,12 +117,12 @@ def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stop
     """A Nelder-Mead search found 10.291 s from two initial points. A single search ends at 10.335 s."""
     points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
     assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
-    assert shortest_path(problem(points)).duration <= 1.001 * 10.291
+    assert minimum_time_path(problem(points)).duration <= 1.001 * 10.291
 
 
 @pytest.mark.parametrize("points", [STRAIGHT_ROUTE, REVERSING_ROUTE])
 def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(points):
-    best = shortest_path(problem(points))
+    best = minimum_time_path(problem(points))
     assert best.duration < 0.999 * heuristic_path(problem(points)).duration
     assert stretch_factor(best, LIMITS) == pytest.approx(1.0, rel=1e-6)
 
@@ -139,17 +139,17 @@ def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
     ):
         asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
         stops = rest_to_rest_durations(asked.representatives(), LIMITS)
-        actual = path_through_given_motion(asked, shorten=False)
+        actual = path_with_fixed_derivatives(asked, shorten=False)
         assert actual.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
-        smoothest = least_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
+        smoothest = minimum_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
         np.testing.assert_allclose(actual.durations, smoothest, rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_no_times_on_a_grid_are_better_for_a_given_velocity():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
-    actual = path_through_given_motion(asked, shorten=True)
-    assert actual.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
+    actual = path_with_fixed_derivatives(asked, shorten=True)
+    assert actual.duration < 0.97 * path_with_fixed_derivatives(asked, shorten=False).duration
     assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
     totals = []
     for first in np.linspace(3.5, 4.5, 16):
@@ -168,37 +168,37 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
         match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
         r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
     ):
-        path_through_given_motion(asked, shorten=False)
+        path_with_fixed_derivatives(asked, shorten=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
 def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortest(longer):
     asked = problem(STRAIGHT_ROUTE)
-    shortest = shortest_path(asked)
+    shortest = minimum_time_path(asked)
     total = longer * shortest.duration
-    smoothest = least_snap_path(asked.without_limits(), total).durations
+    smoothest = minimum_snap_path(asked.without_limits(), total).durations
     with pytest.raises(InfeasibleError):
         path_within(asked, smoothest)
-    actual = least_snap_path(asked, total)
+    actual = minimum_snap_path(asked, total)
     assert actual.duration == pytest.approx(total, rel=1e-12)
 
-    def between(share):
-        durations = smoothest ** (1.0 - share) * shortest.durations**share
+    def between(fraction):
+        durations = smoothest ** (1.0 - fraction) * shortest.durations**fraction
         return durations * (total / durations.sum())
 
-    shares = np.linspace(0.0, 1.0, 65)
-    distances = [np.abs(actual.durations - between(share)).max() for share in shares]
+    fractions = np.linspace(0.0, 1.0, 65)
+    distances = [np.abs(actual.durations - between(fraction)).max() for fraction in fractions]
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
-    path_within(asked, between(shares[nearest]))
+    path_within(asked, between(fractions[nearest]))
     with pytest.raises(PLANNING_ERRORS):
-        path_within(asked, between(shares[nearest - 1]))
+        path_within(asked, between(fractions[nearest - 1]))
 
 
 def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
-    free = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits()), 9.0)
-    limited = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits(speed=50.0)), 9.0)
+    free = minimum_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits()), 9.0)
+    limited = minimum_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
     assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
 
@@ -207,25 +207,25 @@ def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
 def test_the_reason_for_a_missing_minimum_snap_path_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     with pytest.raises(InputError) as error:
-        least_snap_path(problem(points, [1.5, 0.0]), 6.0)
-    smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=PathLimits()), 6.0)
+        minimum_snap_path(problem(points, [1.5, 0.0]), 6.0)
+    smoothest = minimum_snap_path(problem(points, [1.5, 0.0], limits=PathLimits()), 6.0)
     assert str(error.value) == explain_infeasibility(problem(points, [1.5, 0.0]), smoothest.durations)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
     with pytest.raises(
         InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
-        least_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
+        minimum_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
 
 def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     asked = problem(points, [1.5, 0.0], corridors=halls)
-    least_snap_path(asked.without_limits(), 8.0)
+    minimum_snap_path(asked.without_limits(), 8.0)
     with pytest.raises(
         InputError, match=r"^the corridor of segment \d cannot be kept at these times with the derivatives given"
     ):
-        least_snap_path(asked, 60.0)
+        minimum_snap_path(asked, 60.0)
 
 
 def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
@@ -235,26 +235,26 @@ def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
         with pytest.raises(
             InputError, match="^no times were found; for a flight that stops everywhere, the corridor of segment"
         ):
-            path_through_given_motion(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
+            path_with_fixed_derivatives(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
 def test_changes_continue_while_the_cost_falls_and_the_trust_radius_shrinks_otherwise():
     """Each change is a decrease from 1, and the cost is smallest at 0.5."""
     reaches = []
 
-    def change(x, reach):
-        reaches.append(reach)
-        return x - reach
+    def change(x, max_log_change):
+        reaches.append(max_log_change)
+        return x - max_log_change
 
     assert improve_repeatedly(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
     np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
 
 
 def test_changes_end_if_the_gain_is_negligible_or_there_is_no_path():
-    assert improve_repeatedly(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
-    assert improve_repeatedly(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
+    assert improve_repeatedly(1.0, lambda x, max_log_change: 0.9995 * x, float) == 0.9995
+    assert improve_repeatedly(1.0, lambda x, max_log_change: 1.0005 * x, float) == 1.0
 
-    def change(x, reach):
+    def change(x, max_log_change):
         if x < 0.5:
             raise InfeasibleError
         return 0.6 * x

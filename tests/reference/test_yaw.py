@@ -150,10 +150,10 @@ def test_the_size_of_a_path_does_not_change_the_yaw(scale):
 def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
     """A horizontal speed of a tenth of the top speed has the full weight, and half of this speed a quarter of it."""
     costs = {}
-    for share in (0.1, 0.05):
-        waypoints = [[0.0, 0.0, 0.0], [10.0 * share, 0.0, 5.0], [10.0 * share, 10.0 * share, 10.0]]
+    for fraction in (0.1, 0.05):
+        waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]
         profile = yaw_along(minimum_snap(waypoints, [0.0, 5.0, 10.0]), response=2.0)
-        costs[share] = acceleration_cost(profile)
+        costs[fraction] = acceleration_cost(profile)
     assert costs[0.05] < 0.9 * costs[0.1]
 
 

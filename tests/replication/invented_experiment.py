@@ -5,7 +5,7 @@ import numpy as np
 from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import EFFORTS, LegMetrics
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, Experiment, cells_of
 from drake_quad.replication.sweeps import NOISE_SETTINGS, Q_SETTINGS, SLOPES, Sweep, all_combinations
 from drake_quad.studies.study import Study
@@ -40,7 +40,7 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
         for cell in cells_of(CONTROLLERS)
     }
     recorded[Cell("no_wind", "pd_t2fnn")]["pd_fade"][1] = np.nan
-    noise, shares = (
+    noise, fractions = (
         Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
         for settings in (NOISE_SETTINGS, Q_SETTINGS)
     )
@@ -48,11 +48,11 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
     slopes = {wind: Sweep(slope, np.arange(1, 4), metrics_of(rng, (len(SLOPES), 3), 0.5)) for wind in WINDS}
     gains = all_combinations({"k_p": np.array([1.0, 2.0, 4.0])}, {"k_d": np.array([0.5, 1.0])})
     maps = {
-        name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4), crashes=share))
-        for name, share in zip(MAPPED_CONTROLLERS, (0.1, 0.2), strict=True)
+        name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4), crashes=fraction))
+        for name, fraction in zip(MAPPED_CONTROLLERS, (0.1, 0.2), strict=True)
     }
     for sweep in maps.values():
         sweep.metrics.rmse[:3] *= 2.0
     legs = Sweep(gains, np.arange(16), LegMetrics(*(rng.uniform(0.5, 1.5, (6, 16)) for _ in range(3))))
     legs.metrics.straight[2, 0] = np.nan
-    return Experiment(cells, recorded, noise, shares, slopes, maps, legs)
+    return Experiment(cells, recorded, noise, fractions, slopes, maps, legs)

@@ -9,7 +9,7 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.replication import calibration
 from drake_quad.replication.calibration import HYPOTHESES, FreeNumber, Hypothesis, calibrate, pd_gains
-from drake_quad.replication.printed import Cell, printed_table
+from drake_quad.replication.published import Cell, published_table
 from drake_quad.studies.comparison import fly_samples
 
 
@@ -21,14 +21,14 @@ def load(cell, overrides=()):
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
 def test_the_calibrated_cells_are_reproduced(cell):
     """The error without wind hardly differs between samples, so a tolerance of 2 % is sufficient."""
-    assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
+    assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(published_table()[cell].rmse.mean, rel=0.003)
 
 
 @pytest.mark.slow
 def test_a_fit_finds_the_shipped_values(monkeypatch):
     """To save time, the range of the search is narrow, and predictions are omitted."""
-    table = {cell: line for cell, line in printed_table().items() if cell.wind == "no_wind"}
-    monkeypatch.setattr(calibration, "printed_table", lambda: table)
+    table = {cell: line for cell, line in published_table().items() if cell.wind == "no_wind"}
+    monkeypatch.setattr(calibration, "published_table", lambda: table)
     first = HYPOTHESES["measurement"]
     near = first._replace(
         pd=first.pd._replace(low=1.19, high=1.215), network=first.network._replace(low=1.94, high=2.01)
@@ -112,15 +112,15 @@ def errors_of(levels):
 def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
     """Errors are proportional to the cubes of both parameters; the PD's error depends only on the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
-    levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(printed_table())}
+    levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(published_table())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
     free = Hypothesis("in proportion", ["fixed=1"], number("first"), number("second"))
     found = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
-    x_cubed = printed_table()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
-    y_cubed = printed_table()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x_cubed
+    x_cubed = published_table()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
+    y_cubed = published_table()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x_cubed
     x, y = x_cubed ** (1.0 / 3.0), y_cubed ** (1.0 / 3.0)
     assert (found.hypothesis, found.pd, found.network) == (free, pytest.approx(x, rel=1e-3), pytest.approx(y, rel=1e-3))
-    assert list(found.errors) == list(printed_table())
+    assert list(found.errors) == list(published_table())
     for cell, error in found.errors.items():
         expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
         assert error.value == pytest.approx(expected, rel=1e-2)

@@ -10,11 +10,11 @@ import scipy
 from invented_experiment import invented_experiment, metrics_of
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_share
-from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
+from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_fraction
+from drake_quad.replication.effort import effort_matches, published_ratios, published_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
 from drake_quad.replication.sweeps import (
     NOISE_LEVELS,
@@ -227,19 +227,20 @@ def test_claims_about_peaks_pd_output_and_effort(found):
         f" segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
     )
     listed = [
-        "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in shares.items()) for shares in (left, returned)
+        "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in fractions.items())
+        for fractions in (left, returned)
     ]
     assert fading.details == (f"ratio of the last quarter: {listed[0]}; ratio after a change of segment: {listed[1]}")
 
-    shares = {
+    fractions = {
         (wind, name, axis): over(found, wind, name, "pd", f"effort_{axis}")
         for wind in NAMES
         for name in NETWORKS
         for axis in "xy"
     }
-    assert effort.evidence == f"the networks need {least_to_most(shares.values(), plain)} times the PD's effort"
+    assert effort.evidence == f"the networks need {least_to_most(fractions.values(), plain)} times the PD's effort"
     assert effort.details == "; ".join(
-        f"{named(wind, name)} on {axis.upper()} {plain(each)}" for (wind, name, axis), each in shares.items()
+        f"{named(wind, name)} on {axis.upper()} {plain(each)}" for (wind, name, axis), each in fractions.items()
     )
     assert effort.verdict == "does not hold"
 
@@ -269,7 +270,7 @@ def test_claims_about_gains(found):
         " as much on straight lines"
     )
     kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
-    share = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
+    fraction = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
     typical = [interval([np.median(column) / column.min() for column in columns]) for columns in kept]
     best = [interval([column.min() for column in columns]) for columns in kept]
     crashing = [
@@ -277,17 +278,17 @@ def test_claims_about_gains(found):
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
-        f"of the gains that stabilise the loop, {per_cent(interval(share[0]))} have an error within 20 % of the best"
-        f" with the PD, and {per_cent(interval(share[1]))} with PD+T2FNN; the median error is {plain(typical[0])} times"
-        f" the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
+        f"of the gains that stabilise the loop, {per_cent(interval(fraction[0]))} have an error within 20 % of the best"
+        f" with the PD, and {per_cent(interval(fraction[1]))} with PD+T2FNN; the median error is {plain(typical[0])}"
+        f" times the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
         f" {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
         "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; a sample"
         f" crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; the network"
-        f" increases the share by {per_cent(interval(share[1] - share[0]))} of the gains"
+        f" increases the share by {per_cent(interval(fraction[1] - fraction[0]))} of the gains"
     )
-    np.testing.assert_allclose(near_best_share(found.maps["pd"]), share[0])
+    np.testing.assert_allclose(near_best_fraction(found.maps["pd"]), fraction[0])
     np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
 
 
@@ -325,15 +326,15 @@ def test_effort_ratios_compared_with_the_printed_ones(found):
     wanted = np.array(wanted)
     kept = np.isfinite(wanted)
     np.testing.assert_allclose(
-        printed_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in wanted.T]
+        published_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in wanted.T]
     )
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
-    assert printed_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
+    assert published_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
 
     matches = {match.name: match for match in effort_matches(found)}
     assert list(matches) == sorted(matches, key=lambda name: matches[name].distance.value)
     for name in EFFORTS:
-        shares = np.array(
+        fractions = np.array(
             [
                 [
                     found.recorded[cell][f"{name}_{axis}"] / found.recorded[Cell(cell.wind, "pd")][f"{name}_{axis}"]
@@ -342,9 +343,9 @@ def test_effort_ratios_compared_with_the_printed_ones(found):
                 for cell in cells
             ]
         )
-        off = np.sqrt([np.mean(np.log(shares[kept, k] / wanted[kept]) ** 2) for k in range(4)])
+        off = np.sqrt([np.mean(np.log(fractions[kept, k] / wanted[kept]) ** 2) for k in range(4)])
         np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
-        means = [scipy.stats.gmean(shares[kept[:, axis], axis].ravel()) for axis in (0, 1)]
+        means = [scipy.stats.gmean(fractions[kept[:, axis], axis].ravel()) for axis in (0, 1)]
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
@@ -366,7 +367,7 @@ def test_table_ii_compared_with_the_printed_one(found, tmp_path):
         np.testing.assert_array_equal(entry.runs.runs, values[:3])
         np.testing.assert_allclose(entry.runs.mean, values[:3].mean())
         np.testing.assert_allclose(entry.mean, interval(values))
-        printed = printed_table().get(entry.cell)
+        printed = published_table().get(entry.cell)
         if printed is None:
             assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.deviation]).all()
         else:
@@ -413,14 +414,14 @@ def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
             np.testing.assert_allclose(written, [match.ratio_x, match.ratio_y, *match.distance], rtol=1e-8)
 
 
-def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
+def even(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
     """Return an experiment without scatter, in which all results that are not given are 1.
 
     Args:
         cells: results by (wind or None for all, controller, metric).
         recorded: results of PD+T2FNN without wind, by name.
         noise: RMSE by (row of the noise amplitude, exponents).
-        shares: RMSE by (row of q, exponents).
+        fractions: RMSE by (row of q, exponents).
         slope: smallest RMSE over the slopes.
     """
 
@@ -437,7 +438,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
         }
         studies[cell] = Study(None, 27.0, np.arange(3), {}, metrics(3, **numbers))
     sweeps = []
-    for settings, numbers in ((NOISE_SETTINGS, noise), (Q_SETTINGS, shares)):
+    for settings, numbers in ((NOISE_SETTINGS, noise), (Q_SETTINGS, fractions)):
         rmse = np.ones((15, 3))
         for (row, exponents), value in dict(numbers).items():
             rmse[3 * row + NETWORKS.index(exponents)] = value

@@ -20,7 +20,7 @@ from drake_quad.replication.experiment import (
     sweep_plans,
 )
 from drake_quad.replication.measures import CURVED_LEGS, STRAIGHT_LEGS, LegMetrics
-from drake_quad.replication.printed import CONTROLLERS, WINDS
+from drake_quad.replication.published import CONTROLLERS, WINDS
 from drake_quad.replication.results import FAIR_CONTROLLERS, cells_of
 from drake_quad.replication.sweeps import (
     BEST_GAIN_RANGES,

@@ -13,7 +13,7 @@ from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.replication import figures
 from drake_quad.replication.claims import advantage
 from drake_quad.replication.fair import COMPARED_CONTROLLERS
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
@@ -106,8 +106,8 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
             assert low <= x_low < errors.mean() < x_high <= high
             assert ((errors >= x_low) & (errors <= x_high)).mean() == pytest.approx(0.95, abs=1.5 / len(errors))
             assert y == row + 0.17
-            if Cell(wind, name) in printed_table():
-                line = printed_table()[Cell(wind, name)].rmse
+            if Cell(wind, name) in published_table():
+                line = published_table()[Cell(wind, name)].rmse
                 np.testing.assert_allclose(next(runs), [[run, row - 0.17] for run in line.runs])
                 np.testing.assert_allclose(next(means), [[line.mean, row - 0.17]])
         assert next(runs, None) is next(means, None) is None
@@ -201,7 +201,7 @@ def test_errors_in_wind_are_shown_until_the_crash_and_next_to_type_1(flights):
     assert (upper.get_xlabel(), lower.get_xlabel()) == ("", "time (s)")
     assert lower.get_xlim() == (0.0, time[-1])
     levels = [line for line in upper.lines if line.get_marker() == "<" and len(line.get_xdata())]
-    printed = {name: printed_table()[Cell("high_wind", name)].rmse.mean for name in CONTROLLERS}
+    printed = {name: published_table()[Cell("high_wind", name)].rmse.mean for name in CONTROLLERS}
     printed = {name: level for name, level in printed.items() if np.isfinite(level)}
     for line, (name, level) in zip(levels, printed.items(), strict=True):
         assert line.get_ydata()[0] == level

@@ -10,7 +10,7 @@ from invented_experiment import invented_experiment
 
 from drake_quad import load_scenario
 from drake_quad.replication import report as report_module
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
 from drake_quad.replication.report import CAPTIONS, findings_of, write_report
 from drake_quad.statistics.interval import Interval
 
@@ -137,8 +137,8 @@ def test_the_committed_table_is_calibrated_and_has_the_printed_values():
         Cell(row["wind"], row["controller"]): row for row in rows_of(DOCS / "table_ii.csv") if row["quantity"] == "rmse"
     }
     for cell in (Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")):
-        assert float(rows[cell]["mean"]) == pytest.approx(printed_table()[cell].rmse.mean, rel=0.02)
-    for cell, line in printed_table().items():
+        assert float(rows[cell]["mean"]) == pytest.approx(published_table()[cell].rmse.mean, rel=0.02)
+    for cell, line in published_table().items():
         assert rows[cell]["printed_mean"] == ("" if np.isnan(line.rmse.mean) else repr(line.rmse.mean))
 
 

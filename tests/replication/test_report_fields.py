@@ -9,10 +9,10 @@ from drake_quad.files import read_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
-from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
+from drake_quad.replication.effort import EffortMatch, published_ratios, published_scatter
 from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
 from drake_quad.replication.results import Experiment, cells_of
 from drake_quad.replication.table_ii import QUANTITIES, TableEntry, table_markdown
 from drake_quad.reports.claims import Claim
@@ -99,7 +99,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
     fields = report._fair_fields(found, [*numbers.values()])
     rows = [line.strip("| ").split(" | ") for line in fields["fair"].split("\n")[2:]]
     for row, (cell, each) in zip(rows, numbers.items(), strict=True):
-        over_pd, over_network = (share.ratio() for share in (each.over_pd, each.over_network))
+        over_pd, over_network = (fraction.ratio() for fraction in (each.over_pd, each.over_network))
         assert row == [
             WINDS[cell.wind],
             COMPARED_CONTROLLERS[cell.controller],
@@ -108,13 +108,13 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
             "1" if cell.controller == "pd_t2fnn" else over_network,
         ]
     for name in ("pd_retuned", "pd_feed_forward"):
-        shares = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
-        assert fields[f"{name}_over_network"] == ", ".join(shares)
+        fractions = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
+        assert fields[f"{name}_over_network"] == ", ".join(fractions)
     helped = (
         compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).ratio
         for wind in WINDS
     )
-    expected = (f"{share.percent()} ({words})" for share, words in zip(helped, WINDS.values(), strict=True))
+    expected = (f"{fraction.percent()} ({words})" for fraction, words in zip(helped, WINDS.values(), strict=True))
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 
@@ -125,12 +125,12 @@ def test_effort_definitions_follow_the_printed_ratios():
     ]
     fields = report._effort_fields(matches)
     rows = [line.strip("| ").split(" | ") for line in fields["effort"].split("\n")[2:]]
-    x, y = printed_ratios()
+    x, y = published_ratios()
     assert rows[0][:3] == ["*printed*", f"{x:.2f}", f"{y:.2f}"]
     assert rows[1] == ["largest absolute command", "1.23", "2.35", matches[0].distance.ratio()]
     assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].definition} (ours)"
     assert fields["closest"] == "the largest absolute command"
-    assert fields["scatter"] == printed_scatter()
+    assert fields["scatter"] == published_scatter()
 
 
 def test_the_calibration_is_shown_with_the_printed_errors():
@@ -138,7 +138,7 @@ def test_the_calibration_is_shown_with_the_printed_errors():
     fields = report._calibration_fields()
     rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
     assert rows[0] == ["printed", *(each.label for each in HYPOTHESES.values())]
-    table = printed_table()
+    table = published_table()
     keys = zip(calibration["hypothesis"], calibration["wind"], calibration["controller"], strict=True)
     errors = dict(zip(keys, calibration["rmse_m"], strict=True))
     for row, (cell, line) in zip(rows[2:], table.items(), strict=True):

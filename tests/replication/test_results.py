@@ -5,7 +5,7 @@ import numpy as np
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import results
 from drake_quad.replication.measures import LegMetrics
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import (
     FAIR_CONTROLLERS,
     MAPPED_CONTROLLERS,

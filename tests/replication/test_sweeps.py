@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.replication.printed import CONTROLLERS
+from drake_quad.replication.published import CONTROLLERS
 from drake_quad.replication.sweeps import (
     BEST_GAIN_RANGES,
     EXPONENTS,

@@ -6,7 +6,7 @@ import scipy
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
-from drake_quad.scenario.batch import Batch, draw_sample, middle_of
+from drake_quad.scenario.batch import Batch, draw_sample, median_scenario
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
@@ -129,7 +129,9 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
     load = study(f"vehicle.payload={{mass: 0.1, inertia: [{small}, 0.0, 0.0004], time: 1, event: dropped}}")
     moments = Batch.draw(load, range(100)).varying["vehicle.payload.inertia.0"]
     np.testing.assert_allclose(moments, 0.0004)
-    assert middle_of(study("vehicle.inertia=[{uniform: {min: 0.001, max: 0.006}}, 0.007, 0.012]")).vehicle.inertia == (
+    assert median_scenario(
+        study("vehicle.inertia=[{uniform: {min: 0.001, max: 0.006}}, 0.007, 0.012]")
+    ).vehicle.inertia == (
         pytest.approx(0.005),
         0.007,
         0.012,

@@ -18,7 +18,7 @@ def load(diagrams):
 
 def test_effects_are_off_by_default(load):
     assert load().vehicle.effects() == {}
-    assert load().vehicle.effect_numbers() == NO_EFFECTS
+    assert load().vehicle.effect_parameters() == NO_EFFECTS
 
 
 @pytest.mark.parametrize(

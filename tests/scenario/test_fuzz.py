@@ -29,9 +29,9 @@ MAX_READING_TIME = 2.0  # s of processor time. An input takes a few hundredths o
 MAX_MESSAGE_LENGTH = 300
 
 
-def fuzz_settings(share):
+def fuzz_settings(fraction):
     return settings(
-        max_examples=round(share * int(NUM_CASES or 140)),
+        max_examples=round(fraction * int(NUM_CASES or 140)),
         derandomize=not NUM_CASES,
         database=None,
         deadline=None,
@@ -397,11 +397,11 @@ def mutated_texts(draw, text):
 
 
 @pytest.mark.slow
-@given(text=mutated_texts(SMALL_FILE), odd_bytes=st.binary(max_size=3), share=st.floats(-2.0, 1.0))
+@given(text=mutated_texts(SMALL_FILE), odd_bytes=st.binary(max_size=3), fraction=st.floats(-2.0, 1.0))
 @fuzz_settings(0.25)
-def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, odd_bytes, share):
+def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, odd_bytes, fraction):
     data = text.encode("utf-8", errors="surrogatepass")
-    position = max(0, round(share * len(data)))
+    position = max(0, round(fraction * len(data)))
     Path("loop.yaml").write_bytes(data[:position] + odd_bytes + data[position:] if position else data)
     scenario = result_or_none(lambda: load_scenario("loop.yaml:loop"), r"loop\.yaml:\d+: ", r"loop\.yaml(:loop)?: ")
     if scenario is not None:

@@ -76,7 +76,7 @@ def test_robustness_has_the_same_effect_above_and_below_a_vehicle(load, vehicle)
 
 def test_relative_distributions_scale_with_the_vehicle(load):
     paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500)
-    shares = np.linspace(0.01, 0.99, 9)
+    fractions = np.linspace(0.01, 0.99, 9)
     arm = 0.5 * 0.348 * np.sqrt(2.0)
     for get, ratio in (
         (lambda vehicle: vehicle.mass, 2.0 / 0.68),
@@ -87,8 +87,8 @@ def test_relative_distributions_scale_with_the_vehicle(load):
         (lambda vehicle: vehicle.thrust_factor_error[3], 1.0),
         (lambda vehicle: vehicle.battery_sag, 1.0),
     ):
-        expected = ratio * get(paper.vehicle).quantile(shares)
-        np.testing.assert_allclose(get(mine.vehicle).quantile(shares), expected, rtol=1e-12, atol=1e-18)
+        expected = ratio * get(paper.vehicle).quantile(fractions)
+        np.testing.assert_allclose(get(mine.vehicle).quantile(fractions), expected, rtol=1e-12, atol=1e-18)
     assert tuple(mine.vehicle.rotor_time_constant_down.extremes()) == pytest.approx((0.015, 0.04))
     assert tuple(mine.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
 

@@ -357,9 +357,9 @@ def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write,
 def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
     """The Runge-Kutta method allows a step of 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
-    for damping, refused in (("1.4", False), ("1.5", True)):
+    for damping, validation_error in (("1.4", False), ("1.5", True)):
         scenario = load_scenario(write(SMALL_FILE), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
-        if refused:
+        if validation_error:
             words = "vehicle.time_step is 0.01 s, too long for an attitude response with a time constant of 0.0038 s"
             with pytest.raises(InputError, match=words):
                 simulate(scenario)

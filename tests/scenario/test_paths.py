@@ -4,7 +4,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.scenario.distributions import Distribution
-from drake_quad.scenario.paths import distributions_in, joined, leaves, replaced, steps_of, value_at
+from drake_quad.scenario.paths import distributions_in, join_path, leaves, map_leaves, steps_of, value_at
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,8 @@ def test_the_distributions_of_a_scenario_are_its_values_of_that_type(scenario):
 
 
 def test_unchanged_parts_are_not_copied(scenario):
-    assert replaced(scenario, lambda path, value: value) is scenario
-    other = replaced(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
+    assert map_leaves(scenario, lambda path, value: value) is scenario
+    other = map_leaves(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
     changed = [path for path, value in leaves(other) if value is not dict(leaves(scenario))[path]]
     assert changed == ["vehicle.inertia.1"]
     assert other.vehicle.inertia[1] == 0.01
@@ -39,7 +39,7 @@ def test_unchanged_parts_are_not_copied(scenario):
 def test_rotors_are_counted_from_1(scenario):
     paths = [path for path in dict(leaves(scenario)) if "thrust_factor_error" in path]
     assert paths == [f"vehicle.thrust_factor_error.rotor_{number}" for number in (1, 2, 3, 4)]
-    assert joined("a", "rotors", 2, "position", 0) == "a.rotors.rotor_3.position.0"
+    assert join_path("a", "rotors", 2, "position", 0) == "a.rotors.rotor_3.position.0"
     assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
     assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]
     for step in ("0", "1", "rotor_0", "rotor_5"):

@@ -13,7 +13,7 @@ from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.flight.formats.mcap_file import messages_of, topics_of
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
-from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerNumbers, SpecificForce
+from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters, SpecificForce
 from drake_quad.laboratory.sensors.sensor import SensorLaw
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.quantities import NonNegative
@@ -36,17 +36,17 @@ class Altitude(NamedTuple):
     height: Annotated[Row, Quantity("m", "W")]
 
 
-class AltimeterNumbers(NamedTuple):
+class AltimeterParameters(NamedTuple):
     """Errors of an altimeter."""
 
     noise: Annotated[Row, Quantity("m")] = 0.0
     latency_samples: Number = 0.0
 
 
-def altitude(numbers: AltimeterNumbers, noise: Altitude | None, state: State, wind: Wind) -> Altitude:
+def altitude(parameters: AltimeterParameters, noise: Altitude | None, state: State, wind: Wind) -> Altitude:
     """Return the height minus an error caused by the dynamic pressure of a head wind."""
     height = state.z - 0.05 * wind.x * wind.x
-    return Altitude(height if noise is None else height + numbers.noise * noise.height)
+    return Altitude(height if noise is None else height + parameters.noise * noise.height)
 
 
 class AltimeterSettings(SensorSettings):
@@ -57,8 +57,8 @@ class AltimeterSettings(SensorSettings):
     law: ClassVar = SensorLaw(Altitude, altitude, ("state", "wind"))
     noise: ClassVar = ("deviation",)
 
-    def numbers(self, vehicle: Any) -> AltimeterNumbers:
-        return AltimeterNumbers(self.deviation, self.latency_samples)
+    def parameters(self, vehicle: Any) -> AltimeterParameters:
+        return AltimeterParameters(self.deviation, self.latency_samples)
 
 
 @pytest.fixture
@@ -160,21 +160,21 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
         "noisy": True,
         "longest_latency": 3,
     }
-    numbers = first.numbers
-    np.testing.assert_allclose(numbers.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
-    np.testing.assert_array_equal(numbers.bias.x, drawn["bias.0"])
-    np.testing.assert_allclose(numbers.noise, drawn["noise_density"] / 0.1, rtol=1e-12)
-    np.testing.assert_array_equal(numbers.latency_samples, drawn["latency_samples"])
-    assert (numbers.bias.y, numbers.gravity) == (0.1, 9.7)
+    parameters = first.parameters
+    np.testing.assert_allclose(parameters.position, [0.05 + 0.0003, -0.03 - 0.0008, 0.02], rtol=1e-12)
+    np.testing.assert_array_equal(parameters.bias.x, drawn["bias.0"])
+    np.testing.assert_allclose(parameters.noise, drawn["noise_density"] / 0.1, rtol=1e-12)
+    np.testing.assert_array_equal(parameters.latency_samples, drawn["latency_samples"])
+    assert (parameters.bias.y, parameters.gravity) == (0.1, 9.7)
     assert second.structure["longest_latency"] == 0
-    assert second.numbers.noise == pytest.approx(0.003 / 0.2)
+    assert second.parameters.noise == pytest.approx(0.003 / 0.2)
     noiseless = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
     with_noise = noiseless.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
     for batch, noisy in ((noiseless, False), (with_noise, True)):
         recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
         assert recipe.structure["noisy"] == noisy
     default = AccelerometerSettings(kind="accelerometer")
-    assert default.numbers(load_scenario("hover").vehicle) == AccelerometerNumbers()
+    assert default.parameters(load_scenario("hover").vehicle) == AccelerometerParameters()
 
 
 def hover(*sensors, **fields):
@@ -225,7 +225,7 @@ def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(alt
     class SecondAccelerometer(altimeter):
         kind: Literal["accelerometer"]
 
-    with pytest.raises(TypeError, match="IncompleteSensor must define law and numbers"):
+    with pytest.raises(TypeError, match="IncompleteSensor must define law and parameters"):
         SENSORS.member(IncompleteSensor)
     with pytest.raises(ValueError, match="the name accelerometer of .* is taken by AccelerometerSettings"):
         SENSORS.member(SecondAccelerometer)
@@ -241,7 +241,7 @@ def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(alt
 
 
 def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
-    monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda numbers, noise, charge: charge, ("charge",)))
+    monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda parameters, noise, charge: charge, ("charge",)))
     with pytest.raises(
         InputError, match="the sensor altimeter needs the signal `charge`, but this laboratory provides only `state`, "
     ):

@@ -19,8 +19,8 @@ def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
     assert plan.duration == 2.0
     times = np.array([-1.0, 0.0, 0.999, 1.0, 1.499, 1.5, 1.999, 9.0])
     expected = np.array([SETPOINTS[k][1:] for k in (0, 0, 0, 1, 1, 2, 2, 2)])
-    np.testing.assert_array_equal(evaluate(plan.flown_path, times).T, expected[:, :3])
-    np.testing.assert_array_equal(evaluate(plan.flown_yaw, times)[0], expected[:, 3])
+    np.testing.assert_array_equal(evaluate(plan.extended_path, times).T, expected[:, :3])
+    np.testing.assert_array_equal(evaluate(plan.extended_yaw, times)[0], expected[:, 3])
 
 
 def test_setpoints_have_no_feedforward():

@@ -30,7 +30,7 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.unions import OpenUnion
-from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "sliding_mode_in_yaml.py"
@@ -100,32 +100,32 @@ def check_position_controller(kind, setting):
 @for_each_member(POSITION_CONTROLLERS)
 def test_every_position_controller_agrees_with_its_systems(kind, settings):
     check_position_controller(kind, settings["figure_eight"])
-    plain = example(kind).plain()
-    assert plain.plain() is plain
+    plain = example(kind).without_estimator()
+    assert plain.without_estimator() is plain
     assert not plain.estimates_disturbance
     assert (plain.k_p, plain.k_d, plain.feed_forward) == ((1.0,) * 3, (1.0,) * 3, "none")
 
 
 @for_each_member(ATTITUDE_CONTROLLERS)
 def test_every_attitude_controller_agrees_with_its_system(kind, settings):
-    attitude, believed = example(kind), settings["figure_eight"].believed
-    inputs, outputs = port_names(attitude.recipe(believed.inertia, 0.02).build(2))
+    attitude, nominal = example(kind), settings["figure_eight"].nominal
+    inputs, outputs = port_names(attitude.recipe(nominal.inertia, 0.02).build(2))
     assert inputs >= {"measurement", "attitude_command"}
     assert outputs == {"torque"}
-    vectoring = load_scenario("figure_eight").control.thrust_vectoring.recipe(believed, attitude)
+    vectoring = load_scenario("figure_eight").control.thrust_vectoring.recipe(nominal, attitude)
     assert port_names(vectoring.build(2))[0] >= {"measurement", "acceleration_command"}
-    plain = attitude.plain()
-    assert plain.plain() is plain
+    plain = attitude.without_estimator()
+    assert plain.without_estimator() is plain
     assert (plain.k_p, plain.k_d) == (attitude.k_p, attitude.k_d)
-    assert not plain.recipe(believed.inertia, 0.02).build(2).updates, "a plain controller has no memory"
+    assert not plain.recipe(nominal.inertia, 0.02).build(2).updates, "a plain controller has no memory"
 
 
 @for_each_member(AUTOPILOTS)
 def test_every_autopilot_agrees_with_its_system(kind, settings):
-    autopilot, believed = example(kind), settings["onboard"].believed
+    autopilot, nominal = example(kind), settings["onboard"].nominal
 
     def recipes_of(autopilot):
-        return autopilot.recipes(believed, written=autopilot, follows_attitude=True)
+        return autopilot.recipes(nominal, settings=autopilot, follows_attitude=True)
 
     recipes = recipes_of(autopilot)
     assert [*recipes] == (["autopilot"] if autopilot.controls_attitude else [])
@@ -138,8 +138,8 @@ def test_every_autopilot_agrees_with_its_system(kind, settings):
         assert outputs == {"wrench"}
         assert {update.period for update in system.updates} == {autopilot.period} - {None}
     assert all(getattr(autopilot, name) == (1.0,) * 3 for name in kind.loop_gains or ())
-    numbers = QuadrotorNumbers(believed, start=Place(0.0, 0.0, 1.0, 0.0))
-    vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, numbers).build(2)
+    config = QuadrotorConfig(nominal, start=HoverPose(0.0, 0.0, 1.0, 0.0))
+    vehicle = autopilot.vehicle_recipe({"time_step": 0.01}, config).build(2)
     assert vehicle.HasInputPort("attitude_target") == kind.models_vehicle
     noises = {name: 0.1 for name in kind.model_fields if "noise" in name}
     biases = {name: (0.1, 0.2, 0.3) for name in kind.model_fields if "bias" in name}
@@ -174,8 +174,8 @@ def check_action(kind, settings):
             commands = "attitude_target"
         assert outputs == {commands}
         assert system.GetInputPort("action").size() == 2 * kind.num_rows
-        assert len(action.hovering(setting.believed)) == kind.num_rows
-        assert max(map(abs, action.hovering(setting.believed))) < 1.0
+        assert len(action.hovering(setting.nominal)) == kind.num_rows
+        assert max(map(abs, action.hovering(setting.nominal))) < 1.0
 
 
 @for_each_member(ACTIONS)
@@ -190,7 +190,7 @@ def test_every_control_agrees_with_its_diagram(scenario, layers):
     recipes = control.recipes(setting)
     for starts in control.user_system_paths.values():
         assert any(path.startswith(starts) for path in recipes)
-    built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().given)
+    built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().specified)
     inputs, outputs = port_names(built)
     assert built.get_name() == "control"
     assert setting.autopilot.command in outputs

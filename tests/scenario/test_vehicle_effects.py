@@ -17,23 +17,23 @@ from drake_quad.identification.results.estimates import declaration_of
 from drake_quad.linear.vehicle_model import find_trim
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
-from drake_quad.scenario.hovering import as_believed, in_hover
+from drake_quad.scenario.hovering import in_hover, nominal_hover
 from drake_quad.scenario.models import Vehicle
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.signals import RotorSpeed, State, Wrench
 from drake_quad.vehicle.aerodynamics import Flow
+from drake_quad.vehicle.attitude_response import (
+    AttitudeResponse,
+    AttitudeResponseConfig,
+    AttitudeResponseQuadrotor,
+    DampingRatios,
+    NaturalFrequencies,
+)
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
-    AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
-    RespondingNumbers,
-    RespondingQuadrotor,
-)
+from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.trim_force import TrimForce
 
 EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
@@ -91,11 +91,11 @@ def with_effect(name, effect):
 
 def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
     """Return the paper's vehicle in hover with an effect, in a context that holds the initial rotor speeds."""
-    effects = with_effect(name, effect).effect_numbers()
-    faults = effect.numbers() if name == "rotor_failure" else RotorFaults()
-    place = Place(0.0, 0.0, HEIGHT, 0.0)
+    effects = with_effect(name, effect).effect_parameters()
+    faults = effect.parameters() if name == "rotor_failure" else RotorFaults()
+    place = HoverPose(0.0, 0.0, HEIGHT, 0.0)
     structure = {"effects": effects.names, "faulty": name == "rotor_failure", "time_step": time_step}
-    vehicle = Quadrotor(**structure, numbers=QuadrotorNumbers(PAPER, faults, place, effects))
+    vehicle = Quadrotor(**structure, parameters=QuadrotorConfig(PAPER, faults, place, effects))
     context = vehicle.CreateDefaultContext()
     speeds = hover_rotor_speeds(hover_equivalent(PAPER, effects, HEIGHT))
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.array(speeds))
@@ -129,7 +129,7 @@ def slopes_along_axes_of(effect):
     rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):
-        return np.array(effect.numbers().load(Flow(Vector(*air), Vector(*air), rotors, wrench, HEIGHT, PAPER)).force)
+        return np.array(effect.parameters().load(Flow(Vector(*air), Vector(*air), rotors, wrench, HEIGHT, PAPER)).force)
 
     intervals = [(s - 1e-5, s) for s in np.linspace(-4.99, 5.0, 31)]
     return [abs((force(b * e) - force(a * e)) @ e) / (b - a) for e in np.eye(3) for a, b in intervals]
@@ -138,7 +138,7 @@ def slopes_along_axes_of(effect):
 def check_member(name, kind):
     effect = example(name, kind)
     vehicle = with_effect(name, effect)
-    assert isinstance(effect.numbers(), kind.record)
+    assert isinstance(effect.parameters(), kind.record)
     assert has_constant_acceleration(name, effect) != kind.depends_on_time
     hovering = effect.in_hover()
     assert hovering is None or has_constant_acceleration(name, hovering)
@@ -147,9 +147,9 @@ def check_member(name, kind):
     assert symmetric is None or not rotates_body(name, symmetric)
     assert effect.event_times() == ((effect.time,) if "time" in kind.model_fields else ())
     if isinstance(effect, AirLoadEffect):
-        assert max(slopes_along_axes_of(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
+        assert max(slopes_along_axes_of(effect)) <= effect.max_damping(vehicle, 5.0) * (1.0 + 1e-6)
     else:
-        assert effect.max_slope(vehicle, 5.0) == 0.0
+        assert effect.max_damping(vehicle, 5.0) == 0.0
     if not kind.depends_on_time:
         system, context = vehicle_in_hover(name, effect, time_step=0.0)
         ports = system.GetInputPort("rotor_speed_command").get_index(), system.GetOutputPort("state").get_index()
@@ -162,12 +162,12 @@ def check_member(name, kind):
 def check_response(name, kind):
     """Assert that an identified response models exactly the effects that the language allows with it."""
     vehicle = with_effect(name, example(name, kind))
-    effects = vehicle.effect_numbers()
+    effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
-    numbers = RespondingNumbers(QuadrotorNumbers(PAPER, effects=effects), response)
+    config = AttitudeResponseConfig(QuadrotorConfig(PAPER, effects=effects), response)
     allowed = name not in vehicle.without_response()
     try:
-        RespondingQuadrotor(effects=effects.names, numbers=numbers)
+        AttitudeResponseQuadrotor(effects=effects.names, parameters=config)
     except ValueError as error:
         assert not allowed
         assert name in str(error)
@@ -223,11 +223,11 @@ def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     EFFECTS.member(ceiling_effect)
     assert declaration_of("ceiling.rotor_radius").unit == "m"
     assert before.vehicle.effects() == {}
-    assert as_believed(before).vehicle.effects() == {}
+    assert nominal_hover(before).vehicle.effects() == {}
     assert "CeilingEffect" in file_schema()["$defs"]
     assert "[CeilingEffect](#ceilingeffect)" in language_page()
     assert in_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}
-    assert as_believed(hover(rotor_radius=0.1)).vehicle.effects() == {}
+    assert nominal_hover(hover(rotor_radius=0.1)).vehicle.effects() == {}
     with pytest.raises(InputError, match=r"vehicle.ceiling.rotor_radius is -0.1, but must be at least 0"):
         hover(rotor_radius=-0.1)
     EFFECTS.remove("ceiling")
@@ -238,15 +238,15 @@ def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
 
 def test_an_effect_with_missing_attributes_is_refused(ceiling_effect):
     class IncompleteEffect(VehicleEffect):
-        meaning: ClassVar = ""
+        description: ClassVar = ""
         record: ClassVar = ceiling_effect.record
-        is_believed: ClassVar = False
+        is_nominal: ClassVar = False
 
     class EffectWithoutSlope(AirLoadEffect):
         field: ClassVar = "steep"
-        meaning: ClassVar = ""
+        description: ClassVar = ""
         record: ClassVar = ceiling_effect.record
-        is_believed: ClassVar = False
+        is_nominal: ClassVar = False
         depends_on_time: ClassVar = False
         couples_axes: ClassVar = False
         belongs_to_airframe: ClassVar = False
@@ -261,7 +261,7 @@ def test_an_effect_with_missing_attributes_is_refused(ceiling_effect):
         TypeError, match="IncompleteEffect must define field and depends_on_time and couples_axes and belongs"
     ):
         EFFECTS.member(IncompleteEffect)
-    with pytest.raises(TypeError, match="EffectWithoutSlope must define max_slope"):
+    with pytest.raises(TypeError, match="EffectWithoutSlope must define max_damping"):
         EFFECTS.member(EffectWithoutSlope)
     with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
         EFFECTS.member(EffectNamedBattery)

@@ -11,7 +11,7 @@ from compiled_comparison import assert_flown_alike
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.flight.hover_error import believed_tracking_error
+from drake_quad.flight.hover_error import nominal_tracking_error
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import at_rest, in_hover
 from drake_quad.scenario.schema import file_schema, language_page
@@ -77,7 +77,7 @@ def check_member(kind):
     wind = mean_wind(calm)
     assert np.abs(wind).max() > 0.01
     assert (np.ptp(wind, axis=1).max() > 1e-3) == kind.depends_on_time
-    assert (np.ptp(wind, axis=2).max() > 1e-3) == kind.depends_on_place
+    assert (np.ptp(wind, axis=2).max() > 1e-3) == kind.depends_on_position
     unsteady = np.linalg.norm(wind - np.reshape(source.steady_wind(), (3, 1, 1)), axis=0)
     assert unsteady.max() <= source.max_speed() * (1.0 + 1e-9)
 
@@ -120,7 +120,7 @@ def test_checks_and_analyses_include_a_user_s_wind(shear_wind):
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
-    low, high = (believed_tracking_error(hover(height)).rms.value for height in (1.0, 8.0))
+    low, high = (nominal_tracking_error(hover(height)).rms.value for height in (1.0, 8.0))
     assert high / low == pytest.approx(8.0**0.143, rel=0.02)
 
 
@@ -141,16 +141,16 @@ def test_wind_that_depends_on_time_is_removed_in_hover(shear_wind, monkeypatch):
     monkeypatch.setattr(shear_wind, "depends_on_time", True)
     assert in_hover(hover()).laboratory.wind == ()
     with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear, .*steady wind and turbulence"):
-        believed_tracking_error(hover())
+        nominal_tracking_error(hover())
 
 
 def test_a_wind_with_missing_attributes_is_refused():
     class IncompleteWind(WindSource):
         kind: Literal["incomplete"]
-        depends_on_place: ClassVar = False
+        depends_on_position: ClassVar = False
 
     class WindWithoutKind(WindSource):
-        depends_on_place: ClassVar = False
+        depends_on_position: ClassVar = False
         depends_on_time: ClassVar = False
 
     class WindNamedGust(GustSource):

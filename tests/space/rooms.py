@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from drake_quad.reference.regions import Box
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull
 from drake_quad.space.space import Obstacle, Space
 
 SPACING = 0.05
@@ -39,7 +39,7 @@ def random_room(seed):
             Cylinder((*centre[:2], 0.5 * size[2]), radius=0.3 * sides[0], height=size[2]),
             Cuboid(centre, rotation, sides),
             Ball(centre, radius=0.4 * sides[0]),
-            hull_of(Cuboid(centre, rotation, sides).corners()),
+            convex_hull(Cuboid(centre, rotation, sides).corners()),
             Cylinder(centre, rotation, 0.3 * sides[0], 2.0 * sides[1]),
         )
         obstacles.append(Obstacle(f"solid_{i}", shapes[i % 5]))

@@ -10,7 +10,7 @@ from test_passage import Boxes
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
 from drake_quad.reference.path_problem import PathLimits, PathProblem
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
+from drake_quad.reference.planner import FixedTimes, HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming, plan_path
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import around
@@ -105,12 +105,12 @@ def detour(*corners):
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
 TIMINGS = {
-    "heuristic": (Heuristic(), LIMITS),
-    "shortest": (Shortest(), LIMITS),
-    "least snap": (LeastSnap(4.0), LIMITS),
-    "least snap without limits": (LeastSnap(4.0), PathLimits()),
-    "given times": (GivenTimes((0.0, 4.0)), LIMITS),
-    "given times without limits": (GivenTimes((0.0, 4.0)), PathLimits()),
+    "heuristic": (HeuristicTiming(), LIMITS),
+    "shortest": (MinimumTimeTiming(), LIMITS),
+    "least snap": (MinimumSnapTiming(4.0), LIMITS),
+    "least snap without limits": (MinimumSnapTiming(4.0), PathLimits()),
+    "given times": (FixedTimes((0.0, 4.0)), LIMITS),
+    "given times without limits": (FixedTimes((0.0, 4.0)), PathLimits()),
 }
 
 
@@ -133,21 +133,21 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
     straight, aside = DETOURS[-1], DETOURS[0]
     slow = RouteAround(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, aside, straight])
-    assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
+    assert plan_around(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))[1] is straight
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
     with pytest.raises(InputError, match="acceleration"):
-        plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))
+        plan_around(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
     """The times follow from constant speed along a polyline whose segments are lengthened by one millimetre."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
-    actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
+    actual = around._timing_for(way, FixedTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed in succession.
     twice = RouteAround(PathProblem([START, END, END]), np.array([0, 2]))
-    times = around._timing_for(twice, GivenTimes((0.0, 1.0))).times
+    times = around._timing_for(twice, FixedTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
 
@@ -164,7 +164,7 @@ def test_a_gate_is_passed_where_it_is_free(gate):
     """A wall closes the gate except for a gap on the left, in which the centre of mass has 20 cm."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([START, gate, END], limits=LIMITS)
-    path, way = plan_around(space, BOUNDS, problem, Heuristic())
+    path, way = plan_around(space, BOUNDS, problem, HeuristicTiming())
     passed = evaluate(path, [path.times[way.waypoints[1]]])[:, 0]
     np.testing.assert_allclose(passed, gate.nearest(passed) if not isinstance(gate, Polytope) else passed, atol=1e-6)
     assert not isinstance(gate, Polytope) or gate.contains(passed)
@@ -179,7 +179,10 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
         InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
     ):
         plan_around(
-            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([START, gate, END]), Heuristic()
+            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall),
+            BOUNDS,
+            PathProblem([START, gate, END]),
+            HeuristicTiming(),
         )
 
 
@@ -189,7 +192,7 @@ def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
     gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in (1.0, 0.8)]
-    path, way = plan_around(space, bounds, PathProblem([START, *gates, END], limits=LIMITS), Heuristic())
+    path, way = plan_around(space, bounds, PathProblem([START, *gates, END], limits=LIMITS), HeuristicTiming())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= 0.1
     for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
@@ -203,7 +206,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
     with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
-        plan_around(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), Heuristic())
+        plan_around(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), HeuristicTiming())
 
 
 class RecordingRegions(Regions):
@@ -230,7 +233,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
     room = random_room(1)
     beside = room.places[1] + [-0.02, 0.0, 0.0]
     problem = PathProblem([Box.point(place) for place in (*room.places, beside)], limits=LIMITS)
-    plan_around(room.space, room.bounds, problem, Heuristic())
+    plan_around(room.space, room.bounds, problem, HeuristicTiming())
     (regions,) = RecordingRegions.made
     low, high = room.bounds.low, room.bounds.high
     points = np.random.default_rng(0).uniform(low, high, (5000, 3))
@@ -255,18 +258,18 @@ def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(mon
     corridor = Box([2.0, 0.8, 0.8], [4.0, 1.2, 1.2])
     problem = PathProblem(places, corridors=[None, None, corridor], limits=LIMITS)
     with pytest.raises(StopIteration):
-        plan_around(space_of(), BOUNDS, problem, Heuristic())
+        plan_around(space_of(), BOUNDS, problem, HeuristicTiming())
     assert [place[0] for place, _ in recorded] == [0.5, 1.5, 2.5, 2.5, 3.5]
     assert [inside is None for _, inside in recorded] == [True, True, True, False, False]
-    grid = around.Grid.of(space_of(), BOUNDS, most=30_000, finest=0.05)
+    grid = around.Grid.of(space_of(), BOUNDS, max_points=30_000, min_spacing=0.05)
     for _, inside in recorded[3:]:
         np.testing.assert_array_equal(inside, is_near(corridor, grid.points))
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
     """Therefore, routes are compared by their snap for the same duration."""
-    path = plan_path(PathProblem([START, END], limits=LIMITS), Heuristic())
-    slower = plan_path(PathProblem([START, END]), GivenTimes((0.0, 2.0 * path.duration)))
+    path = plan_path(PathProblem([START, END], limits=LIMITS), HeuristicTiming())
+    slower = plan_path(PathProblem([START, END]), FixedTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
@@ -316,12 +319,14 @@ def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
 def test_the_estimated_cost_of_a_straight_route_is_exact():
     """There is only one minimum-snap path from rest to rest along a straight segment for each duration."""
     straight = DETOURS[-1]
-    timing = LeastSnap(4.0)
+    timing = MinimumSnapTiming(4.0)
     for limits in (LIMITS, PathLimits()):
         way = RouteAround(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(way.problem, timing)).sum()
         assert around._estimated_cost(way, timing) == pytest.approx(expected, rel=1e-6)
-    assert around._estimated_cost(straight, Shortest()) == plan_path(straight.problem, Heuristic()).duration
+    assert (
+        around._estimated_cost(straight, MinimumTimeTiming()) == plan_path(straight.problem, HeuristicTiming()).duration
+    )
 
 
 def test_routes_around_a_pillar_lead_past_both_of_its_sides():
@@ -349,10 +354,10 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     space = space_of(*sides, radius=0.05)
     problem = PathProblem([Box.point([0.2, 0.3, 0.2]), Box.point([0.8, 0.3, 0.2])], limits=LIMITS)
     for most, finest, leads in ((30_000, 0.05, False), (400_000, 0.03, True)):
-        grid = around.Grid.of(space, bounds, most=most, finest=finest)
+        grid = around.Grid.of(space, bounds, max_points=most, min_spacing=finest)
         free = grid.points[grid.nearest >= space.clearance]
         assert (np.abs(free[:, 0] - 0.5) < 0.03).any() == leads
-    path, _ = plan_around(space, bounds, problem, Heuristic())
+    path, _ = plan_around(space, bounds, problem, HeuristicTiming())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= space.clearance
 
@@ -374,7 +379,7 @@ def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatc
     monkeypatch.setattr(around, "candidate_regions", recording_candidate_regions)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
-        plan_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS), Heuristic())
+        plan_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS), HeuristicTiming())
     *clearances, (points, lengths) = recorded
     assert clearances == [space.clearance + 1e-5] * 2
     assert space.nearest(points)[0].min() >= space.clearance + 1e-5

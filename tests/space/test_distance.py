@@ -41,8 +41,8 @@ def rest_to_rest(length, duration):
     return minimum_snap(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), np.array([3.0, 3.0 + duration]))
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
-def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
+@pytest.mark.parametrize("fraction", [0.1, 0.3, 0.5, 0.7, 0.9])
+def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(fraction):
     """The end of a piece is farthest from the middle of the piece where the path is fastest.
 
     The path is first cut at the multiples of 1/32 of its duration, so its middle is the end of two pieces. One small
@@ -54,7 +54,7 @@ def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
     half = speed * path.durations[0] / 64.0
     beside = evaluate(path, [3.0 + 4.0 * 20.5 / 32.0])[:, 0]
     first = Obstacle("first", Ball((4.0, 0.01, 0.0), radius=0.001))
-    decoy = Obstacle("decoy", Ball((beside[0], share * half + 0.001, 0.0), radius=0.001))
+    decoy = Obstacle("decoy", Ball((beside[0], fraction * half + 0.001, 0.0), radius=0.001))
     actual = nearest_approach(path, Space((decoy, first), radius=0.1))
     assert actual.obstacle == "first"
     assert actual.distance == pytest.approx(0.009, abs=1e-5)

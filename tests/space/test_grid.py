@@ -32,7 +32,7 @@ def indices(grid):
 
 @pytest.mark.parametrize("most", [60, 1000, 2000, 5000, 100_000])
 def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
-    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.05)
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.05)
     assert len(grid.points) == np.prod(grid.shape) <= most
     expected = UNEVEN_BOUNDS.low + indices(grid) * (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1)
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
@@ -45,7 +45,7 @@ def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
 
 
 def test_a_grid_of_a_flat_space_has_one_layer():
-    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), max_points=1000, min_spacing=0.1)
     assert grid.shape == (11, 6, 1)
     np.testing.assert_allclose(grid.steps, [0.1, 0.1, 0.0])
     np.testing.assert_array_equal(grid.points[:, 2], 1.0)
@@ -53,18 +53,18 @@ def test_a_grid_of_a_flat_space_has_one_layer():
 
 def test_distances_of_a_grid_are_distances_to_its_obstacles():
     room = random_room(2)
-    grid = Grid.of(room.space, room.bounds, most=3000, finest=0.05)
+    grid = Grid.of(room.space, room.bounds, max_points=3000, min_spacing=0.05)
     outside = grid.nearest > 0.0
     np.testing.assert_allclose(grid.nearest[outside], least_distances(room.space, grid.points)[outside], atol=1e-9)
     assert grid.distances.shape == (len(grid.points), len(room.space.obstacles))
     np.testing.assert_array_equal(grid.distances.min(axis=1), grid.nearest)
-    empty = Grid.of(EMPTY_SPACE, room.bounds, most=3000, finest=0.05)
+    empty = Grid.of(EMPTY_SPACE, room.bounds, max_points=3000, min_spacing=0.05)
     assert (empty.nearest == np.inf).all()
     assert empty.distances.shape == (len(empty.points), 0)
 
 
 def test_each_pair_of_neighbours_is_found_once():
-    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), max_points=1000, min_spacing=0.1)
     actual = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
     at = indices(grid)
     expected = {
@@ -90,7 +90,7 @@ def step_lengths(grid, start):
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
     """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
-    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.02)
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
     away = np.linalg.norm(grid.points - place, axis=1)
@@ -115,7 +115,7 @@ def tunnel(room):
     solids = [Cuboid((0.5, sign * aside, 0.0), size=(3.0, 1.0, 3.0)) for sign in (-1.0, 1.0)]
     solids += [Cuboid((0.5, 0.0, sign * aside), size=(3.0, 3.0, 1.0)) for sign in (-1.0, 1.0)]
     space = Space(tuple(Obstacle(f"side {i}", solid) for i, solid in enumerate(solids)), radius=clearance)
-    grid = Grid.of(space, Box([0.0, -0.2, -0.2], [1.0, 0.2, 0.2]), most=10_000, finest=spacing)
+    grid = Grid.of(space, Box([0.0, -0.2, -0.2], [1.0, 0.2, 0.2]), max_points=10_000, min_spacing=spacing)
     middle = np.flatnonzero(np.abs(grid.points[:, 1:]).max(axis=1) < 1e-9)
     return grid, middle[np.argsort(grid.points[middle, 0])]
 
@@ -135,7 +135,7 @@ def test_the_cost_of_a_route_decreases_from_twice_its_length_with_its_clearance(
 def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
     """The route leads straight away from a wall, so the clearance increases with each step."""
     space = wall_at(-0.31, 0.2, radius=0.2)
-    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), max_points=100, min_spacing=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
     away, _ = grid.lengths_from(grid.points[:1], 0.2)
     np.testing.assert_allclose(np.diff(away[1:]), expected[1:])
@@ -152,7 +152,7 @@ def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)
-    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.05)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.05)
     places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
     free = grid.nearest >= space.clearance
@@ -167,7 +167,7 @@ def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
 def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
     """A step with ends near a solid is free if its middle is free. The example passes the edge of a thin wall."""
     space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
-    grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), max_points=10_000, min_spacing=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
     way = grid.shortest_route(lengths, before, *places)
@@ -177,7 +177,7 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
 
 
 def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
-    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.1)
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
     lengths, before = grid.lengths_from(begins, 0.1)
@@ -193,7 +193,7 @@ def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
 def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start():
     """No other grid point near the end has a smaller sum of its route length and its distance to the end."""
     room = random_room(6)
-    grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
+    grid = Grid.of(room.space, room.bounds, max_points=20_000, min_spacing=0.08)
     reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
     begins = reached[[0, len(reached) // 2, len(reached) - 1]]
     lengths, before = grid.lengths_from(begins, room.space.clearance)
@@ -214,7 +214,7 @@ def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start()
 
 def test_a_starting_point_is_connected_only_to_near_free_grid_points():
     space = wall_at(0.5, 0.3, radius=0.1)
-    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.1)
     inside, beside = np.array([[0.5, 0.5, 0.5]]), np.array([[0.1, 0.5, 0.5]])
     lengths, _ = grid.lengths_from(inside, space.clearance)
     assert (lengths == np.inf).all()
@@ -224,7 +224,7 @@ def test_a_starting_point_is_connected_only_to_near_free_grid_points():
 
 def test_components_are_those_of_the_graph_of_free_points():
     random = np.random.default_rng(3)
-    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), max_points=1000, min_spacing=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
     pairs = np.concatenate([np.stack(pair) for pair in grid.neighbours()], axis=1)
     pairs = pairs[:, free[pairs].all(axis=0)]

@@ -13,7 +13,7 @@ from test_rooms import LIMITS
 
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathProblem
-from drake_quad.reference.planner import Shortest, plan_path
+from drake_quad.reference.planner import MinimumTimeTiming, plan_path
 from drake_quad.reference.regions import Box
 from drake_quad.space.around import plan_around, with_corridors
 from drake_quad.space.grid import Grid
@@ -30,7 +30,7 @@ _NUM_DRAWS = 10
 
 def durations_of_restarts(room, problem, count):
     """Return the durations of the paths through random passages, s."""
-    grid = Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
+    grid = Grid.of(room.space, room.bounds, max_points=30_000, min_spacing=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
     actual = []
     for start in range(0, count, _NUM_DRAWS):
@@ -42,7 +42,9 @@ def durations_of_restarts(room, problem, count):
         ends = [place[None] for place in room.places]
         for passage in other_passages(regions, ends, problem.corridors, count=_NUM_DRAWS, seed=start):
             try:
-                actual.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
+                actual.append(
+                    plan_path(with_corridors(problem, regions, passage).problem, MinimumTimeTiming()).duration
+                )
             except InputError:
                 continue
     return actual
@@ -54,7 +56,7 @@ def test_no_restart_is_much_faster(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
-    ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration
+    ours = plan_around(room.space, room.bounds, problem, MinimumTimeTiming())[0].duration
     durations = durations_of_restarts(room, problem, NUM_RESTARTS)
     assert durations
     best = min(durations)

@@ -11,7 +11,7 @@ from rooms import Room, Search, least_distances, random_room
 
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathLimits, PathProblem
-from drake_quad.reference.planner import Heuristic, LeastSnap, Shortest
+from drake_quad.reference.planner import HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.regions import Box
 from drake_quad.space.around import plan_around
@@ -39,7 +39,7 @@ def keeps_clear(room, path):
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_a_room_is_planned_or_blocked(seed):
     room = random_room(seed)
-    timing = (Heuristic(), LeastSnap(12.0), *[Heuristic()] * 7, Shortest())[seed % 10]
+    timing = (HeuristicTiming(), MinimumSnapTiming(12.0), *[HeuristicTiming()] * 7, MinimumTimeTiming())[seed % 10]
     try:
         path = plan(room, timing)
     except InputError as error:
@@ -78,9 +78,9 @@ PASSAGES = {
 
 # All passages are planned with the fastest timing, and one of them also with each of the other timings.
 PASSAGE_TIMINGS = [
-    *((name, Heuristic()) for name in PASSAGES),
-    ("over a beam", Shortest()),
-    ("a door on the left", LeastSnap(8.0)),
+    *((name, HeuristicTiming()) for name in PASSAGES),
+    ("over a beam", MinimumTimeTiming()),
+    ("a door on the left", MinimumSnapTiming(8.0)),
 ]
 
 
@@ -104,7 +104,7 @@ def test_the_only_best_passage_is_selected(name, timing):
 
 
 def test_the_same_room_gives_the_same_plan_in_another_process():
-    path = plan(random_room(2), Heuristic())
+    path = plan(random_room(2), HeuristicTiming())
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
     text = (
         "import hashlib, test_rooms as t\n"

@@ -8,7 +8,7 @@ from rooms import least_distances, random_room
 from test_rooms import plan, walled
 
 from drake_quad.errors import InputError
-from drake_quad.reference.planner import Heuristic
+from drake_quad.reference.planner import HeuristicTiming
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.grid import Grid
 from drake_quad.space.passage import candidate_regions, find_passage, region_chain
@@ -20,12 +20,12 @@ DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
 
 
 def grid_of(room):
-    return Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
+    return Grid.of(room.space, room.bounds, max_points=30_000, min_spacing=0.05)
 
 
 def test_a_route_over_an_empty_grid_is_nearly_straight():
     bounds = Box([0.0, 0.0, 0.0], [2.0, 1.0, 1.0])
-    grid = Grid.of(Space((), radius=0.1), bounds, most=30_000, finest=0.05)
+    grid = Grid.of(Space((), radius=0.1), bounds, max_points=30_000, min_spacing=0.05)
     begin, end = np.array([[0.11, 0.12, 0.13]]), np.array([[1.87, 0.12, 0.13]])
     lengths, before = grid.lengths_from(begin, 0.1)
     way = grid.shortest_route(lengths, before, begin, end)
@@ -99,7 +99,7 @@ def test_all_obstacles_that_must_be_removed_are_named():
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
     room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
-        plan(room, Heuristic())
+        plan(room, HeuristicTiming())
     message = str(refusal.value)
     assert "no way" in message
     assert "without wall_0, wall_1 and wall_2, there would be a way" in message

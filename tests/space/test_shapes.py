@@ -11,7 +11,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
-from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, transformed_points
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull, transformed_points
 from drake_quad.space.space import Obstacle, Space
 
 CENTRE = (0.3, -0.7, 1.1)
@@ -23,10 +23,10 @@ SHAPES = {
     "cylinder": Cylinder(CENTRE, ROTATION, 0.3, 1.7),
     "upright cylinder": Cylinder(CENTRE, radius=0.7, height=0.4),
     "ball": Ball(CENTRE, radius=0.6),
-    "hull": hull_of(POINTS),
-    "tetrahedron": hull_of([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.2, 0.3, 3.0]]),
-    "hull of a box": hull_of(Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)).corners()),
-    "sliver": hull_of([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, 1.0, 0.01]]),
+    "hull": convex_hull(POINTS),
+    "tetrahedron": convex_hull([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.2, 0.3, 3.0]]),
+    "hull of a box": convex_hull(Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)).corners()),
+    "sliver": convex_hull([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, 1.0, 0.01]]),
 }
 each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 
@@ -166,9 +166,9 @@ def test_transformed_points_are_scaled_rotated_and_moved():
         (lambda: Cylinder(CENTRE, radius=-1.0), "the radius of a solid is -1 m"),
         (lambda: Cylinder(CENTRE, height=math.inf), "the height of a solid is inf m"),
         (lambda: Ball((0.0, math.nan, 0.0)), "the centre of a solid must be three finite numbers"),
-        (lambda: hull_of(POINTS[:3]), "at least 4 points"),
-        (lambda: hull_of(POINTS * [1.0, 1.0, 0.0]), "in a plane"),
-        (lambda: hull_of([[0.0, 0.0, math.inf]] * 4), "finite"),
+        (lambda: convex_hull(POINTS[:3]), "at least 4 points"),
+        (lambda: convex_hull(POINTS * [1.0, 1.0, 0.0]), "in a plane"),
+        (lambda: convex_hull([[0.0, 0.0, math.inf]] * 4), "finite"),
     ],
 )
 def test_invalid_solids_are_rejected(make, words):
@@ -188,7 +188,7 @@ def test_a_failure_of_qhull_is_reported(monkeypatch):
 
     monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
     with pytest.raises(InputError, match="no hull of 30 points was found"):
-        hull_of(POINTS)
+        convex_hull(POINTS)
 
 
 def test_a_space_finds_the_nearest_obstacle():
@@ -219,7 +219,7 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
     """The tolerance for a projection inside a face is relative to the size of the hull."""
     hull = SHAPES[name]
     points = points_around(hull, 300)
-    larger = hull_of(scale * np.array(hull.corners))
+    larger = convex_hull(scale * np.array(hull.corners))
     np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
 
 
@@ -228,7 +228,7 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
     """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
     points = points_around(hull, 300)
-    far = hull_of(np.array(hull.corners) + away)
+    far = convex_hull(np.array(hull.corners) + away)
     assert len(far.corners) == len(hull.corners)
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
 
@@ -237,7 +237,7 @@ def test_points_in_a_plane_have_no_hull():
     flat = POINTS * [1.0, 1.0, 0.0]
     for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
-            hull_of(points)
+            convex_hull(points)
 
 
 def test_transformed_points_keep_their_size_by_default():

@@ -9,8 +9,8 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.errors import InputError
 from drake_quad.space import simplification
-from drake_quad.space.shapes import hull_of
-from drake_quad.space.simplification import MAX_GROWTH, surrounding
+from drake_quad.space.shapes import convex_hull
+from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
 
 MAX_CORNERS = 100
 
@@ -66,8 +66,8 @@ MESHES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
 def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_growth):
-    actual = surrounding(points, MAX_CORNERS)
-    original, simple = hull_of(points), hull_of(actual.corners)
+    actual = simplified_hull(points, MAX_CORNERS)
+    original, simple = convex_hull(points), convex_hull(actual.corners)
     size = np.ptp(points, axis=0).max()
     assert (len(actual.corners), actual.replaced) == (MAX_CORNERS, len(original.corners))
     assert actual.is_simpler
@@ -85,9 +85,9 @@ def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_
 @pytest.mark.slow
 def test_units_do_not_change_the_simplified_hull():
     points = sphere(150, 9)
-    simple = surrounding(points, MAX_CORNERS)
+    simple = simplified_hull(points, MAX_CORNERS)
     for unit in (1e-6, 1e6):
-        scaled = surrounding(unit * points, MAX_CORNERS)
+        scaled = simplified_hull(unit * points, MAX_CORNERS)
         assert scaled.corners == pytest.approx(unit * simple.corners, abs=1e-6 * unit)
         assert scaled.growth == pytest.approx(unit * simple.growth, rel=1e-4)
 
@@ -96,18 +96,18 @@ def test_a_failure_of_the_solver_is_reported(monkeypatch):
     failed = scipy.optimize.OptimizeResult(x=None, status=4)
     monkeypatch.setattr(scipy.optimize, "linprog", lambda *_, **__: failed)
     with pytest.raises(InputError, match=r"^no hull with 100 corners was found around the convex hull with 103"):
-        surrounding(sphere(103, 10), MAX_CORNERS)
+        simplified_hull(sphere(103, 10), MAX_CORNERS)
 
 
 def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
     for name, count in (("drone of 104 corners", 104), ("drone of 213 corners", 213)):
-        assert len(hull_of(MESHES[name][0]).corners) == count
+        assert len(convex_hull(MESHES[name][0]).corners) == count
 
 
 @pytest.mark.slow
 def test_the_growth_is_a_distance_to_drake_s_convex_set():
     points = sphere(130, 7) * [1.0, 0.5, 0.2]
-    actual, hull = surrounding(points, MAX_CORNERS), hull_of(points)
+    actual, hull = simplified_hull(points, MAX_CORNERS), convex_hull(points)
     corner = actual.corners[np.argmax(hull.distances(actual.corners))]
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
@@ -119,35 +119,35 @@ def test_the_growth_is_a_distance_to_drake_s_convex_set():
 
 def test_a_hull_of_few_corners_is_unchanged():
     points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
-    actual = surrounding(points, MAX_CORNERS)
+    actual = simplified_hull(points, MAX_CORNERS)
     assert (actual.growth, actual.is_simpler) == (0.0, False)
-    np.testing.assert_array_equal(actual.corners, hull_of(points).corners)
+    np.testing.assert_array_equal(actual.corners, convex_hull(points).corners)
 
 
 def test_a_hull_that_would_grow_too_much_is_rejected():
     with pytest.raises(
         InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
     ):
-        surrounding(sphere(300), 8)
+        simplified_hull(sphere(300), 8)
     with pytest.raises(InputError, match="in a plane"):
-        surrounding(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
+        simplified_hull(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
 
 
 def test_a_replacement_is_described_in_a_sentence():
-    actual = surrounding(drone(13), MAX_CORNERS)
-    share = 100.0 * actual.growth / 0.37
+    actual = simplified_hull(drone(13), MAX_CORNERS)
+    fraction = 100.0 * actual.growth / 0.37
     assert str(actual) == (
         f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, larger by at most"
-        f" {actual.growth:.3g}, {share:.2g} % of its size"
+        f" {actual.growth:.3g}, {fraction:.2g} % of its size"
     )
 
 
 @pytest.mark.parametrize("count", [8, 9, 100])
 def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
     points = sphere(count)
-    actual = surrounding(points, count)
+    actual = simplified_hull(points, count)
     assert (actual.growth, actual.is_simpler, actual.replaced) == (0.0, False, count)
-    np.testing.assert_array_equal(actual.corners, hull_of(points).corners)
+    np.testing.assert_array_equal(actual.corners, convex_hull(points).corners)
 
 
 def test_directions_are_unit_vectors_that_are_spread_evenly():
@@ -177,7 +177,7 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_
             actual = simplification._outside(size * points + away, size * flat + away)
             np.testing.assert_allclose(actual, size * distances, atol=1e-9 * size)
         solid = np.vstack([flat, [0.3, 0.2, -0.9]])
-        hull = hull_of(solid)
+        hull = convex_hull(solid)
         expected = (points @ np.array(hull.normals).T - hull.offsets).max(axis=1)
         np.testing.assert_allclose(simplification._outside(size * points, size * solid), size * expected, rtol=1e-6)
 
@@ -185,7 +185,7 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_a_hull_of_few_corners_grows_with_its_size(scale):
     points = sphere(120)
-    actual, larger = surrounding(points, MAX_CORNERS), surrounding(scale * points, MAX_CORNERS)
+    actual, larger = simplified_hull(points, MAX_CORNERS), simplified_hull(scale * points, MAX_CORNERS)
     assert larger.growth == pytest.approx(scale * actual.growth, rel=1e-6)
     assert larger.size == pytest.approx(scale * np.ptp(points, axis=0).max())
     assert str(larger).endswith("% of its size")

@@ -15,15 +15,15 @@ def test_quantiles_of_binomial_distributions_agree_with_scipy(total, probability
     # These probabilities lie between the steps of the distribution function, where rounding errors have no effect.
     middle = round(total * probability)
     steps = scipy.stats.binom.cdf(np.arange(max(middle - 20, 0), min(middle + 20, total)), total, probability)
-    for share in (0.005, 0.025, 0.5, 0.975, 0.995, *0.5 * (steps[1:] + steps[:-1])):
-        assert _binomial_quantile(share, total, probability) == scipy.stats.binom.ppf(share, total, probability)
+    for fraction in (0.005, 0.025, 0.5, 0.975, 0.995, *0.5 * (steps[1:] + steps[:-1])):
+        assert _binomial_quantile(fraction, total, probability) == scipy.stats.binom.ppf(fraction, total, probability)
 
 
 @pytest.mark.parametrize("total", [1, 2, 3, 10])
 def test_a_count_is_the_quantile_of_its_cumulative_probability(total):
     """At a probability of one half, cumulative probabilities are exact in floating point."""
-    shares = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
-    assert [_binomial_quantile(share, total, 0.5) for share in shares] == [*range(total)]
+    fractions = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
+    assert [_binomial_quantile(fraction, total, 0.5) for fraction in fractions] == [*range(total)]
 
 
 def test_equal_values_get_the_mean_of_their_ranks():

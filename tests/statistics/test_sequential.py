@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.statistics.estimates import mean_interval, share_interval
+from drake_quad.statistics.estimates import mean_interval, proportion_interval
 from drake_quad.statistics.sequential import mean_sequence, probability_sequence
 
 CHECKS = [round(256 * 1.25**k) for k in range(16)]  # up to 7,275 samples
@@ -31,7 +31,7 @@ def test_sequences_are_longer_than_intervals_and_not_much():
     sequence, interval = mean_sequence(values), mean_interval(values)
     assert sequence.value == interval.value
     assert 1.3 < (sequence.high - sequence.low) / (interval.high - interval.low) < 1.9
-    sequence, interval = probability_sequence(30, 1000), share_interval(30, 1000)
+    sequence, interval = probability_sequence(30, 1000), proportion_interval(30, 1000)
     assert 1.2 < (sequence.high - sequence.low) / (interval.high - interval.low) < 1.9
 
 
@@ -51,7 +51,7 @@ def test_all_intervals_of_a_probability_contain_it_in_95_percent_of_studies(prob
                 for row in counts[:300]
             ]
         )
-        for function in (probability_sequence, share_interval)
+        for function in (probability_sequence, proportion_interval)
     )
     assert covered >= 0.95
     assert ordinary < covered

@@ -50,7 +50,7 @@ def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
     np.testing.assert_allclose(read_study(folder).parameters[MASS], whole.parameters[MASS], rtol=1e-11)
     again = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
     assert (len(again.samples), again.invalid_lines) == (9, ())
-    assert again.flown_time == pytest.approx(2 * 0.2)
+    assert again.simulated_time == pytest.approx(2 * 0.2)
     drawn = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
     np.testing.assert_allclose(again.parameters[DRAG], drawn, rtol=1e-11)
 

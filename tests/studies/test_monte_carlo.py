@@ -124,7 +124,7 @@ def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
 def test_a_study_read_from_its_folder_equals_the_flown_one(whole):
     assert_same(read_study(whole[0]), whole[1])
     assert read_study(whole[0]).scenario == study("seed=5")
-    assert whole[1].flown_time == pytest.approx(whole[1].flight_time.sum())
+    assert whole[1].simulated_time == pytest.approx(whole[1].flight_time.sum())
 
 
 @pytest.mark.slow
@@ -135,8 +135,8 @@ def test_a_resumed_study_can_have_more_samples(whole, tmp_path):
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
     assert seen[0] == (9, N)
     assert seen[-1] == (N, N)
-    assert found.flown_time == pytest.approx(whole[1].flight_time[9:].sum())
-    assert run(tmp_path, resume=True).flown_time == 0.0
+    assert found.simulated_time == pytest.approx(whole[1].flight_time[9:].sum())
+    assert run(tmp_path, resume=True).simulated_time == 0.0
 
 
 def children(pid):
@@ -292,7 +292,7 @@ def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
         read_study(tmp_path)
     found = run(tmp_path, resume=True)
     assert list(found.invalid_lines) == [4]
-    assert found.flown_time == pytest.approx(whole[1].flight_time[2])
+    assert found.simulated_time == pytest.approx(whole[1].flight_time[2])
     assert path.read_bytes() == (whole[0] / "results.csv").read_bytes()
     assert not read_study(tmp_path).invalid_lines
 

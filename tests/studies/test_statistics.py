@@ -10,10 +10,10 @@ from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.statistics.estimates import (
     mean_interval,
+    proportion_interval,
     quantile_interval,
     rank_correlation,
     running_mean,
-    share_interval,
 )
 from drake_quad.studies.statistics import (
     compare_studies,
@@ -44,8 +44,8 @@ def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_coverage():
     values = np.random.default_rng(0).normal(2.0, 3.0, 25)
     expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     assert mean_interval(values) == pytest.approx((values.mean(), expected.low, expected.high))
-    share = coverage(mean_interval, 2.0, lambda rng: rng.normal(2.0, 3.0, 8))
-    assert share == pytest.approx(0.95, abs=0.03)
+    fraction = coverage(mean_interval, 2.0, lambda rng: rng.normal(2.0, 3.0, 8))
+    assert fraction == pytest.approx(0.95, abs=0.03)
 
 
 @pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
@@ -56,10 +56,10 @@ def test_the_interval_of_a_quantile_agrees_with_scipy_and_has_its_coverage(proba
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
     assert found.value == np.quantile(values, probability, method="inverted_cdf")
     truth = -math.log(1.0 - probability)
-    share = coverage(
+    fraction = coverage(
         lambda values: quantile_interval(values, probability), truth, lambda rng: rng.exponential(size=120)
     )
-    assert share > 0.93
+    assert fraction > 0.93
 
 
 def test_too_few_values_do_not_bound_a_quantile():
@@ -78,11 +78,11 @@ def test_a_crash_is_worse_than_any_error():
 
 def test_the_interval_of_a_share_is_exact():
     """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
-    assert share_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
-    found = share_interval(7, 50)
+    assert proportion_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
+    found = proportion_interval(7, 50)
     assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
     assert scipy.stats.binom.cdf(7, 50, found.high) == pytest.approx(0.025)
-    assert share_interval(0, 0)[1:] == (0.0, 1.0)
+    assert proportion_interval(0, 0)[1:] == (0.0, 1.0)
 
 
 @pytest.mark.slow
@@ -90,8 +90,8 @@ def test_the_interval_of_a_share_is_exact():
 def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
     """The rank correlation of normal variables with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
-    share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
-    assert share == pytest.approx(0.95, abs=0.03)
+    fraction = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
+    assert fraction == pytest.approx(0.95, abs=0.03)
 
 
 def test_the_interval_of_a_rank_correlation_is_bonett_and_wright_s():
@@ -178,7 +178,7 @@ def test_few_values_have_no_interval():
     assert mean_interval(np.array([3.0, 5.0]))[1:] == pytest.approx([4.0 - 12.706205, 4.0 + 12.706205])
     np.testing.assert_array_equal(quantile_interval(np.array([]), 0.5), [nan, nan, nan])
     assert quantile_interval(np.array([4.0, 2.0]), 0.0).value == 2.0
-    np.testing.assert_array_equal(share_interval(0, 0), [nan, 0.0, 1.0])
+    np.testing.assert_array_equal(proportion_interval(0, 0), [nan, 0.0, 1.0])
     for count in (0, 3):
         np.testing.assert_array_equal(rank_correlation(np.arange(count), np.arange(count)), [nan, nan, nan])
     assert rank_correlation(np.arange(4.0), np.array([1.0, 0.0, 2.0, 3.0])).value == pytest.approx(0.8)
@@ -196,7 +196,7 @@ def test_intervals_have_the_given_confidence():
     assert [ends[-1] for ends in running_mean(values, 0.8)[1:]] == pytest.approx((expected.low, expected.high))
     expected = scipy.stats.quantile_test(values, p=0.5).confidence_interval(0.8)
     assert quantile_interval(values, 0.5, 0.8)[1:] == pytest.approx((expected.low, expected.high))
-    assert share_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
+    assert proportion_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
     low, high = rank_correlation(np.arange(40), values, 0.8)[1:]
     rho = scipy.stats.spearmanr(np.arange(40), values).statistic
     reach = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
@@ -216,7 +216,7 @@ def test_influences_exclude_crashed_flights():
     assert (first.low.value, first.high.value) == (1.5, 19.5)
     assert influences(study([1.0, 2.0], [1.0, 1.0], mass=np.ones(2))) == []
     crashes = influences(flown, "crashed")
-    assert [each.low for each in crashes if each.path == "mass"] == [share_interval(0, 2)]
+    assert [each.low for each in crashes if each.path == "mass"] == [proportion_interval(0, 2)]
 
 
 def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():

@@ -32,7 +32,7 @@ def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenari
     other = run_monte_carlo(scenario, 5000, num_workers=2, batch_size=100, until=rules)
     assert np.array_equal(other.metrics.rmse, study.metrics.rmse)
     resumed = run_monte_carlo(scenario, 5000, num_workers=1, until=rules, folder=tmp_path, resume=True)
-    assert (len(resumed.samples), resumed.flown_time) == (end, 0.0)
+    assert (len(resumed.samples), resumed.simulated_time) == (end, 0.0)
     assert len(read_study(tmp_path).samples) == end
 
 

@@ -13,7 +13,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.studies.results_file import StoredRows
-from drake_quad.studies.study import Record, Study, check_draws, column_meaning, columns_of, read_record, rows_of
+from drake_quad.studies.study import Record, Study, check_draws, column_description, columns_of, read_record, rows_of
 
 REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
@@ -29,8 +29,8 @@ def test_a_file_that_is_not_a_record_is_refused(tmp_path, text):
 
 def test_a_study_that_is_read_has_no_flown_time(tmp_path):
     scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
-    assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).flown_time > 0.0
-    assert read_study(tmp_path).flown_time == 0.0
+    assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).simulated_time > 0.0
+    assert read_study(tmp_path).simulated_time == 0.0
 
 
 @pytest.fixture
@@ -55,12 +55,12 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     for name, column in zip(columns, rows.T, strict=True):
         np.testing.assert_array_equal(column, expected[name])
 
-    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, flown_time=0.14, invalid_lines=[5])
+    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, simulated_time=0.14, invalid_lines=[5])
     assert study.samples.tolist() == [3, 1]
     assert list(study.parameters) == ["vehicle.mass", "vehicle.linear_drag"]
     np.testing.assert_array_equal(study.metrics, metrics)
     np.testing.assert_allclose(study.flight_time, [0.1, 0.04])
-    assert (study.duration, study.failures, study.flown_time, study.invalid_lines) == (0.1, {7: "late"}, 0.14, (5,))
+    assert (study.duration, study.failures, study.simulated_time, study.invalid_lines) == (0.1, {7: "late"}, 0.14, (5,))
     words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn fields: vehicle.mass, vehicle.linear_drag>"
     assert repr(study) == words
     still = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
@@ -83,11 +83,11 @@ def test_drawn_values_are_compared_to_the_written_digits(two_masses):
 
 
 def test_columns_have_descriptions(two_masses):
-    assert column_meaning(two_masses, "sample") == "index of the sample"
-    assert column_meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
-    assert column_meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
-    assert column_meaning(two_masses, "rmse") == "metric (m)"
-    assert "kg" in column_meaning(two_masses, "vehicle.mass")
+    assert column_description(two_masses, "sample") == "index of the sample"
+    assert column_description(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
+    assert column_description(two_masses, "checksum").startswith("CRC-32 of the row and its study")
+    assert column_description(two_masses, "rmse") == "metric (m)"
+    assert "kg" in column_description(two_masses, "vehicle.mass")
 
 
 def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
@@ -119,7 +119,7 @@ def test_a_missing_record_is_named(tmp_path):
 
 def test_optional_fields_of_a_study_are_empty_by_default(two_masses):
     study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
-    assert (study.failures, study.flown_time, study.invalid_lines) == ({}, 0.0, ())
+    assert (study.failures, study.simulated_time, study.invalid_lines) == ({}, 0.0, ())
 
 
 def test_a_study_has_the_remarks_on_its_scenario():

@@ -10,7 +10,7 @@ import pytest
 from drake_quad import InputError, load_scenario, read_studies, read_study, run_monte_carlo
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
-from drake_quad.statistics.estimates import share_interval
+from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.study import Study, columns_of, rows_of
 from drake_quad.studies.summary import crash_text, obstacle_table
 
@@ -62,11 +62,11 @@ def test_a_study_counts_crashes_into_each_obstacle():
     assert ["sample", *frame.columns] == columns_of(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
     assert frame["obstacle"].dropna().tolist() == ["far", "far"]
-    crashed, touched = (share_interval(count, 4).percent() for count in (3, 2))
+    crashed, touched = (proportion_interval(count, 4).percent() for count in (3, 2))
     assert crash_text(study) == f"3 crashed, {crashed}; 2 of them into obstacles, {touched}"
-    ((name, count, share),) = obstacle_table(study).rows
+    ((name, count, fraction),) = obstacle_table(study).rows
     assert (name, count) == ("far", "2")
-    assert share == touched
+    assert fraction == touched
 
 
 def test_the_obstacles_of_crashes_are_saved(tmp_path):

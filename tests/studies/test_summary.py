@@ -9,10 +9,10 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import METRICS, Metrics
 from drake_quad.statistics.estimates import (
+    bounded_mean_interval,
     mean_interval,
+    proportion_interval,
     quantile_interval,
-    share_interval,
-    share_mean_interval,
     without_negative_part,
 )
 from drake_quad.studies.statistics import crash_bins, metric_mean, most_influential_path
@@ -49,8 +49,8 @@ def test_intervals_exclude_crashes_and_stay_within_the_possible_range(count, cra
         numbers = [float(number) for number in re.findall(r"-?\d+\.\d+", cell)]
         assert all(number >= 0.0 for number in numbers), cell
         assert not (crashed == 0 and "crash" in cell)
-    (shares,) = (row for row in summary.rows if row[-1] == "%")
-    assert all(float(number) <= 100.0 for cell in shares[1:-1] for number in re.findall(r"\d+\.\d+", cell))
+    (fractions,) = (row for row in summary.rows if row[-1] == "%")
+    assert all(float(number) <= 100.0 for cell in fractions[1:-1] for number in re.findall(r"\d+\.\d+", cell))
     assert words.startswith(f"{crashed} crashed, ")
     if count == crashed > 0:
         assert {cell for row in summary.rows for cell in row[3:-1]} == {"crash"}
@@ -92,8 +92,8 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
         assert mean == metric_mean(found.metrics, name).text(size=sizes[unit])
         assert float(deviation) == pytest.approx(kept.std(ddof=1) / sizes[unit], rel=0.05)
         every = np.where(found.metrics.crashed, math.inf, rows[name])
-        for text, share in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
-            assert text == without_negative_part(quantile_interval(every, share)).text(
+        for text, fraction in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
+            assert text == without_negative_part(quantile_interval(every, fraction)).text(
                 size=sizes[unit], infinite="crash"
             )
 
@@ -102,10 +102,10 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
 def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
     summary = comparison_table(pairs, "rmse")
-    ((name, difference, share, better, num_pairs, alone, significance),) = summary.rows
+    ((name, difference, fraction, better, num_pairs, alone, significance),) = summary.rows
     assert (name, num_pairs, alone) == ("other", f"{count - crashed}", f"{crashed} : 0")
     assert ("p = " in significance) == (crashed > 0)
-    assert "-" not in share + better
+    assert "-" not in fraction + better
     assert len(summary.remarks) == (crashed > 0)
     assert (difference == "–") == (count == crashed)
 
@@ -128,30 +128,30 @@ def test_intervals_of_positive_means_are_student_s_cut_at_zero():
 )
 def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_coverage(draw, truth):
     rng = np.random.default_rng(3)
-    found = [share_mean_interval(draw(rng)) for _ in range(1500)]
+    found = [bounded_mean_interval(draw(rng)) for _ in range(1500)]
     assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in found)
     assert 0.92 < np.mean([low <= truth <= high for _, low, high in found]) < 0.985
 
 
 def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values():
-    assert share_mean_interval(np.zeros(100)) == share_interval(0, 100)
-    assert share_mean_interval(np.ones(100)) == share_interval(100, 100)
-    assert math.isnan(share_mean_interval(np.zeros(1)).high)
+    assert bounded_mean_interval(np.zeros(100)) == proportion_interval(0, 100)
+    assert bounded_mean_interval(np.ones(100)) == proportion_interval(100, 100)
+    assert math.isnan(bounded_mean_interval(np.zeros(1)).high)
     # For a precise mean, the interval is close to Student's.
     values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
     half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
-    assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
+    assert bounded_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
 def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
     """With two values and a confidence close to 1, the odds of the ends would overflow."""
-    assert share_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
+    assert bounded_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 
 def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
-    assert metric_mean(metrics, "saturation_share") == share_mean_interval(metrics.saturation_share[kept])
+    assert metric_mean(metrics, "saturation_share") == bounded_mean_interval(metrics.saturation_share[kept])
     assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
 
 
@@ -184,7 +184,9 @@ def test_bins_contain_equally_many_samples():
     levels = crash_bins(crashing(numbers, numbers >= 900), "vehicle.mass")
     assert [level.num_samples for level in levels] == [100] * 10
     assert [(level.low, level.high, level.middle) for level in levels][2] == (200.0, 299.0, 249.5)
-    assert [level.probability for level in levels] == [share_interval(0, 100)] * 9 + [share_interval(100, 100)]
+    assert [level.probability for level in levels] == [proportion_interval(0, 100)] * 9 + [
+        proportion_interval(100, 100)
+    ]
     assert len(crash_bins(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
 
 

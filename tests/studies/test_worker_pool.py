@@ -22,19 +22,19 @@ class Here(WorkerPool):
     num_workers = 2
 
     def __init__(self, capacity):
-        self.capacity, self.under_way, self.done = capacity, [], []
+        self.capacity, self.in_transit, self.done = capacity, [], []
 
     def submit(self, function, given):
-        assert len(self.under_way) < self.capacity
-        self.under_way.append((function, given))
+        assert len(self.in_transit) < self.capacity
+        self.in_transit.append((function, given))
 
     def next_outcomes(self):
-        function, samples = self.under_way.pop(0)
+        function, samples = self.in_transit.pop(0)
         self.done.append(list(samples))
         return [run_task(function, samples)]
 
     def abandon(self):
-        self.under_way.clear()
+        self.in_transit.clear()
 
 
 def fly(cursed):

@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
-from all_systems import RESPONDING_VEHICLE, VEHICLE, VEHICLE_WITH_EFFECTS, VEHICLE_WITH_PAYLOAD, VEHICLE_WITH_THROTTLE
+from all_systems import (
+    ATTITUDE_RESPONSE_VEHICLE,
+    VEHICLE,
+    VEHICLE_WITH_EFFECTS,
+    VEHICLE_WITH_PAYLOAD,
+    VEHICLE_WITH_THROTTLE,
+)
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.geometry.kinematics import angular_acceleration, small_rotation
 from drake_quad.signals import Attitude, State, VehicleAcceleration
+from drake_quad.vehicle.attitude_response import AttitudeResponseQuadrotor
 from drake_quad.vehicle.quadrotor import Quadrotor
-from drake_quad.vehicle.responding import RespondingQuadrotor
 
 TIME_STEP = 1e-4
 MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
@@ -25,8 +31,8 @@ VEHICLES = {
     "throttles": (Quadrotor, VEHICLE_WITH_THROTTLE, {"effects": VEHICLE_WITH_THROTTLE.effects.names}),
     # The vehicle carries the payload from 0.9 s to 1.9 s.
     "payload": (Quadrotor, VEHICLE_WITH_PAYLOAD, {"effects": VEHICLE_WITH_PAYLOAD.effects.names}),
-    "response": (RespondingQuadrotor, RESPONDING_VEHICLE, {}),
-    "response with small angles": (RespondingQuadrotor, RESPONDING_VEHICLE, {"kinematics": "small_angle"}),
+    "response": (AttitudeResponseQuadrotor, ATTITUDE_RESPONSE_VEHICLE, {}),
+    "response with small angles": (AttitudeResponseQuadrotor, ATTITUDE_RESPONSE_VEHICLE, {"kinematics": "small_angle"}),
 }
 
 
@@ -44,10 +50,10 @@ def motion_and_acceleration_of(system, context):
     return [getattr(state, name) for name in MOTION_ROWS], list(acceleration)
 
 
-@pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, numbers, structure):
+@pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
+def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, parameters, structure):
     """The output agrees with central differences over steps of 0.1 ms, from 1 s on."""
-    vehicle = kind(time_step=TIME_STEP, numbers=numbers, **structure)
+    vehicle = kind(time_step=TIME_STEP, parameters=parameters, **structure)
     simulator = Simulator(vehicle)
     context = fix_inputs(vehicle, simulator.get_mutable_context())
     context.SetTime(1.0)
@@ -63,10 +69,10 @@ def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, 
     np.testing.assert_allclose(np.array(accelerations)[1:-1], rates, rtol=0.0, atol=2e-5 * np.abs(rates).max())
 
 
-@pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers, structure):
+@pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
+def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, parameters, structure):
     """The output agrees with one small step of Euler's method."""
-    vehicle = kind(time_step=0.0, numbers=numbers, **structure)
+    vehicle = kind(time_step=0.0, parameters=parameters, **structure)
     context = fix_inputs(vehicle, vehicle.CreateDefaultContext())
     context.SetTime(1.0)
     rng = np.random.default_rng(1)
@@ -81,17 +87,19 @@ def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers,
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-@pytest.mark.parametrize(("kind", "numbers"), [(Quadrotor, VEHICLE), (RespondingQuadrotor, RESPONDING_VEHICLE)])
-def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, numbers, time_step):
+@pytest.mark.parametrize(
+    ("kind", "parameters"), [(Quadrotor, VEHICLE), (AttitudeResponseQuadrotor, ATTITUDE_RESPONSE_VEHICLE)]
+)
+def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, parameters, time_step):
     """The acceleration is zero although the state keeps the velocity and the body rates of the crash."""
-    vehicle = kind(num_vehicles=2, time_step=time_step, numbers=numbers)
+    vehicle = kind(num_vehicles=2, time_step=time_step, parameters=parameters)
     context = vehicle.CreateDefaultContext()
     for i in range(vehicle.num_input_ports()):
         port = vehicle.get_input_port(i)
         port.FixValue(context, np.repeat(INPUT_VALUES.get(port.get_name(), [0.0]), 2))
     moving_states = [group.vector(vehicle, context).CopyToVector() + 0.2 for group in vehicle.states.values()]
-    for group, numbers in zip(vehicle.states.values(), moving_states, strict=True):
-        group.mutable_vector(context).SetFromVector(numbers)
+    for group, parameters in zip(vehicle.states.values(), moving_states, strict=True):
+        group.mutable_vector(context).SetFromVector(parameters)
     vehicle.GetInputPort("crashed").FixValue(context, [1.0, 0.0])
     crashed_acceleration, flying_acceleration = vehicle.GetOutputPort("acceleration").Eval(context).reshape(-1, 2).T
     assert not crashed_acceleration.any()

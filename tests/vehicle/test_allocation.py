@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.allocation import Allocation, Priority, RotorModel, allocate, allocate_to_pairs
-from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
@@ -63,7 +63,7 @@ def random_layout(rng):
                 )
             )
         )
-        if not missing_direction(rotors) and not hover_flaw(rotors, min_speed=60.0, max_speed=300.0):
+        if not missing_direction(rotors) and not explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0):
             return rotors
 
 
@@ -90,18 +90,18 @@ def best_wrench(wrench, rotors, priority):
         assert solution.status == 0, solution.message
         return solution.x
 
-    max_share, min_distance, max_yaw = [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, 0.0]
+    max_fraction, min_distance, max_yaw = [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, 0.0]
     if priority == "roll_pitch":
-        bounds[0] = best(max_share, bounds)[0] - tolerance, 1.0
+        bounds[0] = best(max_fraction, bounds)[0] - tolerance, 1.0
         bounds[3] = 0.0, best(min_distance, bounds)[3] + tolerance
     else:
         without_torque = [(0.0, 0.0), (None, None), (0.0, 0.0), (0.0, None)]
         thrust = best(min_distance, without_torque)[1]
         bounds[1] = thrust - tolerance, thrust + tolerance
-        bounds[0] = best(max_share, bounds)[0] - tolerance, 1.0
-    share, thrust, yaw_share, distance = best(max_yaw, bounds)
-    produced = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, yaw_share * wrench.tau_z)
-    return produced, np.array([share < 1.0 - 1e-9, distance > 1e-9, yaw_share < 1.0 - 1e-9])
+        bounds[0] = best(max_fraction, bounds)[0] - tolerance, 1.0
+    fraction, thrust, yaw_fraction, distance = best(max_yaw, bounds)
+    produced = Wrench(thrust, fraction * wrench.tau_x, fraction * wrench.tau_y, yaw_fraction * wrench.tau_z)
+    return produced, np.array([fraction < 1.0 - 1e-9, distance > 1e-9, yaw_fraction < 1.0 - 1e-9])
 
 
 def random_demand(rotors, rng):
@@ -175,15 +175,15 @@ def test_a_large_roll_torque_requires_the_mean_of_smallest_and_largest_thrust(al
 
 
 @with_both_allocations
-@pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * MAX_THRUST, 1.0)])
-def test_two_rotors_produce_thrust_if_roll_torque_saturates_the_others(allocate, thrust, share):
+@pytest.mark.parametrize(("thrust", "fraction"), [(0.0, 0.0), (2.0 * MAX_THRUST, 1.0)])
+def test_two_rotors_produce_thrust_if_roll_torque_saturates_the_others(allocate, thrust, fraction):
     """The two rotors can also produce yaw torque in the commanded direction."""
     # This torque requires 1000 rad²/s² of each rotor.
     yaw_torque = 4.0 * 8.5e-7 * 1000.0
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, yaw_torque), ROTORS)
-    level = 0.5 * (60.0**2 + 300.0**2) + share * 2000.0
+    level = 0.5 * (60.0**2 + 300.0**2) + fraction * 2000.0
     np.testing.assert_allclose(np.square(speeds), [level, 60.0**2, level, 300.0**2], rtol=1e-12)
-    assert shortfall.tau_z == pytest.approx((1.0 - share) * yaw_torque, abs=1e-12)
+    assert shortfall.tau_z == pytest.approx((1.0 - fraction) * yaw_torque, abs=1e-12)
 
 
 @given(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.authority import explain_infeasible_hover, missing_direction
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)
@@ -21,7 +21,7 @@ SQUARE = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))
 @pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])
 def test_plus_and_x_layouts_produce_every_wrench(rotors):
     assert missing_direction(rotors) is None
-    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
+    assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None
 
 
 @pytest.mark.parametrize(
@@ -73,41 +73,43 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
     assert missing_direction(rotors).startswith("yaw torque without")
 
 
-@pytest.mark.parametrize(("share", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
-def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(share, stops):
+@pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
+def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
     """In a plus with arms of 0.2 m, if rotors 2 and 4 are e forward, rotor 1 has (0.2 - e) / 0.8 of the thrust."""
-    e = 0.2 - 0.8 * (0.5 * share)
-    flaw = hover_flaw(layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0)
+    e = 0.2 - 0.8 * (0.5 * fraction)
+    flaw = explain_infeasible_hover(
+        layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0
+    )
     if stops:
         assert flaw == "rotor 1 would have to stand still"
     else:
-        assert flaw == (None if share > 0.0 else "rotor 1 would have to push down")
+        assert flaw == (None if fraction > 0.0 else "rotor 1 would have to push down")
 
 
 def test_three_rotors_with_the_same_direction_cannot_hover():
     """Without yaw torque, the fourth rotor and the rotor opposite to it each carry half of the weight."""
     rotors = layout_of(SQUARE, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
-    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
+    assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
 
 
 def test_a_vehicle_with_all_rotors_in_front_of_the_centre_of_mass_cannot_hover():
     rotors = layout_of([(x + 0.25, y) for x, y in SQUARE])
-    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
+    assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
 
 
 def test_a_too_large_ratio_of_hover_speeds_is_a_flaw():
     """Rotors 0.35 m in front produce a seventh of the thrust of rotors 0.05 m behind, at 0.38 times their speed."""
     rotors = layout_of([(x + 0.15, y) for x, y in SQUARE])
-    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
-    flaw = hover_flaw(rotors, min_speed=60.0, max_speed=150.0)
+    assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None
+    flaw = explain_infeasible_hover(rotors, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn at 0.38 times the speed of the fastest rotor")
 
 
 def test_the_rotor_whose_speed_would_be_too_small_is_named():
     """The right rotor of a plus is eight times as far from the centre as the left one."""
     rotors = layout_of([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
-    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
-    assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(
+    assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None
+    assert explain_infeasible_hover(rotors, min_speed=150.0, max_speed=300.0).startswith(
         "rotor 2 would have to turn at 0.35 times the speed"
     )

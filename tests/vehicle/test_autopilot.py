@@ -13,7 +13,7 @@ from drake_quad.signals import AttitudeTarget, BodyRates, State
 from drake_quad.vehicle.autopilot import (
     AttitudeAutopilot,
     AutopilotMemory,
-    AutopilotNumbers,
+    AutopilotParameters,
     Gyroscope,
     LeanError,
     LoopAxisTerms,
@@ -29,7 +29,7 @@ from drake_quad.vehicle.autopilot import (
 from drake_quad.vehicle.parameters import Inertia
 
 I_XX, I_YY, I_ZZ = 0.0065, 0.0085, 0.0126
-NUMBERS = AutopilotNumbers(
+NUMBERS = AutopilotParameters(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),
     Inertia(I_XX, I_YY, I_ZZ),
@@ -42,21 +42,21 @@ STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
 NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
-def wrench_of(noise, numbers):
+def wrench_of(noise, parameters):
     """Return the wrench of an autopilot without memory."""
-    wrench, memory = autopilot_step(TARGET, STATE, noise, numbers, None, 0.0025)
+    wrench, memory = autopilot_step(TARGET, STATE, noise, parameters, None, 0.0025)
     assert memory is None
     return wrench
 
 
-def expected_wrench(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
+def expected_wrench(target, state, parameters, noise=((0.0,) * 3, (0.0,) * 3)):
     """Return the wrench by the equations of the two proportional loops, with vectors and matrices."""
-    inertia = np.diag(numbers.inertia)
-    rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[0])
-    error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[1])
+    inertia = np.diag(parameters.inertia)
+    rates = np.array(state[9:12]) + parameters.gyroscope.bias + parameters.gyroscope.noise * np.array(noise[0])
+    error = np.array(target[1:4]) - np.array(state[3:6]) - parameters.attitude_noise * np.array(noise[1])
     error[2] -= 2.0 * np.pi * np.round(error[2] / (2.0 * np.pi))
-    rate_command = np.array(target[4:]) + np.array(numbers.k_attitude) * error
-    torque = inertia @ (np.array(numbers.k_rate) * (rate_command - rates)) + np.cross(rates, inertia @ rates)
+    rate_command = np.array(target[4:]) + np.array(parameters.k_attitude) * error
+    torque = inertia @ (np.array(parameters.k_rate) * (rate_command - rates)) + np.cross(rates, inertia @ rates)
     return [target[0], *torque]
 
 
@@ -76,7 +76,7 @@ class Px4Rates:
         self.period, self.gains, self.limit = period, gains, limit
         self.low_pass = scipy.signal.butter(2, cutoffs[0], fs=2.0 * np.pi / period)
         self.filter_state = np.zeros((3, 2))
-        self.share = cutoffs[1] * period / (1.0 + cutoffs[1] * period)
+        self.fraction = cutoffs[1] * period / (1.0 + cutoffs[1] * period)
         self.previous_rates = None
         self.acceleration, self.integral = np.zeros(3), np.zeros(3)
 
@@ -87,13 +87,15 @@ class Px4Rates:
                 *self.low_pass, [measured_rates[axis]], zi=self.filter_state[axis]
             )
         if self.previous_rates is not None:
-            self.acceleration += self.share * ((rates - self.previous_rates) / self.period - self.acceleration)
+            self.acceleration += self.fraction * ((rates - self.previous_rates) / self.period - self.acceleration)
         self.previous_rates = rates
         k_p, k_i, k_d, k_ff = self.gains
         error = rate_command - rates
         torque = k_p * error + self.integral - k_d * self.acceleration + k_ff * rate_command
-        integration_share = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
-        self.integral = np.clip(self.integral + integration_share * k_i * error * self.period, -self.limit, self.limit)
+        integration_fraction = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
+        self.integral = np.clip(
+            self.integral + integration_fraction * k_i * error * self.period, -self.limit, self.limit
+        )
         return torque
 
 
@@ -101,28 +103,28 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
     period, gains, limit, cutoffs = 0.0025, (14.0, 30.0, 0.3, 0.2), 2.5, (250.0, 120.0)
     k_p, k_i, k_d, k_ff = gains
     terms = Terms(Integral(k_i, limit, np.radians(400.0)), Derivative(k_d, first_order(cutoffs[1], period)), k_ff)
-    numbers = NUMBERS._replace(
+    parameters = NUMBERS._replace(
         k_rate=LoopGains(k_p, k_p, k_p),
         gyroscope=Gyroscope(),
         rate=LoopAxisTerms(terms, terms, terms),
         gyroscope_filter=butterworth(cutoffs[0], period),
         max_rates=BodyRates(2.0, 1.0, 0.5),
     )
-    px4, memory, rng = Px4Rates(period, gains, limit, cutoffs), AutopilotMemory.of(numbers), np.random.default_rng(4)
+    px4, memory, rng = Px4Rates(period, gains, limit, cutoffs), AutopilotMemory.of(parameters), np.random.default_rng(4)
     num_limited = 0
     for tick in range(200):
         rates = np.array([3.0, -2.0, 0.4]) * np.sin(0.05 * tick) + 0.3 * rng.normal(size=3)
         state = STATE._replace(p=rates[0], q=rates[1], r=rates[2])
         target = TARGET._replace(roll=0.3 * np.sin(0.03 * tick), q=3.0 * rng.normal())
-        rate_command = np.array(target[4:]) + np.array(numbers.k_attitude) * [
+        rate_command = np.array(target[4:]) + np.array(parameters.k_attitude) * [
             target.roll - state.roll,
             target.pitch - state.pitch,
             target.yaw - state.yaw - 2.0 * np.pi,
         ]
         limited_command = np.clip(rate_command, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
         num_limited += np.any(rate_command != limited_command)
-        wrench, memory = autopilot_step(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
-        expected = np.array(numbers.inertia) * px4.update(rates, limited_command)
+        wrench, memory = autopilot_step(target, state, None, parameters, memory, period, LoopRules(gyroscopic=False))
+        expected = np.array(parameters.inertia) * px4.update(rates, limited_command)
         np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
     assert num_limited > 20
     assert np.abs(px4.integral).max() == limit
@@ -155,14 +157,14 @@ def test_the_estimated_thrust_direction_has_the_error_of_the_estimator_along_x_a
 
 
 def test_sensors_are_exact_by_default():
-    numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
+    parameters = AutopilotParameters(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    assert wrench_of(noise, numbers) == wrench_of(None, numbers)
-    assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
+    assert wrench_of(noise, parameters) == wrench_of(None, parameters)
+    assert parameters.gyroscope.bias == parameters.initial[1:] == (0.0, 0.0, 0.0)
 
 
 def test_target_and_state_are_sampled_at_ticks_and_the_wrench_is_constant_between_them():
-    autopilot = AttitudeAutopilot(period=0.005, numbers=NUMBERS)
+    autopilot = AttitudeAutopilot(period=0.005, parameters=NUMBERS)
     simulator = Simulator(autopilot)
     context = simulator.get_mutable_context()
     targets = [TARGET, TARGET._replace(thrust=7.0, roll=0.3)]
@@ -228,4 +230,4 @@ def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
 
 @pytest.mark.parametrize("noisy", [False, True])
 def test_an_autopilot_uses_random_numbers_only_if_its_sensors_are_noisy(noisy):
-    assert AttitudeAutopilot(noisy=noisy, numbers=NUMBERS).HasInputPort("sensor_noise") is noisy
+    assert AttitudeAutopilot(noisy=noisy, parameters=NUMBERS).HasInputPort("sensor_noise") is noisy

@@ -15,7 +15,7 @@ from drake_quad.vehicle.aerodynamics import BodyDrag, LinearDrag
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 RECORD = json.loads(Path(__file__).with_name("drone_models.json").read_text(encoding="utf-8"))
@@ -66,7 +66,7 @@ class Drone:
             reaction_torque=ReactionTorque(rotor_inertia),
             spin_down=SpinDown(time_constant(down)),
         )
-        return Quadrotor(time_step=0.0, effects=effects.names, numbers=QuadrotorNumbers(parameters, effects=effects))
+        return Quadrotor(time_step=0.0, effects=effects.names, parameters=QuadrotorConfig(parameters, effects=effects))
 
     def rates(self, sample):
         """Return the (16,) derivatives of our state."""
@@ -120,7 +120,7 @@ def drone(request):
 def test_derivatives_of_drone_models_are_ours_and_three_additional_terms(drone):
     """Every term is large enough that the derivatives would differ without it."""
     assert RECORD["package"] == "drone-models 0.1.0"
-    largest_shares = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
+    max_fractions = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
         ours, terms = drone.rates(sample), drone.additional_terms(sample)
         for index, (name, rows) in enumerate(RESULTS.items()):
@@ -129,5 +129,5 @@ def test_derivatives_of_drone_models_are_ours_and_three_additional_terms(drone):
             scale = np.abs(expected).max()
             np.testing.assert_allclose(ours[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale)
             for reason, part in parts.items():
-                largest_shares[reason] = max(largest_shares[reason], np.abs(part).max() / scale)
-    assert min(largest_shares.values()) > 1e-3, largest_shares
+                max_fractions[reason] = max(max_fractions[reason], np.abs(part).max() / scale)
+    assert min(max_fractions.values()) > 1e-3, max_fractions

@@ -23,7 +23,7 @@ from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
-from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
 TABLE_I = QuadrotorParameters()
 NO_WIND = Wind(0.0, 0.0, 0.0)
@@ -214,7 +214,9 @@ def test_a_vehicle_at_hover_speeds_has_no_acceleration():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
-    body, rotors, *_ = quadrotor_slope(state, speeds, NO_WIND, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
+    body, rotors, *_ = quadrotor_derivatives(
+        state, speeds, NO_WIND, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS
+    )
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 

@@ -27,7 +27,7 @@ from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import Inertia
 from drake_quad.vehicle.payload import Payload, PayloadPosition
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -70,8 +70,8 @@ def derivative_of(vehicle, context, sample, *more_states):
 
 
 def continuous_vehicle(parameters, effects, **structure):
-    numbers = QuadrotorNumbers(parameters, effects=effects)
-    vehicle = Quadrotor(time_step=0.0, effects=effects.names, numbers=numbers, **structure)
+    config = QuadrotorConfig(parameters, effects=effects)
+    vehicle = Quadrotor(time_step=0.0, effects=effects.names, parameters=config, **structure)
     return vehicle, vehicle.CreateDefaultContext()
 
 
@@ -140,7 +140,7 @@ def test_an_effect_without_parameters_is_rejected():
     with pytest.raises(ValueError, match="the effect body_drag has no parameters"):
         Quadrotor(
             effects=("ground_effect", "body_drag"),
-            numbers=QuadrotorNumbers(effects=Effects(ground_effect=GROUND_EFFECT)),
+            parameters=QuadrotorConfig(effects=Effects(ground_effect=GROUND_EFFECT)),
         )
 
 
@@ -308,8 +308,8 @@ def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmet
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0, rotor_time_constant=1e-3)
     effects = Effects(slung_load=SLUNG_LOAD)
     time_step, num_steps = 5e-4, 2000
-    numbers = QuadrotorNumbers(parameters, start=Place(z=2.0), effects=effects)
-    vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
+    config = QuadrotorConfig(parameters, start=HoverPose(z=2.0), effects=effects)
+    vehicle = Quadrotor(time_step=time_step, effects=effects.names, parameters=config)
     context = vehicle.CreateDefaultContext()
     swing = Swing(0.5, -0.3, 0.4, 0.6)
     vehicle.set_state(context, "swing", swing)
@@ -353,8 +353,8 @@ def test_steps_with_effects_are_of_fourth_order(asymmetric_vehicle, effects):
     command, wind = np.array([205.0, 190.0, 200.0, 215.0]), [2.0, -1.0, 0.5]
 
     def final_state(time_step):
-        numbers = QuadrotorNumbers(asymmetric_vehicle, start=Place(z=-0.25), effects=effects)
-        vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
+        config = QuadrotorConfig(asymmetric_vehicle, start=HoverPose(z=-0.25), effects=effects)
+        vehicle = Quadrotor(time_step=time_step, effects=effects.names, parameters=config)
         simulator = Simulator(vehicle)
         context = simulator.get_mutable_context()
         vehicle.GetInputPort("rotor_speed_command").FixValue(context, command)

@@ -10,9 +10,9 @@ from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
 ASYMMETRIC_VEHICLE = QuadrotorParameters(
     mass=0.73,
@@ -23,13 +23,13 @@ ASYMMETRIC_VEHICLE = QuadrotorParameters(
 
 
 def vehicle_with_faults(faults, **structure):
-    return Quadrotor(faulty=True, numbers=QuadrotorNumbers(faults=faults), **structure)
+    return Quadrotor(faulty=True, parameters=QuadrotorConfig(faults=faults), **structure)
 
 
 def level_slope(speeds, parameters):
     """Return the derivative of the state of a level vehicle at rest whose rotors turn at their commanded speeds."""
     state, no_wind = VehicleState(State(*[0.0] * 12), speeds), Wind(0.0, 0.0, 0.0)
-    slope = quadrotor_slope(state, speeds, no_wind, None, parameters, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
+    slope = quadrotor_derivatives(state, speeds, no_wind, None, parameters, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
     return slope.body, slope.rotors
 
 

@@ -16,13 +16,13 @@ from drake_quad.vehicle.motors import (
     ThrottleModel,
     ThrustCurve,
     allocate_throttle,
-    believed_rotor_speeds,
+    nominal_rotor_speeds,
     rotor_speeds_of_throttles,
     throttle_for,
     thrust_of,
 )
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
 RISING_CURVES = [
@@ -98,11 +98,11 @@ def test_rotor_speed_limits_also_apply_to_throttles(asymmetric_vehicle):
 
 
 def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
-    """`believed_rotor_speeds` returns the command at which the rotors turn at the given speeds."""
+    """`nominal_rotor_speeds` returns the command at which the rotors turn at the given speeds."""
     vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
     nominal = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
     speeds = RotorSpeed(200.0, 210.0, 190.0, 205.0)
-    commanded_speeds = believed_rotor_speeds(speeds, vehicle, nominal)
+    commanded_speeds = nominal_rotor_speeds(speeds, vehicle, nominal)
     thrusts = nominal.thrust_factor * np.square(commanded_speeds)
     command = Throttle(*(throttle_for(thrust, nominal.curve) for thrust in thrusts))
     np.testing.assert_allclose(
@@ -114,7 +114,7 @@ def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
 @pytest.mark.parametrize("paired", [False, True])
 def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
     model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING_CURVES[0])
-    system = ThrottleAllocation(paired=paired, numbers=model)
+    system = ThrottleAllocation(paired=paired, parameters=model)
     context = system.CreateDefaultContext()
     wrench = Wrench(6.0, 0.01, 0.02, 0.001)
     system.GetInputPort("wrench").FixValue(context, wrench)
@@ -125,8 +125,8 @@ def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
 
 def vehicle_and_context_after(effects, command, duration, time_step, parameters, initial=None):
     """Return a vehicle and its context after some time with a constant command."""
-    numbers = QuadrotorNumbers(parameters, effects=effects)
-    vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
+    config = QuadrotorConfig(parameters, effects=effects)
+    vehicle = Quadrotor(time_step=time_step, effects=effects.names, parameters=config)
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     if initial is not None and time_step > 0.0:

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import Linearize
 from drake_quad.signals import RotorSpeed, State
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
 COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
@@ -27,8 +27,8 @@ PARAMETERS = QuadrotorParameters(
 )
 
 
-def quadrotor(parameters=PARAMETERS, start=Place(), **structure):
-    return Quadrotor(numbers=QuadrotorNumbers(parameters=parameters, start=start), **structure)
+def quadrotor(parameters=PARAMETERS, start=HoverPose(), **structure):
+    return Quadrotor(parameters=QuadrotorConfig(parameters=parameters, start=start), **structure)
 
 
 def final_state(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
@@ -81,7 +81,7 @@ def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle():
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
 def test_a_crashed_vehicle_stops_and_others_are_not_affected(time_step):
-    vehicle = quadrotor(QuadrotorParameters(), Place(1.0, 2.0, 3.0), num_vehicles=2, time_step=time_step)
+    vehicle = quadrotor(QuadrotorParameters(), HoverPose(1.0, 2.0, 3.0), num_vehicles=2, time_step=time_step)
     flying_states = final_state(vehicle, 0.2, accuracy=1e-8)
     states_with_crash = final_state(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
     start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [*hover_rotor_speeds(QuadrotorParameters())])
@@ -154,7 +154,7 @@ def test_parameters_belong_to_the_context():
         new_parameters._replace(quadratic_drag=old_parameters.quadratic_drag), old_parameters, strict=True
     ):
         np.testing.assert_array_equal(new, old)
-    vehicle.set_hover(context, Place(0.0, 0.0, 1.0, 0.5))
+    vehicle.set_hover(context, HoverPose(0.0, 0.0, 1.0, 0.5))
     speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2))
     np.testing.assert_allclose(speeds.rotor_1, [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
     np.testing.assert_allclose(State(*vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)).yaw, 0.5)
@@ -188,7 +188,7 @@ def test_set_hover_uses_the_parameters_of_the_context(time_step):
     context = vehicle.CreateDefaultContext()
     masses = np.array([0.65, 0.8])
     vehicle.set_parameter(context, "parameters", PARAMETERS._replace(mass=masses))
-    vehicle.set_hover(context, Place(1.0, np.array([2.0, -2.0]), 3.0, 0.5))
+    vehicle.set_hover(context, HoverPose(1.0, np.array([2.0, -2.0]), 3.0, 0.5))
     state = vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)
     np.testing.assert_array_equal(state[:, 0], [1.0, 2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
     np.testing.assert_array_equal(state[:, 1], [1.0, -2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
@@ -231,23 +231,23 @@ def test_a_slung_load_cannot_be_combined_with_a_payload():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"mass": -1.0}, "numbers.parameters.mass is -1 kg, but must be larger than 0"),
-        ({"mass": math.nan}, "numbers.parameters.mass is nan kg, but must be larger than 0"),
-        ({"inertia": Inertia(0.007, -0.1, 0.012)}, "numbers.parameters.inertia.i_yy is -0.1 kg m², but must be at"),
+        ({"mass": -1.0}, "parameters.parameters.mass is -1 kg, but must be larger than 0"),
+        ({"mass": math.nan}, "parameters.parameters.mass is nan kg, but must be larger than 0"),
+        ({"inertia": Inertia(0.007, -0.1, 0.012)}, "parameters.parameters.inertia.i_yy is -0.1 kg m², but must be at"),
         (
             {"linear_drag": np.array([0.1, -0.2])},
-            "numbers.parameters.linear_drag is -0.2 N s/m, but must be at least",
+            "parameters.parameters.linear_drag is -0.2 N s/m, but must be at least",
         ),
         (
             {"rotors": Rotors.plus(thrust_factor=-4e-5)},
-            "numbers.parameters.rotors.rotor_1.thrust_factor is -4e-05 N s², but must be larger than 0",
+            "parameters.parameters.rotors.rotor_1.thrust_factor is -4e-05 N s², but must be larger than 0",
         ),
     ],
 )
 def test_impossible_parameters_are_rejected(change, words):
     with pytest.raises(ValueError, match=words):
-        Quadrotor(num_vehicles=2, numbers=QuadrotorNumbers(QuadrotorParameters(**change)))
-    Quadrotor(numbers=QuadrotorNumbers(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))
+        Quadrotor(num_vehicles=2, parameters=QuadrotorConfig(QuadrotorParameters(**change)))
+    Quadrotor(parameters=QuadrotorConfig(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))
 
 
 def test_linearize_accepts_a_vehicle_without_a_time_step_only():

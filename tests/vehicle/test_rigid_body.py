@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
+from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid_inertia
 
 
 @pytest.fixture(scope="module")
@@ -17,17 +17,17 @@ def moments_of_bodies():
 
 
 def test_moments_of_inertia_of_any_body_are_possible(moments_of_bodies):
-    assert all(inertia_flaw(moments) == "" for moments in moments_of_bodies.tolist())
+    assert all(explain_invalid_inertia(moments) == "" for moments in moments_of_bodies.tolist())
     # The moments of flat bodies and rods satisfy the conditions up to rounding errors.
-    np.testing.assert_allclose(nearest_rigid(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)
+    np.testing.assert_allclose(nearest_rigid_inertia(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)
 
 
 def test_moments_may_violate_the_conditions_by_no_more_than_the_rounding_of_data_sheets():
-    assert inertia_flaw([0.0061, 0.0061, 0.0123]) == ""
-    assert inertia_flaw([0.007, 0.007, 0.03]) == "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
-    assert inertia_flaw([1.0, 3.0, 1.5]) == "I_yy, 3, is larger than I_xx + I_zz, 2.5 kg m²"
-    assert inertia_flaw([3.0, 1.0, 1.5]) == "I_xx, 3, is larger than I_yy + I_zz, 2.5 kg m²"
-    assert inertia_flaw([0.0, 0.0, 0.0]) == ""
+    assert explain_invalid_inertia([0.0061, 0.0061, 0.0123]) == ""
+    assert explain_invalid_inertia([0.007, 0.007, 0.03]) == "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
+    assert explain_invalid_inertia([1.0, 3.0, 1.5]) == "I_yy, 3, is larger than I_xx + I_zz, 2.5 kg m²"
+    assert explain_invalid_inertia([3.0, 1.0, 1.5]) == "I_xx, 3, is larger than I_yy + I_zz, 2.5 kg m²"
+    assert explain_invalid_inertia([0.0, 0.0, 0.0]) == ""
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_the_nearest_moments_are_the_solution_of_a_quadratic_programme():
         moments = rng.lognormal(sigma=1.5, size=3)
         low = moments * rng.choice([1.0, 0.7, 0.0], size=3)
         high = moments * rng.choice([1.0, 1.5, 100.0], size=3)
-        nearest = nearest_rigid(moments, low, high)
+        nearest = nearest_rigid_inertia(moments, low, high)
         assert ((nearest >= low) & (nearest <= high)).all()
         if (triangle_inequalities @ moments >= 0.0).all():
             np.testing.assert_array_equal(nearest, moments)
@@ -70,6 +70,6 @@ def test_moments_of_many_samples_agree_with_single_samples():
     moments = rng.lognormal(size=(3, 50))
     low = np.zeros(3)
     high = np.array([2.0, 3.0, np.inf])
-    nearest = nearest_rigid(moments, low, high)
+    nearest = nearest_rigid_inertia(moments, low, high)
     for i in range(50):
-        np.testing.assert_array_equal(nearest[:, i], nearest_rigid(moments[:, i], low, high))
+        np.testing.assert_array_equal(nearest[:, i], nearest_rigid_inertia(moments[:, i], low, high))

@@ -19,16 +19,16 @@ from drake_quad.geometry.axes import BodyAxes, Vector
 from drake_quad.geometry.quaternion import Quaternion
 from drake_quad.signals import Attitude, AttitudeTarget
 from drake_quad.vehicle.attitude_kinematics import RotationSince
-from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
+from drake_quad.vehicle.attitude_response import (
     AttitudeResponse,
+    AttitudeResponseConfig,
+    AttitudeResponseQuadrotor,
     DampingRatios,
     NaturalFrequencies,
-    RespondingNumbers,
-    RespondingQuadrotor,
 )
+from drake_quad.vehicle.effects import Effects
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
 
 TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)
@@ -41,7 +41,7 @@ def final_states_and_swings(parameters, tumbles, time_step, duration, load=None,
         num_vehicles=tumbles.count,
         time_step=time_step,
         effects=effects.names,
-        numbers=QuadrotorNumbers(parameters, effects=effects),
+        parameters=QuadrotorConfig(parameters, effects=effects),
     )
     context = vehicle.CreateDefaultContext()
     context.SetDiscreteState(0, tumbles.states.T.ravel())
@@ -181,8 +181,8 @@ def test_yaw_counts_whole_turns_and_does_not_drift():
 
 def test_the_linear_model_of_a_step_in_hover_agrees_with_the_runge_kutta_method(asymmetric_vehicle):
     """The matrix is I + hA + (hA)²/2 + (hA)³/6 + (hA)⁴/24, apart from the rows and columns of the rotors."""
-    numbers = QuadrotorNumbers(asymmetric_vehicle)
-    continuous, stepping = Quadrotor(time_step=0.0, numbers=numbers), Quadrotor(numbers=numbers)
+    config = QuadrotorConfig(asymmetric_vehicle)
+    continuous, stepping = Quadrotor(time_step=0.0, parameters=config), Quadrotor(parameters=config)
     A = jacobian(continuous, lambda system, context: system.EvalTimeDerivatives(context).CopyToVector())[:12, :12]
 
     def after_a_step(system, context):
@@ -226,7 +226,7 @@ def test_derivatives_are_finite_where_the_nose_points_straight_up():
 def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
     """With error control, either the steps resolve the half-turns of roll and yaw, or the integrator refuses."""
     flip = flip_at(yaw_rate)
-    vehicle = Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(FLIP_PARAMETERS))
+    vehicle = Quadrotor(time_step=0.0, parameters=QuadrotorConfig(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     context.SetContinuousState(np.concatenate([flip.states[0], flip.speeds[0]]))
@@ -252,7 +252,7 @@ def test_compiled_and_interpreted_vehicles_tumble_equally(asymmetric_vehicle):
     wired_states, _ = final_states_and_swings(asymmetric_vehicle, tumbles, 0.01, 1.0)
     builder = DiagramBuilder()
     vehicle = builder.AddNamedSystem(
-        "vehicle", Quadrotor(num_vehicles=11, numbers=QuadrotorNumbers(asymmetric_vehicle))
+        "vehicle", Quadrotor(num_vehicles=11, parameters=QuadrotorConfig(asymmetric_vehicle))
     )
     for name, rows in (("rotor_speed_command", tumbles.commands), ("wind", tumbles.winds)):
         source = builder.AddNamedSystem(name, ConstantVectorSource(rows.T.ravel()))
@@ -280,8 +280,8 @@ def test_compiled_and_interpreted_vehicles_tumble_equally(asymmetric_vehicle):
 def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates():
     """The pitch passes 90°. Body rates by eq (2), integrated as a rotation, give the same attitude."""
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.1, 3.0), DampingRatios(0.45, 1.0, 1.4))
-    vehicle = RespondingQuadrotor(
-        time_step=1e-3, numbers=RespondingNumbers(QuadrotorNumbers(QuadrotorParameters()), response)
+    vehicle = AttitudeResponseQuadrotor(
+        time_step=1e-3, parameters=AttitudeResponseConfig(QuadrotorConfig(QuadrotorParameters()), response)
     )
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()

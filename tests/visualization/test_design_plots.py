@@ -14,8 +14,8 @@ from drake_quad.design.stability_map import StabilityMap
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.closed_loop import closed_loop
-from drake_quad.planning.believed import planned_parameters
 from drake_quad.planning.feasibility import plan_demand
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path
@@ -253,13 +253,15 @@ def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
 
 def test_equal_or_tiny_errors_of_a_map_have_a_colour_scale(panels):
     found, first, second, *_ = panels
-    zero = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
+    zero = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.01, 0.02))
-    crash = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
+    crash = [found[0]._replace(simulated=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
     image = drawn_map(crash, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((1.0, 2.0))
-    wide = [found[0]._replace(flown=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))]
+    wide = [
+        found[0]._replace(simulated=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))
+    ]
     image = drawn_map(wide, first, second).axes[0].images[0]
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
 
@@ -301,8 +303,8 @@ def test_a_plan_is_drawn_in_three_views(planned, drawn_plan):
     for axes, (i, j) in zip(views, ((0, 1), (0, 2), (1, 2)), strict=True):
         path, points, start = axes.lines
         times = np.linspace(plan.path.times[0], plan.path.times[-1], 500)
-        flown = evaluate(plan.path, times)[[i, j]].T
-        assert np.linalg.norm(flown[:, None] - path.get_xydata(), axis=2).min(axis=1).max() < 0.02
+        simulated = evaluate(plan.path, times)[[i, j]].T
+        assert np.linalg.norm(simulated[:, None] - path.get_xydata(), axis=2).min(axis=1).max() < 0.02
         np.testing.assert_allclose(points.get_xydata(), plan.waypoints[:, [i, j]])
         np.testing.assert_allclose(start.get_xydata(), plan.waypoints[:1, [i, j]])
         assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'XYZ'[i]} (m)", f"{'XYZ'[j]} (m)")

@@ -13,10 +13,10 @@ from test_study_plots import no_crash, study
 from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import design_cascade
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.planning.believed import planned_parameters
+from drake_quad.identification.validation.prediction import Predictions
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.signals import Reference, State
 from drake_quad.visualization import block_drawing, curves, design_plots, identification_plots, plots, study_plots
 from drake_quad.visualization.comparison_plots import plot_comparison
@@ -59,9 +59,9 @@ def test_damping_rays_are_labelled_near_their_ends(design):
     (axes,) = design_plots.plot_root_locus(design).axes
     rays = [line.get_xydata()[1] for line in axes.lines if len(line.get_xdata()) == 5]
     for text, end in zip(axes.texts, rays, strict=True):
-        share = np.array(text.xy) / end
-        assert share[0] == pytest.approx(share[1])
-        assert 0.8 < share[0] < 1.0
+        fraction = np.array(text.xy) / end
+        assert fraction[0] == pytest.approx(fraction[1])
+        assert 0.8 < fraction[0] < 1.0
     assert [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2] == [0.0]
 
 
@@ -90,14 +90,14 @@ def test_sample_counts_have_ticks_at_one_two_and_five():
         assert len(axes.xaxis.get_minorticklocs()) == 0
 
 
-def alike(near, share, count=200):
-    """Return whether a curve is dashed that is `near` points from another one over a fraction `share` of its length."""
+def alike(near, fraction, count=200):
+    """Return whether a curve is dashed that is `near` points from another one over a `fraction` of its length."""
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     x = np.linspace(0.0, 1.0, count)
     axes.plot(x, np.full(count, 0.5))
-    apart = np.where(np.arange(count) < share * count, near, 40.0)
+    apart = np.where(np.arange(count) < fraction * count, near, 40.0)
     # The figure is 216 points high.
     (other,) = axes.plot(x, 0.5 + apart / 216.0)
     dash_overlapping_curves(axes)
@@ -195,13 +195,13 @@ def test_reference_points_span_the_whole_reference():
     )
 
 
-def identification(*units, share=0.9):
+def identification(*units, fraction=0.9):
     """Return an identification with an output in each unit, whose forecast errors are steps of 0.1 in this unit."""
     time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     outputs = tuple(
         ForecastOutput(
-            "angular velocity about x", unit, time, measured, measured - 0.1 * (time % 0.2 < 0.1), share, 0.1
+            "angular velocity about x", unit, time, measured, measured - 0.1 * (time % 0.2 < 0.1), fraction, 0.1
         )
         for unit in units
     )  # fmt: skip
@@ -230,12 +230,12 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
 
 
 def test_a_forecast_worse_than_persistence_explains_no_variance():
-    for share, words in (
+    for fraction, words in (
         (-0.9, "no variance explained"),
         (0.0, "no variance explained"),
         (0.001, "explained variance 0.1 %"),
     ):
-        _, right = identification_plots.plot_fit(identification("m", share=share)).axes
+        _, right = identification_plots.plot_fit(identification("m", fraction=fraction)).axes
         assert right.get_title(loc="right") == words
 
 
@@ -335,11 +335,11 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
 def test_a_camera_sees_a_room_around_the_path(camera):
     """The room around a hover is three times as wide as the rotors, and each axis has a few round ticks."""
     axes = camera._axes
-    reach = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
+    max_rotor_distance = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
     for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):
         assert np.mean(limits) == pytest.approx(middle, abs=1e-6)
-        assert np.ptp(limits) == pytest.approx(6.0 * reach)
-    assert camera._radius == pytest.approx(0.45 * reach)
+        assert np.ptp(limits) == pytest.approx(6.0 * max_rotor_distance)
+    assert camera._radius == pytest.approx(0.45 * max_rotor_distance)
     assert [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] == ["X (m)", "Y (m)", "Z (m)"]
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         assert 2 <= len(axis.get_major_locator().tick_values(0.0, 1.0)) <= 8

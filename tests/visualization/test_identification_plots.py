@@ -8,11 +8,11 @@ from figure_content import legends
 from scipy import signal
 
 from drake_quad import load_scenario
-from drake_quad.identification.flown_again.comparison import LogComparison
-from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.identification.results.vehicle_numbers import with_numbers
+from drake_quad.identification.results.vehicle_values import with_numbers
+from drake_quad.identification.validation.comparison import LogComparison
+from drake_quad.identification.validation.prediction import Predictions
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 
@@ -76,11 +76,11 @@ def test_the_thrust_has_a_confidence_band_from_its_covariance(identification):
     band = axes.collections[0].get_paths()[0].vertices
     top = band[np.isclose(band[:, 0], 1.0)][:, 1].max()
     bottom = band[np.isclose(band[:, 0], 1.0)][:, 1].min()
-    reach = 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2)
-    assert (bottom, top) == pytest.approx((16.5 - reach, 16.5 + reach), abs=0.01)
+    max_rotor_distance = 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2)
+    assert (bottom, top) == pytest.approx((16.5 - max_rotor_distance, 16.5 + max_rotor_distance), abs=0.01)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["95 %", "identified", "hover", "flown"]
     without = Identification(
-        identification.estimates.part(["inertia[0]"]), identification.vehicle, identification.outputs
+        identification.estimates.subset(["inertia[0]"]), identification.vehicle, identification.outputs
     )
     assert plots.plot_thrust(without) is None
 
@@ -140,9 +140,9 @@ def test_the_first_ten_windows_are_drawn(identification):
     assert left.get_xlabel() == "time in held-out windows (s)"
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
-def test_the_explained_variance_is_in_the_title(identification, share, words):
-    output = identification.outputs[0]._replace(explained=share)
+@pytest.mark.parametrize(("fraction", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
+def test_the_explained_variance_is_in_the_title(identification, fraction, words):
+    output = identification.outputs[0]._replace(explained=fraction)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
 
@@ -267,11 +267,11 @@ def test_a_log_is_drawn_over_the_band_of_its_predictions(compared):
         assert np.flatnonzero(np.isnan(flown[0])).tolist() == [40]
         kept = np.arange(81) != 40
         np.testing.assert_array_equal(reference[:, kept], [compared.time, compared.target[:, i]])
-        np.testing.assert_allclose(flown[1][kept], compared.target[:, i] - compared.flown[:, i])
+        np.testing.assert_allclose(flown[1][kept], compared.target[:, i] - compared.logged_error[:, i])
         median = np.nanmedian(compared.predicted[:, :, i], axis=0)
         np.testing.assert_allclose(middle[1][kept], compared.target[:, i] - median)
         np.testing.assert_allclose(error.lines[0].get_ydata()[kept], 100.0 * median)
-        np.testing.assert_allclose(error.lines[1].get_ydata()[kept], 100.0 * compared.flown[:, i])
+        np.testing.assert_allclose(error.lines[1].get_ydata()[kept], 100.0 * compared.logged_error[:, i])
         low, high = np.nanquantile(compared.predicted[:, :, i], (0.025, 0.975), axis=0)
         edges = np.vstack([path.vertices for path in error.collections[0].get_paths()])
         for tick in (0, 17, 60):

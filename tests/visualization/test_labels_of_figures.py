@@ -6,7 +6,7 @@ from test_study_plots import DELAY, MASS, no_crash, study
 
 from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import design_cascade
-from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.visualization import design_plots, learning_plots, plots, study_plots
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.overview import plot_flight, plot_study

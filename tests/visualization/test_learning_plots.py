@@ -139,8 +139,8 @@ def test_a_secant_gain_is_the_change_of_the_output_divided_by_the_error(flight):
     axes = figure.axes[0]
     learned = flight["weights"][-1, :9]
     curve, counterpart = axes.lines[:2]
-    reach = 1.0 / sets.inputs[0].scale
-    assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == pytest.approx((5e-4, reach))
+    max_rotor_distance = 1.0 / sets.inputs[0].scale
+    assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == pytest.approx((5e-4, max_rotor_distance))
     expected = [-each for each in plots.secant_gains(sets, learned, tuple(curve.get_xdata()))]
     np.testing.assert_allclose([curve.get_ydata(), counterpart.get_ydata()], expected)
     marks = [line.get_xydata()[0] for line in axes.lines[2:]]

@@ -10,7 +10,7 @@ from test_study_plots import study
 from drake_quad import load_scenario, simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.identification.results.estimates import Estimates, Source
-from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.space.shapes import Ball
 from drake_quad.space.space import Obstacle, Space
@@ -179,8 +179,8 @@ def test_a_camera_sees_the_whole_path_from_a_flat_room():
     np.testing.assert_allclose(np.array(path.get_data_3d()).T, reference_points(plan))
     low, high = reference_points(plan).min(axis=0), reference_points(plan).max(axis=0)
     limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
-    reach = max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors_of(scenario.nominal))
-    size = high - low + 6.0 * reach
+    max_rotor_distance = max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors_of(scenario.nominal))
+    size = high - low + 6.0 * max_rotor_distance
     np.testing.assert_allclose(np.ptp(limits, axis=1), np.maximum(size, 0.3 * size.max()))
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (low + high))
     # The longest side has at most six ticks, and shorter sides have fewer.

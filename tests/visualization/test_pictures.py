@@ -8,7 +8,7 @@ from matplotlib.text import Annotation
 from drake_quad import load_scenario, simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.planning.believed import planned_parameters
+from drake_quad.planning.nominal import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.curves import dash_overlapping_curves, dashes
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
@@ -85,8 +85,8 @@ def test_overlapping_curves_are_dashed():
 def test_each_of_several_overlapping_curves_is_visible():
     """The dashes of each curve cover a smaller fraction of its length than the dashes of the curve below it."""
     drawn = [dashes(place, 4)[1] for place in range(4)]
-    shares = [on / (on + off) for on, off in drawn]
-    assert shares == pytest.approx([1.0, 0.75, 0.5, 0.25])
+    fractions = [on / (on + off) for on, off in drawn]
+    assert fractions == pytest.approx([1.0, 0.75, 0.5, 0.25])
     assert len({on + off for on, off in drawn}) == 1
     # The visible part of each curve is several times as long as the curve is wide.
     seen = -np.diff([on for on, _ in drawn] + [0.0])

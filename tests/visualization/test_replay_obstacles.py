@@ -29,7 +29,7 @@ def crash():
     """Return a hover that a strong wind blows into an obstacle."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [5, 0, 0]}]"]
     flight = simulate(load_scenario("hover", ["duration=4", f"space={{obstacles: {{{BALL}}}}}", *wind]))
-    assert flight.touched == "ball"
+    assert flight.obstacle_hit == "ball"
     return flight
 
 

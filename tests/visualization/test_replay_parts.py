@@ -35,13 +35,13 @@ class Recording(Scene):
 def test_no_part_is_larger_than_its_vehicle():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
-    reach, disc = FRAME.reach, scene.objects["/v/disc_1"].radius()
+    max_rotor_distance, disc = FRAME.max_rotor_distance, scene.objects["/v/disc_1"].radius()
     for part in scene.objects.values():
         if isinstance(part, Sphere):
-            assert part.radius() < 0.25 * reach
+            assert part.radius() < 0.25 * max_rotor_distance
         elif isinstance(part, Cylinder):
             assert part.radius() <= disc
-            assert part.length() < 0.25 * reach
+            assert part.length() < 0.25 * max_rotor_distance
     assert scene.objects["/v/motor_1"].radius() < 0.25 * disc
     # Arms begin in the middle of the vehicle.
     assert len([path for path in scene.objects if "arm" in path]) == len(X_LAYOUT)
@@ -51,8 +51,8 @@ def test_a_recording_shows_nothing_until_it_is_played_and_has_a_small_point(flig
     scene = Recording()
     page.draw_replay(scene, flights)
     assert not scene.shows_while_recording
-    reach = Frame.of(flights["other"].scenario.vehicle).reach
-    assert scene.objects["/reference/point"].radius() < 0.25 * reach
+    max_rotor_distance = Frame.of(flights["other"].scenario.vehicle).max_rotor_distance
+    assert scene.objects["/reference/point"].radius() < 0.25 * max_rotor_distance
     scene = Recording()
     monkeypatch.setattr(page, "local_meshcat", lambda: scene)
     page.save_swarm({"one": [*flights.values()]}, tmp_path / "swarm.html")

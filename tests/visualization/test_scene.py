@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_quad import load_scenario, simulate
 from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet
 from drake_quad.signals import RotorSpeed, State, Wind
-from drake_quad.space.shapes import Ball, Cuboid, hull_of
+from drake_quad.space.shapes import Ball, Cuboid, convex_hull
 from drake_quad.space.shapes import Cylinder as Pillar
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.positions import positions
@@ -218,7 +218,7 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
         Cuboid((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)),
         Pillar((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), 0.2, 1.5),
         Ball((1.0, 2.0, 3.0), radius=0.7),
-        hull_of(np.random.default_rng(1).normal(size=(12, 3))),
+        convex_hull(np.random.default_rng(1).normal(size=(12, 3))),
     ],
 )
 def test_solids_are_drawn_by_their_triangles(shape):
@@ -269,10 +269,10 @@ def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
     draw_trail_piece(scene, "/a", points, "#FF0000", 0.5)
     assert (scene.colors["/a"].r(), scene.colors["/a"].g(), scene.colors["/a"].a()) == (1.0, 0.0, 0.7)
     np.testing.assert_allclose(np.hypot(*scene.meshes["/a"][0][1:]), 0.5 * 0.018)
-    shares = np.array([0.0, 0.3, 0.6, 1.0])
-    draw_trail_piece(scene, "/b", points, shares, 1.0)
+    fractions = np.array([0.0, 0.3, 0.6, 1.0])
+    draw_trail_piece(scene, "/b", points, fractions, 1.0)
     np.testing.assert_allclose(
-        scene.colors["/b"].T.reshape(4, 3, 3), np.repeat(ERROR_COLORS(shares)[:, None, :3], 3, axis=1)
+        scene.colors["/b"].T.reshape(4, 3, 3), np.repeat(ERROR_COLORS(fractions)[:, None, :3], 3, axis=1)
     )
 
 
@@ -291,7 +291,7 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     flown = np.array([[0.5, 1.0, 1.2], [0.0, 99.0, 1.0]])
     room = draw_surroundings(scene, windy, flight.plan, flown)
     path = reference_points(flight.plan)
-    margin = 4.0 * Frame.of(scenario.vehicle).reach
+    margin = 4.0 * Frame.of(scenario.vehicle).max_rotor_distance
     # Flown positions are taken into account up to three metres from the path.
     low = np.minimum(path.min(axis=0), [0.0, 1.0, 1.0]) - margin
     high = np.maximum(path.max(axis=0), [0.5, path[0, 1] + 3.0, 1.2]) + margin
@@ -406,8 +406,8 @@ def test_the_trail_of_a_single_flight_has_the_colours_of_its_errors(flights):
     draw_replay(scene, {"alone": flight})
     colors = scene.colors["/alone_trail/3"].T[::3]
     ticks = np.searchsorted(flight.time, np.linspace(0.75, 1.0, 5) - 1e-9)
-    shares = flight.euclidean_error[ticks] / flight.euclidean_error.max()
-    np.testing.assert_allclose(colors, ERROR_COLORS(shares)[:, :3])
+    fractions = flight.euclidean_error[ticks] / flight.euclidean_error.max()
+    np.testing.assert_allclose(colors, ERROR_COLORS(fractions)[:, :3])
 
 
 def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
@@ -465,7 +465,7 @@ def test_page_data_contain_errors_and_speeds_over_time(flights):
             assert error == pytest.approx(100.0 * flight.euclidean_error[tick], rel=5e-3, abs=1e-9)
             assert fast == pytest.approx(speed[tick], rel=5e-3, abs=1e-9)
         assert "low" not in curve
-    size = Frame.of(flights["other"].scenario.vehicle).reach
+    size = Frame.of(flights["other"].scenario.vehicle).max_rotor_distance
     assert content["vehicles"] == [
         {"name": n, "path": p, "size": pytest.approx(size)} for n, p in (("first one", "/a"), ("other", "/b"))
     ]

@@ -8,7 +8,7 @@ from figure_content import curve, legends
 
 from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.statistics.estimates import mean_interval, quantile_interval, running_mean, share_interval
+from drake_quad.statistics.estimates import mean_interval, proportion_interval, quantile_interval, running_mean
 from drake_quad.studies import statistics
 from drake_quad.studies.study import Study
 from drake_quad.visualization import study_plots as plots
@@ -43,18 +43,18 @@ def test_a_distribution_is_the_fraction_of_samples_up_to_a_value():
     assert legends(figure) == ["one (15.0 % crashed)", "other"]
     (axes,) = figure.axes
     for label, each, crashed in (("one (15.0 % crashed)", some, 30), ("other", none, 0)):
-        values, shares = curve(axes, label)
+        values, fractions = curve(axes, label)
         expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
         assert len(values) == COUNT - crashed
         np.testing.assert_array_equal(values, expected)
         np.testing.assert_allclose(
-            shares, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / COUNT for v in values]
+            fractions, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / COUNT for v in values]
         )
-    reach = math.sqrt(math.log(2.0 / 0.05) / (2.0 * COUNT))
+    max_rotor_distance = math.sqrt(math.log(2.0 / 0.05) / (2.0 * COUNT))
     for collection, each in zip(axes.collections, (some, none), strict=True):
         edges = np.unique(collection.get_paths()[0].vertices[:, 1])
         assert edges.min() == 0.0
-        assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + reach, 1.0))
+        assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + max_rotor_distance, 1.0))
     assert axes.get_title(loc="left") == "200 samples each; bands: 95 % confidence"
     assert axes.get_xlabel() == "RMSE (cm)"
     assert axes.get_ylim()[0] == 0.0
@@ -82,10 +82,10 @@ def test_estimates_converge_with_the_number_of_samples():
     corners = left.collections[0].get_paths()[0].vertices
     assert corners[:, 1].min() == pytest.approx(low.min())
     assert corners[:, 1].max() == pytest.approx(high.max())
-    stops, shares = curve(right, "one")
+    stops, fractions = curve(right, "one")
     assert (stops[0], stops[-1]) == (20.0, COUNT)
     assert (np.diff(stops) > 0.0).all()
-    np.testing.assert_allclose(shares, [found.metrics.crashed[: int(n)].mean() for n in stops])
+    np.testing.assert_allclose(fractions, [found.metrics.crashed[: int(n)].mean() for n in stops])
     assert right.get_title(loc="left") == "crashes"
     assert right.yaxis.get_major_formatter()(0.1).endswith(" %")
     for axes in (left, right):
@@ -240,7 +240,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
     studies = {"one": study(), "other": study(3, 5, 80)}
     _, axes = plot_study(studies, "peak_error")
     means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in studies.values()]
-    crashes = [share_interval(30, 200), share_interval(5, 80)]
+    crashes = [proportion_interval(30, 200), proportion_interval(5, 80)]
     for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 1.0)):
         (container,) = axes[part].containers
         np.testing.assert_allclose(

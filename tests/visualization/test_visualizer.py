@@ -52,7 +52,7 @@ def test_a_point_shows_the_reference_and_an_arrow_the_wind():
     reference[:3] = [4.0, 5.0, 6.0]
     scene = shown(0.1, state=PLACED, reference=reference, wind=[0.0, 3.0, 4.0])
     np.testing.assert_allclose(scene.poses["/mine_reference"].translation(), [4.0, 5.0, 6.0])
-    assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).reach
+    assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).max_rotor_distance
     np.testing.assert_allclose(scene.poses["/mine_wind"].rotation().matrix()[:, 0], [0.0, 0.6, 0.8], atol=1e-12)
     # The arrow is 15 cm long for each m/s.
     assert scene.properties["/mine_wind/arrow", "scale"][0] == pytest.approx(0.75)

@@ -10,7 +10,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Row, State
 
 
-class EstimatorNumbers(NamedTuple):
+class EstimatorParameters(NamedTuple):
     """Parameters of a `DisturbanceEstimator`.
 
     Attributes:
@@ -30,9 +30,9 @@ ZERO_COMMANDS = (AxisCommand(0.0, 0.0),) * 3
 """Commands on X, Y and Z of a vehicle at rest."""
 
 
-def memory_at_rest(numbers: Any) -> tuple[Any, ...]:
+def memory_at_rest(parameters: Any) -> tuple[Any, ...]:
     """Return the memory of the law on each axis, for a vehicle at rest at its initial position."""
-    return tuple([law.at_rest(start) for law, start in zip(numbers.laws, numbers.start, strict=True)])
+    return tuple([law.at_rest(start) for law, start in zip(parameters.laws, parameters.start, strict=True)])
 
 
 def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
@@ -46,7 +46,7 @@ def estimate(
     """Return the memory of each axis after the measurement of a tick, and the saturated disturbances, m/s²."""
     corrected = tuple(
         [
-            law.corrected(before, measurement, period)
+            law.correct(before, measurement, period)
             for law, before, measurement in zip(laws, memory, measured, strict=True)
         ]
     )
@@ -73,48 +73,48 @@ def predict(
     """
     responses = [response_step(*axis, period) for axis in zip(following, commands, lags, strict=True)]
     memory = [
-        law.predicted(before, ModelIncrement(velocity, distance), period)
+        law.predict(before, ModelIncrement(velocity, distance), period)
         for law, before, (_, velocity, distance) in zip(laws, corrected, responses, strict=True)
     ]
     return tuple(memory), tuple([after for after, _, _ in responses])
 
 
-def shift_delay_line(sent: Any, under_way: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
+def shift_delay_line(sent: Any, in_transit: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
     """Return the command that leaves a delay line at a tick, and the new content of the line, latest command first."""
-    *others, arrived = (sent, *under_way)
+    *others, arrived = (sent, *in_transit)
     return arrived, tuple(others)
 
 
 def limited_disturbance(
-    memory: tuple[Any, ...], measurement: State, numbers: EstimatorNumbers, period: float
+    memory: tuple[Any, ...], measurement: State, parameters: EstimatorParameters, period: float
 ) -> Acceleration:
     """Return the estimated disturbance at a tick, m/s², saturated at the limit."""
-    _, limited = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    _, limited = estimate(memory, measured_on_axes(measurement), parameters.laws, parameters.limit, period)
     return Acceleration(*limited)
 
 
 def next_memory(
     memory: tuple[Any, ...],
     following: tuple[AxisCommand, ...],
-    under_way: tuple[tuple[AxisCommand, ...], ...],
+    in_transit: tuple[tuple[AxisCommand, ...], ...],
     measurement: State,
     command: Acceleration,
     correction: Acceleration,
     feed_forward: Acceleration,
-    numbers: EstimatorNumbers,
+    parameters: EstimatorParameters,
     period: float,
 ) -> tuple[Any, ...]:
     """Return the states of a `DisturbanceEstimator` at the next tick."""
-    corrected, _ = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    corrected, _ = estimate(memory, measured_on_axes(measurement), parameters.laws, parameters.limit, period)
     sent = tuple(
         [
             AxisCommand(total + learned - feed_forward_part, feed_forward_part)
             for total, learned, feed_forward_part in zip(command, correction, feed_forward, strict=True)
         ]
     )
-    arrived, on_the_way = shift_delay_line(sent, under_way)
-    memory, following = predict(corrected, following, arrived, numbers.laws, numbers.lags, period)
-    return memory, following, on_the_way
+    arrived, next_in_transit = shift_delay_line(sent, in_transit)
+    memory, following = predict(corrected, following, arrived, parameters.laws, parameters.lags, period)
+    return memory, following, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
@@ -140,25 +140,25 @@ class DisturbanceEstimator(FleetSystem):
     that it may depend on the disturbance.
 
     The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
-    `commands_under_way`, the commands in the delay line. The only parameter of the context is `numbers`.
+    `commands_in_transit`, the commands in the delay line. The only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a command to its effect, in whole ticks.
-        numbers: laws, time constants and limit.
+        parameters: laws, time constants and limit.
     """
 
-    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: EstimatorNumbers) -> None:
+    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: EstimatorParameters) -> None:
         """Declare ports, states and parameters."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
         zero = Acceleration(0.0, 0.0, 0.0)
         correction = self.input("correction", absent=zero)
         feed_forward = self.input("feed_forward", absent=zero)
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         memory, following = self.state("memory", memory_at_rest), self.state("following", lambda _: ZERO_COMMANDS)
-        under_way = self.state("commands_under_way", lambda _: (ZERO_COMMANDS,) * delay_ticks) if delay_ticks else ()
-        writes = memory, following, under_way
+        in_transit = self.state("commands_in_transit", lambda _: (ZERO_COMMANDS,) * delay_ticks) if delay_ticks else ()
+        writes = memory, following, in_transit
         reads = measurement, command, correction, feed_forward, parameter, period
         self.update(period, next_memory, *writes, *reads, writes=writes)
         self.output("disturbance", limited_disturbance, memory, measurement, parameter, period)

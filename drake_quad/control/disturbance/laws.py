@@ -47,10 +47,10 @@ class DisturbanceLaw(Protocol):
     def at_rest(self, position: Row) -> "tuple[Row, ...]":
         """Return the memory for a vehicle at rest at a position (m) without disturbance."""
 
-    def corrected(self, memory: "tuple[Row, ...]", measured: AxisMeasurement, period: float) -> "tuple[Row, ...]":
+    def correct(self, memory: "tuple[Row, ...]", measured: AxisMeasurement, period: float) -> "tuple[Row, ...]":
         """Return the memory after the measurement of a tick."""
 
-    def predicted(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
+    def predict(self, memory: "tuple[Row, ...]", increment: ModelIncrement, period: float) -> "tuple[Row, ...]":
         """Return the memory at the next tick, before its measurement."""
 
 
@@ -106,12 +106,12 @@ class KalmanLaw(NamedTuple):
         """Return the memory at rest; see `DisturbanceLaw`."""
         return KalmanMemory(position, 0.0, 0.0)
 
-    def corrected(self, memory: KalmanMemory, measured: AxisMeasurement, period: float) -> KalmanMemory:
+    def correct(self, memory: KalmanMemory, measured: AxisMeasurement, period: float) -> KalmanMemory:
         """Return the corrected state estimate x̂ + L (y - p̂); see `DisturbanceLaw`."""
         innovation = measured.position - memory.position
         return KalmanMemory._make(known + gain * innovation for known, gain in zip(memory, self.gain, strict=True))
 
-    def predicted(self, memory: KalmanMemory, increment: ModelIncrement, period: float) -> KalmanMemory:
+    def predict(self, memory: KalmanMemory, increment: ModelIncrement, period: float) -> KalmanMemory:
         """Return the exact prediction of the model; see `DisturbanceLaw`."""
         position, velocity, disturbance = memory
         after, speed, distance = lag_step(disturbance, 0.0, self.time_constant, period)
@@ -182,7 +182,7 @@ class AdaptiveLaw(NamedTuple):
         """Return the memory at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 
-    def corrected(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
+    def correct(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
         """Return the memory after adaptation. The filter holds σ̂ constant over the tick; see `DisturbanceLaw`."""
         decay = exp(-self.adaptation * period)
         phi = (1.0 - decay) / self.adaptation
@@ -191,7 +191,7 @@ class AdaptiveLaw(NamedTuple):
         filtered = sigma + exp(-self.bandwidth * period) * (memory.disturbance - sigma)
         return DifferencedMemory(measured.velocity, 0.0, filtered, 0.0)
 
-    def predicted(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
+    def predict(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
         """Return the memory with the modelled change of the velocity; see `DisturbanceLaw`."""
         return memory._replace(modelled=increment.velocity)
 
@@ -217,7 +217,7 @@ class IncrementalLaw(NamedTuple):
         """Return the memory at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 
-    def corrected(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
+    def correct(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
         """Return the memory after one exact step of the filter with a constant input; see `DisturbanceLaw`."""
         residual = _residual(memory, measured.velocity, period)
         damped = self.bandwidth * math.sqrt(0.5)
@@ -231,6 +231,6 @@ class IncrementalLaw(NamedTuple):
             decay * ((cosine - sine) * rate - 2.0 * damped * sine * offset),
         )
 
-    def predicted(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
+    def predict(self, memory: DifferencedMemory, increment: ModelIncrement, period: float) -> DifferencedMemory:
         """Return the memory with the modelled change of the velocity; see `DisturbanceLaw`."""
         return memory._replace(modelled=increment.velocity)

@@ -46,11 +46,11 @@ def lag_step(before: Row, target: Row, lag: Row, period: float) -> LagStep:
         lag: time constant, s.
         period: tick period, s.
     """
-    share = 1.0 - exp(-period / lag)
+    fraction = 1.0 - exp(-period / lag)
     offset = before - target
-    speed = lag * share * offset
+    speed = lag * fraction * offset
     distance = 0.5 * period * period * target + lag * (period * offset - speed)
-    return LagStep(before - share * offset, period * target + speed, distance)
+    return LagStep(before - fraction * offset, period * target + speed, distance)
 
 
 def response_step(

@@ -14,7 +14,7 @@ from drake_quad.signals import Acceleration, Quantity, Row, State, Time
 _Specific = Annotated[Row, Quantity("m/s²")]
 
 
-class TiltEstimatorNumbers(NamedTuple):
+class TiltEstimatorParameters(NamedTuple):
     """Parameters of a `TiltDisturbanceEstimator`.
 
     Attributes:
@@ -61,7 +61,7 @@ def estimate_by_tilt(
     before: KnownAccelerations,
     thrust: SpecificThrust,
     measurement: State,
-    numbers: TiltEstimatorNumbers,
+    parameters: TiltEstimatorParameters,
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[Row, ...], Acceleration]:
     """Return memory and disturbance on each axis after the measurement, and the acceleration due to thrust and weight.
@@ -71,14 +71,14 @@ def estimate_by_tilt(
         before: known accelerations at the previous tick.
         thrust: modelled thrust divided by mass at this tick.
         measurement: measured state of the vehicle.
-        numbers: parameters of the estimator.
+        parameters: parameters of the estimator.
         period: tick period, s.
     """
-    tilted = tilted_acceleration(measurement, thrust, numbers.gravity)
+    tilted = tilted_acceleration(measurement, thrust, parameters.gravity)
     # The acceleration due to thrust and weight is assumed to be linear in time between two ticks.
     predicted = tuple(
         [
-            law.predicted(
+            law.predict(
                 corrected,
                 ModelIncrement(
                     period * (0.5 * (first + last) + learned),
@@ -87,11 +87,11 @@ def estimate_by_tilt(
                 period,
             )
             for law, corrected, first, last, learned in zip(
-                numbers.laws, memory, before.tilted, tilted, before.learned, strict=True
+                parameters.laws, memory, before.tilted, tilted, before.learned, strict=True
             )
         ]
     )
-    corrected, limited = estimate(predicted, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    corrected, limited = estimate(predicted, measured_on_axes(measurement), parameters.laws, parameters.limit, period)
     return corrected, limited, tilted
 
 
@@ -105,20 +105,20 @@ def next_tilt_states(
     memory: tuple[Any, ...],
     before: KnownAccelerations,
     thrust: SpecificThrust,
-    under_way: tuple[SpecificThrust, ...],
+    in_transit: tuple[SpecificThrust, ...],
     measurement: State,
     command: Acceleration,
     learned: Acceleration,
-    numbers: TiltEstimatorNumbers,
+    parameters: TiltEstimatorParameters,
     period: float,
 ) -> Any:
     """Return the states of a `TiltDisturbanceEstimator` at the next tick."""
-    corrected, _, tilted = estimate_by_tilt(memory, before, thrust, measurement, numbers, period)
-    up = command.z + numbers.gravity
+    corrected, _, tilted = estimate_by_tilt(memory, before, thrust, measurement, parameters, period)
+    up = command.z + parameters.gravity
     sent = SpecificThrust(sqrt(command.x * command.x + command.y * command.y + up * up))
-    arrived, on_the_way = shift_delay_line(sent, under_way)
-    after = SpecificThrust(lag_step(thrust.thrust, arrived.thrust, numbers.lag, period).after)
-    return corrected, KnownAccelerations(tilted, learned), after, on_the_way
+    arrived, next_in_transit = shift_delay_line(sent, in_transit)
+    after = SpecificThrust(lag_step(thrust.thrust, arrived.thrust, parameters.lag, period).after)
+    return corrected, KnownAccelerations(tilted, learned), after, next_in_transit
 
 
 @fleet_system(float, AutoDiffXd)
@@ -143,33 +143,33 @@ class TiltDisturbanceEstimator(FleetSystem):
     not connected. These two inputs are only sampled at the ticks, so that the command may depend on the disturbance.
 
     The states are `memory`, the memory of the law after the previous tick, `before`, the known accelerations at the
-    previous tick, `thrust`, and, if there is a delay, `thrust_under_way`, the commands in the delay line. The only
-    parameter of the context is `numbers`.
+    previous tick, `thrust`, and, if there is a delay, `thrust_in_transit`, the commands in the delay line. The only
+    parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a commanded thrust to its effect, in whole ticks.
-        numbers: laws, time constant, g and limit.
+        parameters: laws, time constant, g and limit.
     """
 
-    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: TiltEstimatorNumbers) -> None:
+    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: TiltEstimatorParameters) -> None:
         """Declare ports, states and parameters."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
         zero = Acceleration(0.0, 0.0, 0.0)
         learned = self.input("learned_disturbance", absent=zero)
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         memory = self.state("memory", memory_at_rest)
         before = self.state("before", lambda _: KnownAccelerations(zero, zero))
         thrust = self.state("thrust", _hover)
-        under_way: Any = ()
+        in_transit: Any = ()
         if delay_ticks:
-            under_way = self.state("thrust_under_way", lambda numbers: (_hover(numbers),) * delay_ticks)
-        writes = memory, before, thrust, under_way
+            in_transit = self.state("thrust_in_transit", lambda parameters: (_hover(parameters),) * delay_ticks)
+        writes = memory, before, thrust, in_transit
         reads = measurement, command, learned, parameter, period
         self.update(period, next_tilt_states, *writes, *reads, writes=writes)
         self.output("disturbance", disturbance_by_tilt, memory, before, thrust, measurement, parameter, period)
 
 
-def _hover(numbers: TiltEstimatorNumbers) -> SpecificThrust:
-    return SpecificThrust(numbers.gravity)
+def _hover(parameters: TiltEstimatorParameters) -> SpecificThrust:
+    return SpecificThrust(parameters.gravity)

@@ -67,7 +67,7 @@ class AdaptationRates(NamedTuple):
     exponents: Row = 0.0
 
 
-def membership_slopes(u: Row, exponent: Row) -> tuple[Row, Row]:
+def membership_derivatives(u: Row, exponent: Row) -> tuple[Row, Row]:
     """Return ∂μ/∂v and ∂μ/∂a at the distance v = |u| from the centre, relative to the width; zero outside the set."""
     distance = abs(u)
     limited = minimum(maximum(distance, _MIN_DISTANCE), 1.0 - _MIN_DISTANCE)
@@ -100,15 +100,17 @@ def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weight
     distances = [sets.distances(value) for value, sets in zip(values, inputs, strict=True)]
     grades = [[elliptic_membership(u, exponent) for u in each] for each in distances]
     factors = [1.0 / total(each) for each in grades]
-    shares = [[factor * grade for grade in each] for factor, each in zip(factors, grades, strict=True)]
-    choices = itertools.product(*shares)
+    fractions = [[factor * grade for grade in each] for factor, each in zip(factors, grades, strict=True)]
+    choices = itertools.product(*fractions)
     output = total([math.prod(choice, start=weight) for weight, choice in zip(weights, choices, strict=True)])
     of_inputs, of_exponent = [], []
     for k, (sets, each, factor) in enumerate(zip(inputs, distances, factors, strict=True)):
-        outputs = _outputs_of_single_sets(weights, shares, k)
+        outputs = _outputs_of_single_sets(weights, fractions, k)
         derivatives = [(single - output) * factor for single in outputs]
-        slopes = [membership_slopes(u, exponent) for u in each]
-        by_distance = [derivative * slope for derivative, (slope, _) in zip(derivatives, slopes, strict=True)]
+        pairs = [membership_derivatives(u, exponent) for u in each]
+        by_distance = [
+            derivative * factor_of_set for derivative, (factor_of_set, _) in zip(derivatives, pairs, strict=True)
+        ]
         signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in each]
         of_inputs.append(
             type(sets)(
@@ -117,16 +119,18 @@ def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weight
                 tuple([-by * abs(u) / d for by, u, d in zip(by_distance, each, sets.widths, strict=True)]),
             )
         )
-        of_exponent += [derivative * slope for derivative, (_, slope) in zip(derivatives, slopes, strict=True)]
+        of_exponent += [
+            derivative * factor_of_set for derivative, (_, factor_of_set) in zip(derivatives, pairs, strict=True)
+        ]
     return _Family(output, of_inputs, total(of_exponent))
 
 
-def _outputs_of_single_sets(weights: Sequence[Row], shares: Sequence[Sequence[Row]], k: int) -> list[Row]:
+def _outputs_of_single_sets(weights: Sequence[Row], fractions: Sequence[Sequence[Row]], k: int) -> list[Row]:
     """Return M_ki for each set i of input k, the output of only those rules that contain this set."""
-    indices = itertools.product(*(range(len(each)) for each in shares))
-    of_sets: list[list[Row]] = [[] for _ in shares[k]]
-    for index, weight, choice in zip(indices, weights, itertools.product(*shares), strict=True):
-        of_others = [share for other, share in enumerate(choice) if other != k]
+    indices = itertools.product(*(range(len(each)) for each in fractions))
+    of_sets: list[list[Row]] = [[] for _ in fractions[k]]
+    for index, weight, choice in zip(indices, weights, itertools.product(*fractions), strict=True):
+        of_others = [fraction for other, fraction in enumerate(choice) if other != k]
         of_sets[index[k]].append(math.prod(of_others, start=weight))
     return [total(each) for each in of_sets]
 
@@ -162,7 +166,7 @@ def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Se
     )
 
 
-def adapted(
+def adapt_antecedents(
     antecedents: Antecedents,
     gradient: Antecedents,
     step: Row,
@@ -196,8 +200,10 @@ def adapted(
         by = step * rates.widths
         inputs = tuple(
             [
-                sets._replace(widths=tuple([d - by * of_d for d, of_d in zip(sets.widths, slopes.widths, strict=True)]))
-                for sets, slopes in zip(inputs, gradient.inputs, strict=True)
+                sets._replace(
+                    widths=tuple([d - by * of_d for d, of_d in zip(sets.widths, gradients.widths, strict=True)])
+                )
+                for sets, gradients in zip(inputs, gradient.inputs, strict=True)
             ]
         )
     if "centres" in parts or "widths" in parts:
@@ -205,8 +211,8 @@ def adapted(
     return Antecedents(a1, a2, q, inputs)
 
 
-def _clipped(value: Row, least: Row, most: Row) -> Row:
-    return maximum(minimum(value, most), least)
+def _clipped(value: Row, lower: Row, upper: Row) -> Row:
+    return maximum(minimum(value, upper), lower)
 
 
 def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
@@ -237,9 +243,9 @@ def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
     for gap, (left_width, right_width) in zip(
         sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False
     ):
-        share = _MIN_OVERLAP * gap / (left_width + right_width)
-        after.append(share * left_width)
-        before.append(share * right_width)
+        fraction = _MIN_OVERLAP * gap / (left_width + right_width)
+        after.append(fraction * left_width)
+        before.append(fraction * right_width)
     if len(after) < len(sets.widths):
         after.append(0.0)
         before.append(0.0)

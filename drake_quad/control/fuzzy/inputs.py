@@ -18,12 +18,12 @@ InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "
 
 # Tolerance on the end of a lap, as a fraction of the lap.
 _LAP_TOLERANCE = 1e-9
-_ON_OWN_AXIS = ("error", "error_rate", "disturbance")  # inputs that use only the signal on the axis of the network
+_ON_SAME_AXIS = ("error", "error_rate", "disturbance")  # inputs that use only the signal on the axis of the network
 
 
 def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:
     """Return the names of the signals that determine the inputs, without duplicates."""
-    names = [name if name in _ON_OWN_AXIS else "measurement" for name in inputs if name != "phase"]
+    names = [name if name in _ON_SAME_AXIS else "measurement" for name in inputs if name != "phase"]
     return tuple(dict.fromkeys(names))
 
 
@@ -44,12 +44,12 @@ def input_values(
         if name == "phase":
             values.append(route_phase(time, lap_times))
         else:
-            on_own_axis = name in _ON_OWN_AXIS
+            on_own_axis = name in _ON_SAME_AXIS
             values.append(getattr(signals[name if on_own_axis else "measurement"], axis if on_own_axis else name))
     return values
 
 
-def extrapolated(measurement: State, lead: Row) -> State:
+def extrapolate_position(measurement: State, lead: Row) -> State:
     """Return the measurement with the position extrapolated by the measured velocity over a lead time (s)."""
     x, y, z = measurement.x, measurement.y, measurement.z
     v_x, v_y, v_z = measurement.v_x, measurement.v_y, measurement.v_z
@@ -67,9 +67,9 @@ def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
         minimum(maximum((time - start) * (1.0 / (end - start)), 0.0), 1.0)
         for start, end in itertools.pairwise(lap_times)
     ]
-    flown = total(laps)
+    completed_laps = total(laps)
     if len(laps) == 1:
-        return flown
-    past = flown - nearest(flown)
+        return completed_laps
+    past = completed_laps - nearest(completed_laps)
     # A time that is before the end of a lap only because of rounding belongs to the next lap.
     return where(past < -_LAP_TOLERANCE, past + 1.0, maximum(past, 0.0))

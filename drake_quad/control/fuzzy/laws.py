@@ -39,7 +39,7 @@ class LearningLaw(Protocol):
     def memory(self, num_rules: int) -> Rows:
         """Return the initial memory."""
 
-    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+    def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
         """Return weights and memory at the next tick.
 
         Args:
@@ -79,7 +79,7 @@ class CovarianceLaw(NamedTuple):
         """Return the upper triangle of P₀, row by row."""
         return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
 
-    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+    def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
         """Return weights and covariance after eqs (16) and (17); see `LearningLaw`."""
         size = len(weights)
         covariance = dict(zip(_upper_triangle(size), memory, strict=True))
@@ -116,7 +116,7 @@ class GradientLaw(NamedTuple):
         """Return an empty tuple, since the law has no memory."""
         return ()
 
-    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+    def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
         """Return the weights after a gradient step; see `LearningLaw`."""
         step = period * self.rate * signal
         return tuple([f - step * w for f, w in zip(weights, firing, strict=True)]), memory
@@ -144,7 +144,7 @@ class SignLaw(NamedTuple):
         """Return α₀."""
         return (self.initial_slope,)
 
-    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+    def step(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
         """Return weights and α at the next tick; see `LearningLaw`."""
         (slope,) = memory
         sign = where(signal > 0.0, 1.0, where(signal < 0.0, -1.0, 0.0))

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
-from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part, adapted, output_gradient
+from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part, adapt_antecedents, output_gradient
 from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
 from drake_quad.control.fuzzy.systems import (
     UNCONNECTED,
-    LearningNumbers,
+    LearningParameters,
     PerNetworkAxis,
     layout_of_antecedents,
     layout_on_axes,
@@ -20,7 +20,7 @@ from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import Row
 
 
-class AdaptationNumbers(NamedTuple):
+class AdaptationParameters(NamedTuple):
     """Parameters of adaptive membership functions.
 
     Attributes:
@@ -31,13 +31,13 @@ class AdaptationNumbers(NamedTuple):
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(), Antecedents())
     rates: AdaptationRates = AdaptationRates()
-    learning: LearningNumbers = LearningNumbers()
+    learning: LearningParameters = LearningParameters()
 
 
-def adapted_on_axes(
+def adapt_antecedents_on_axes(
     antecedents: tuple[Antecedents, ...],
     weights: PerNetworkAxis,
-    numbers: AdaptationNumbers,
+    parameters: AdaptationParameters,
     axes: Sequence[Axis],
     inputs: Sequence[InputName],
     parts: Sequence[Part],
@@ -53,7 +53,7 @@ def adapted_on_axes(
     Args:
         antecedents: antecedents at this tick.
         weights: weights F of the rules.
-        numbers: parameters of the adaptation.
+        parameters: parameters of the adaptation.
         axes: axes of the network.
         inputs: names of the inputs of the rules.
         parts: parts of the antecedents that learn.
@@ -66,11 +66,11 @@ def adapted_on_axes(
     """
     signals_by_name = dict(zip(dict.fromkeys([*ports, *signals_of(inputs)]), signals, strict=True))
     after = []
-    for axis, sets, f, initial in zip(axes, antecedents, weights, numbers.antecedents, strict=True):
-        signal = signal_of(axis, numbers.learning, *[signals_by_name[port] for port in ports])
+    for axis, sets, f, initial in zip(axes, antecedents, weights, parameters.antecedents, strict=True):
+        signal = signal_of(axis, parameters.learning, *[signals_by_name[port] for port in ports])
         gradient = output_gradient(input_values(axis, inputs, signals_by_name, time, lap_times), sets, f)
-        step = period * with_deadzone(signal, numbers.learning.limits.deadzone)
-        after.append(adapted(sets, gradient, step, numbers.rates, initial=initial, parts=parts))
+        step = period * with_deadzone(signal, parameters.learning.limits.deadzone)
+        after.append(adapt_antecedents(sets, gradient, step, parameters.rates, initial=initial, parts=parts))
     return tuple(after)
 
 
@@ -103,7 +103,7 @@ class SetLearning(FleetSystem):
         lap_times: start of each lap of the route and end of the last one, s; needed only for the input `phase`.
         learns_from: learning signal, "surface" or "feedback".
         parts: parts of the antecedents that learn: "centres", "widths", "exponents".
-        numbers: parameters of the adaptation.
+        parameters: parameters of the adaptation.
     """
 
     def declare(
@@ -115,21 +115,23 @@ class SetLearning(FleetSystem):
         lap_times: Sequence[float] = (),
         learns_from: Literal["surface", "feedback"] = "surface",
         parts: Sequence[Part] = ("centres", "widths", "exponents"),
-        numbers: AdaptationNumbers = AdaptationNumbers(),
+        parameters: AdaptationParameters = AdaptationParameters(),
     ) -> None:
         """Declare ports, states and parameters."""
         axes, inputs = tuple(axes), tuple(inputs)
-        first, *_ = numbers.antecedents
+        first, *_ = parameters.antecedents
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))
         signal_of, ports = signal_and_ports(learns_from)
         names = dict.fromkeys([*ports, *signals_of(inputs)])
         signals = [self.input(name, absent=UNCONNECTED.get(name, REQUIRED)) for name in names]
         antecedents = self.state(
-            "antecedents", lambda numbers: numbers.antecedents, layout=layout_of_antecedents(numbers.antecedents)
+            "antecedents",
+            lambda parameters: parameters.antecedents,
+            layout=layout_of_antecedents(parameters.antecedents),
         )
-        adaptation = self.parameter("adaptation", lambda numbers: numbers)
+        adaptation = self.parameter("adaptation", lambda parameters: parameters)
         time = TIME if "phase" in inputs else 0.0
         constants = axes, inputs, tuple(parts), time, tuple(lap_times), period, signal_of, ports
         reads = antecedents, weights, adaptation, *constants, *signals
-        self.update(period, adapted_on_axes, *reads, writes=[antecedents])
+        self.update(period, adapt_antecedents_on_axes, *reads, writes=[antecedents])
         self.state_output(antecedents)

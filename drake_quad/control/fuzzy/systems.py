@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.inputs import InputName, extrapolated, input_values, signals_of
+from drake_quad.control.fuzzy.inputs import InputName, extrapolate_position, input_values, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
 from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import REQUIRED, TIME, AutoDiffXd, FleetSystem, fleet_system
@@ -60,7 +60,7 @@ def firing_on_axes(
     if lead is not None:
         time = time + lead.time
         if "measurement" in signals_by_name:
-            signals_by_name["measurement"] = extrapolated(signals_by_name["measurement"], lead.time)
+            signals_by_name["measurement"] = extrapolate_position(signals_by_name["measurement"], lead.time)
     return tuple(
         [
             firing_strengths(input_values(axis, inputs, signals_by_name, time, lap_times), sets)
@@ -74,7 +74,7 @@ def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tup
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
-class RulesNumbers(NamedTuple):
+class FuzzyRulesParameters(NamedTuple):
     """Parameters of a `FuzzyRules`.
 
     Attributes:
@@ -115,7 +115,7 @@ class FuzzyRules(FleetSystem):
         lap_times: start of each lap of the route and end of the last one, s; needed only for the input `phase`.
         adaptive: True if the antecedents learn.
         leads: True if the network has a lead time.
-        numbers: parameters of the rules.
+        parameters: parameters of the rules.
     """
 
     def declare(
@@ -126,26 +126,28 @@ class FuzzyRules(FleetSystem):
         lap_times: Sequence[float] = (),
         adaptive: bool = False,
         leads: bool = False,
-        numbers: RulesNumbers = RulesNumbers(),
+        parameters: FuzzyRulesParameters = FuzzyRulesParameters(),
     ) -> None:
         """Declare ports, states and parameters."""
         axes, inputs = tuple(axes), tuple(inputs)
         signals = [self.input(name) for name in signals_of(inputs)]
         antecedents: Any
         if adaptive:
-            antecedents = self.input("antecedents", layout=layout_of_antecedents(_for_each(axes, numbers.antecedents)))
+            antecedents = self.input(
+                "antecedents", layout=layout_of_antecedents(_for_each(axes, parameters.antecedents))
+            )
         else:
-            antecedents = self.parameter("antecedents", lambda numbers: numbers.antecedents)
-        first, *_ = numbers.antecedents
+            antecedents = self.parameter("antecedents", lambda parameters: parameters.antecedents)
+        first, *_ = parameters.antecedents
         time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
         reads = antecedents, axes, inputs, time, tuple(lap_times)
         self.output("firing", firing_on_axes, *reads, None, *signals, layout=layout)
         if leads:
-            lead = self.parameter("lead", lambda numbers: numbers.lead)
+            lead = self.parameter("lead", lambda parameters: parameters.lead)
             self.output("firing_ahead", firing_on_axes, *reads, lead, *signals, layout=layout)
 
 
-class LearningNumbers(NamedTuple):
+class LearningParameters(NamedTuple):
     """Parameters of a network's learning.
 
     Attributes:
@@ -161,13 +163,13 @@ class LearningNumbers(NamedTuple):
     initial_weight: Row = 0.0
 
 
-def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: PositionErrorRate) -> Row:
+def surface(axis: Axis, parameters: LearningParameters, error: PositionError, rate: PositionErrorRate) -> Row:
     """Return s_p = ė + λ e on an axis, m/s, eq (15)."""
-    sliding: Row = getattr(rate, axis) + numbers.slope * getattr(error, axis)
+    sliding: Row = getattr(rate, axis) + parameters.slope * getattr(error, axis)
     return sliding
 
 
-def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration, disturbance: Acceleration) -> Row:
+def feedback(axis: Axis, parameters: LearningParameters, pd: Acceleration, disturbance: Acceleration) -> Row:
     """Return the acceleration τ_c - d that the controller's feedback commands on an axis, m/s².
 
     Like s_p, this signal increases if the correction is too large. In τ = τ_c - τ_f - d, the network has learned the
@@ -189,11 +191,11 @@ def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Calla
 UNCONNECTED = {"disturbance": Acceleration(0.0, 0.0, 0.0)}
 
 
-def learned(
+def learning_step(
     weights: PerNetworkAxis,
     memory: PerNetworkAxis,
     firing: PerNetworkAxis,
-    numbers: LearningNumbers,
+    parameters: LearningParameters,
     time: Row,
     axes: Sequence[Axis],
     period: float,
@@ -207,7 +209,7 @@ def learned(
         weights: weights F of the rules.
         memory: memory of the law.
         firing: firing strengths W.
-        numbers: parameters of learning.
+        parameters: parameters of learning.
         time: time of the tick, s.
         axes: axes of the network.
         period: tick period h, s.
@@ -215,14 +217,14 @@ def learned(
         signal_of: formula of the learning signal, `surface` or `feedback`.
         signals: arguments of this formula.
     """
-    law, (limit, deadzone, leakage) = numbers.law, numbers.limits
+    law, (limit, deadzone, leakage) = parameters.law, parameters.limits
     decay, is_reset = exp(-leakage * period), _is_at_tick(time, reset_ticks, period)
     after = []
     for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
-        signal = signal_of(axis, numbers, *signals)
+        signal = signal_of(axis, parameters, *signals)
         remembered_or_reset = where(is_reset, law.memory(len(f)), remembered)
         learning_signal = with_deadzone(signal, deadzone)
-        f_after, memory_after = law.learned(
+        f_after, memory_after = law.step(
             tuple([decay * f_i for f_i in f]), remembered_or_reset, w, learning_signal, period
         )
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
@@ -294,9 +296,9 @@ class WeightLearning(FleetSystem):
         learns_from: learning signal, "surface" or "feedback".
         reset_times: times at which the memory of the law is reset, s. The reset takes place at the first tick at or
             after this time.
-        initial_weights: initial F of the rules on each axis, m/s²; if empty, all are `numbers.initial_weight`.
+        initial_weights: initial F of the rules on each axis, m/s²; if empty, all are `parameters.initial_weight`.
         leads: True if the network has a lead time.
-        numbers: parameters of learning.
+        parameters: parameters of learning.
     """
 
     def declare(
@@ -309,27 +311,27 @@ class WeightLearning(FleetSystem):
         reset_times: Sequence[float] = (),
         initial_weights: PerNetworkAxis = (),
         leads: bool = False,
-        numbers: LearningNumbers = LearningNumbers(),
+        parameters: LearningParameters = LearningParameters(),
     ) -> None:
         """Declare ports, states and parameters."""
-        law, axes = numbers.law, tuple(axes)
+        law, axes = parameters.law, tuple(axes)
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
         per_axis = layout_on_axes(len(axes), num_rules)
         firing = self.input("firing", layout=per_axis)
         ahead = self.input("firing_ahead", layout=per_axis) if leads else firing
-        learning = self.parameter("learning", lambda numbers: numbers)
+        learning = self.parameter("learning", lambda parameters: parameters)
         weights = self.state(
             "weights",
-            lambda numbers: initial_weights or ((numbers.initial_weight,) * num_rules,) * len(axes),
+            lambda parameters: initial_weights or ((parameters.initial_weight,) * num_rules,) * len(axes),
             layout=per_axis,
         )
         memory: Any = ((),) * len(axes)
         if law.memory(num_rules):
-            memory = self.state(law.memory_name, lambda numbers: (numbers.law.memory(num_rules),) * len(axes))
+            memory = self.state(law.memory_name, lambda parameters: (parameters.law.memory(num_rules),) * len(axes))
         signal_of, ports = signal_and_ports(learns_from)
         signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name, REQUIRED)) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
-        self.update(period, learned, *reads, writes=[weights, memory])
+        self.update(period, learning_step, *reads, writes=[weights, memory])
         self.output("correction", network_output, weights, ahead, axes)
         if leads:
             self.output("learned_disturbance", network_output, weights, firing, axes)

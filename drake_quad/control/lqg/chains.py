@@ -182,14 +182,14 @@ def vertical_model(lag: float, disturbances: Disturbances) -> ContinuousModel:
     return _model(VerticalChain, {("thrust", "thrust"): -1.0 / lag}, {"thrust": 1.0 / lag}, disturbances)
 
 
-def sampled(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+def discretise(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B of x⁺ = A x + B u over a period (s) with constant u."""
     n, m = B.shape
     exponential = scipy.linalg.expm(period * np.block([[A, B], [np.zeros((m, n + m))]]))
     return exponential[:n, :n], exponential[:n, n:]
 
 
-def sampled_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
+def discretise_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
     """Return the covariance of the process noise over a period (s), for white noise of spectral density Q.
 
     C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control

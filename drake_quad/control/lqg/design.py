@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.control.lqg.chains import ContinuousModel, TorqueChain, sampled, sampled_noise
+from drake_quad.control.lqg.chains import ContinuousModel, TorqueChain, discretise, discretise_noise
 from drake_quad.signals import Row
 
 
@@ -61,7 +61,7 @@ def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -
     return gain, W
 
 
-def with_commands_under_way(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[np.ndarray, np.ndarray]:
+def augment_with_delay(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B of a system whose input is delayed by a number of ticks.
 
     The inputs in transit are additional states, the oldest first.
@@ -101,7 +101,7 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
     Raises:
         numpy.linalg.LinAlgError: if the regulator cannot be computed in floating point.
     """
-    A, B = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
+    A, B = augment_with_delay(*discretise(model.A, model.B, timing.tick), timing.delay_ticks)
     position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
     K, W = regulator_gain(A, B, np.outer(position, position), np.eye(1) * command_weight)
     rows = tuple([tuple(row) for row in A.tolist()])
@@ -125,19 +125,19 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         numpy.linalg.LinAlgError: if a stable filter or the regulator cannot be computed in floating point.
     """
     n = len(model.A)
-    A, B = sampled(model.A, model.B, timing.frame)
-    L = kalman_gain(A, model.C, sampled_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
+    A, B = discretise(model.A, model.B, timing.frame)
+    L = kalman_gain(A, model.C, discretise_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
     if not np.abs(np.linalg.eigvals(A - A @ L @ model.C)).max() < 1.0:
         raise np.linalg.LinAlgError("the filter is unstable")
     K = regulator_of(model, timing, command_weight).K
     record = model.kind
     on_state, pending = record(*K[:n]), K[n:]
-    pending_share = 0.0 if record is TorqueChain else 1.0 + sum(pending)
+    pending_fraction = 0.0 if record is TorqueChain else 1.0 + sum(pending)
     return AxisLoop(
         A=tuple(record(*row) for row in A.tolist()),
         B=record(*B.ravel().tolist()),
         L=tuple(record(*column) for column in L.T.tolist()),
         K=on_state,
         K_pending=pending,
-        outer=on_state.thrust + pending_share,
+        outer=on_state.thrust + pending_fraction,
     )

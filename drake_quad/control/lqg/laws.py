@@ -49,7 +49,7 @@ from drake_quad.signals import (
 )
 
 
-class TorqueNumbers(NamedTuple):
+class TorqueParameters(NamedTuple):
     """Parameters for torques that are sent over the link.
 
     Attributes:
@@ -71,7 +71,7 @@ class TorqueNumbers(NamedTuple):
     lead: Time
 
 
-class TargetNumbers(NamedTuple):
+class TargetParameters(NamedTuple):
     """Feed-forward gains from jerk and snap to an attitude target.
 
     Attributes:
@@ -83,13 +83,13 @@ class TargetNumbers(NamedTuple):
     snap: Row
 
 
-class ThrustNumbers(NamedTuple):
+class ThrustParameters(NamedTuple):
     """Parameters of the nominal vehicle, and limits.
 
     Attributes:
         mass: mass, kg.
         gravity: gravitational acceleration g.
-        slope: tangent of the largest angle between thrust and vertical.
+        tan_max_tilt: tangent of the largest angle between thrust and vertical.
         min_thrust: smallest vertical thrust.
         max_thrust: largest thrust.
         lead: lead time of the feed-forward of the vertical jerk.
@@ -97,13 +97,13 @@ class ThrustNumbers(NamedTuple):
 
     mass: Annotated[Row, Quantity("kg")]
     gravity: Annotated[Row, Quantity("m/s²")]
-    slope: Number
+    tan_max_tilt: Number
     min_thrust: ForceB
     max_thrust: ForceB
     lead: Time
 
 
-class LqgNumbers(NamedTuple):
+class LqgParameters(NamedTuple):
     """Parameters of a `LinearQuadraticGaussian`.
 
     Attributes:
@@ -116,9 +116,9 @@ class LqgNumbers(NamedTuple):
 
     lateral: AxisLoop
     vertical: AxisLoop
-    thrust: ThrustNumbers
-    torques: TorqueNumbers | None
-    target: TargetNumbers | None
+    thrust: ThrustParameters
+    torques: TorqueParameters | None
+    target: TargetParameters | None
 
 
 class Estimate(NamedTuple):
@@ -167,12 +167,12 @@ class SentCommands(NamedTuple):
     snap: Snap | None
 
     @classmethod
-    def hovering(cls, numbers: LqgNumbers) -> "SentCommands":
+    def hovering(cls, parameters: LqgParameters) -> "SentCommands":
         """Return the commands that have been sent to a hovering vehicle."""
         zero = ChainCommands(0.0, 0.0, 0.0)
-        under_way = (zero,) * len(numbers.lateral.K_pending)
-        snap = None if numbers.torques is None else Snap(0.0, 0.0, 0.0, 0.0)
-        return cls((*under_way, zero), under_way, numbers.thrust.gravity, snap)
+        in_transit = (zero,) * len(parameters.lateral.K_pending)
+        snap = None if parameters.torques is None else Snap(0.0, 0.0, 0.0, 0.0)
+        return cls((*in_transit, zero), in_transit, parameters.thrust.gravity, snap)
 
 
 class Deviations(NamedTuple):
@@ -207,12 +207,12 @@ class RegulatorOutput(NamedTuple):
     upward: Row
 
 
-def estimated(
+def estimator_step(
     measurement: State,
     before: KalmanState,
     sent: SentCommands,
     known: Acceleration | None,
-    numbers: LqgNumbers,
+    parameters: LqgParameters,
     period: float,
     loses_frames: bool,
 ) -> Estimate:
@@ -223,20 +223,20 @@ def estimated(
         before: state of the filter.
         sent: sent commands.
         known: known part of the disturbing acceleration; None if no part is known.
-        numbers: parameters of the controller.
+        parameters: parameters of the controller.
         period: frame period h, s.
         loses_frames: True if a frame whose x equals the previous x counts as lost.
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
     s_x, s_y = _level_thrust(measurement, sent.upward)
     fresh = True if not loses_frames else measurement.x != before.last_x
-    lateral, vertical = numbers.lateral, numbers.vertical
+    lateral, vertical = parameters.lateral, parameters.vertical
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
     # The chains use f̄ instead of the vertical thrust at the last frame. The difference between the two, tilted like
     # the thrust, is added separately.
-    excess = (numbers.thrust.gravity + last.z.thrust) / sent.upward - 1.0
+    excess = (parameters.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
     )
@@ -246,12 +246,12 @@ def estimated(
     return where(before.has_started != 0.0, after, _at_rest(measurement, after))
 
 
-def filter_after(measurement: State, *remembered: Any) -> KalmanState:
-    """Return the state of the filter after a frame; the arguments are as in `estimated`."""
-    return KalmanState(estimated(measurement, *remembered), 1.0, measurement.x)
+def filter_step(measurement: State, *remembered: Any) -> KalmanState:
+    """Return the state of the filter after a frame; the arguments are as in `estimator_step`."""
+    return KalmanState(estimator_step(measurement, *remembered), 1.0, measurement.x)
 
 
-def regulated(
+def regulator_output(
     estimate: Estimate,
     reference: Reference,
     jerk: Jerk,
@@ -259,7 +259,7 @@ def regulated(
     sent: SentCommands,
     correction: Acceleration | None,
     perturbation: ChainCommands | None,
-    numbers: LqgNumbers,
+    parameters: LqgParameters,
     tick: float,
 ) -> RegulatorOutput:
     """Return the output of the regulator.
@@ -273,15 +273,15 @@ def regulated(
         correction: acceleration that is subtracted; None without a correction.
         perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are saturated
             at the limit instead.
-        numbers: parameters of the controller; without `torques` the horizontal command is an acceleration.
+        parameters: parameters of the controller; without `torques` the horizontal command is an acceleration.
         tick: control period, s.
     """
     acceleration = corrected_acceleration(reference, correction)
     e = deviations(estimate, reference, acceleration, jerk, snap)
-    lateral, vertical, limits = numbers.lateral, numbers.vertical, numbers.thrust
-    feed_forward = fed_forward(acceleration, jerk, snap, sent.snap, numbers, tick)
+    lateral, vertical, limits = parameters.lateral, parameters.vertical, parameters.thrust
+    feed_forward = feed_forward_commands(acceleration, jerk, snap, sent.snap, parameters, tick)
     loops = lateral, lateral, vertical
-    feedback = [_feedback(*axis) for axis in zip(e, pending_of(sent), loops, strict=True)]
+    feedback = [_feedback(*axis) for axis in zip(e, pending_deviations(sent), loops, strict=True)]
     commands = [
         forward_command - feedback_command
         for forward_command, feedback_command in zip(feed_forward, feedback, strict=True)
@@ -290,8 +290,8 @@ def regulated(
         commands = [command + addition for command, addition in zip(commands, perturbation, strict=True)]
     u_x, u_y, u_z = commands
     u_z = _limited_vertical(u_z, limits)
-    if numbers.torques is not None:
-        max_snap = numbers.torques.max_snap
+    if parameters.torques is not None:
+        max_snap = parameters.torques.max_snap
         total_x, total_y = (
             acceleration.x - _outer_feedback(e.x, lateral),
             acceleration.y - _outer_feedback(e.y, lateral),
@@ -312,8 +312,8 @@ def regulated(
     )
 
 
-def fed_forward(
-    acceleration: Acceleration, jerk: Jerk, snap: Snap, before: Snap | None, numbers: LqgNumbers, tick: float
+def feed_forward_commands(
+    acceleration: Acceleration, jerk: Jerk, snap: Snap, before: Snap | None, parameters: LqgParameters, tick: float
 ) -> ChainCommands:
     """Return the feed-forward commands u_ff, which depend only on the reference and the correction.
 
@@ -322,15 +322,15 @@ def fed_forward(
         jerk: jerk of the reference.
         snap: snap of the reference.
         before: snap of the reference at the last tick; None with an autopilot.
-        numbers: parameters of the controller.
+        parameters: parameters of the controller.
         tick: control period, s.
     """
-    z = acceleration.z + numbers.thrust.lead * jerk.z
-    if numbers.torques is not None and before is not None:
-        ticks = numbers.torques.lead / tick
+    z = acceleration.z + parameters.thrust.lead * jerk.z
+    if parameters.torques is not None and before is not None:
+        ticks = parameters.torques.lead / tick
         return ChainCommands(snap.x + ticks * (snap.x - before.x), snap.y + ticks * (snap.y - before.y), z)
-    assert numbers.target is not None
-    lead = numbers.target
+    assert parameters.target is not None
+    lead = parameters.target
     return ChainCommands(
         acceleration.x + lead.jerk * jerk.x + lead.snap * snap.x,
         acceleration.y + lead.jerk * jerk.y + lead.snap * snap.y,
@@ -345,7 +345,7 @@ def wrench_for(
     reference: Reference,
     jerk: Jerk,
     snap: Snap,
-    numbers: LqgNumbers,
+    parameters: LqgParameters,
 ) -> Wrench:
     """Return thrust and torques that produce a commanded snap, by differential flatness at the measured attitude.
 
@@ -358,9 +358,9 @@ def wrench_for(
         reference: reference, with the yaw.
         jerk: jerk of the reference; along X and Y the estimate is used instead.
         snap: snap of the reference; along X and Y the command is used instead.
-        numbers: parameters of the controller.
+        parameters: parameters of the controller.
     """
-    torques = numbers.torques
+    torques = parameters.torques
     assert torques is not None
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(measurement.roll), sin_cos(measurement.pitch)
@@ -372,7 +372,7 @@ def wrench_for(
     yaw = torques.yaw_k_p * wrap_angle(reference.yaw - measurement.yaw)
     yaw = yaw + torques.yaw_k_d * (reference.yaw_rate - measurement.r)
     return Wrench(
-        _thrust(output, estimate, numbers.thrust),
+        _thrust(output, estimate, parameters.thrust),
         torques.i_xx * angular_acceleration.p,
         torques.i_yy * angular_acceleration.q,
         torques.i_zz * (yaw + snap.yaw),
@@ -380,7 +380,7 @@ def wrench_for(
 
 
 def target_for(
-    output: RegulatorOutput, estimate: Estimate, measurement: State, reference: Reference, numbers: LqgNumbers
+    output: RegulatorOutput, estimate: Estimate, measurement: State, reference: Reference, parameters: LqgParameters
 ) -> AttitudeTarget:
     """Return thrust and attitude that produce a commanded acceleration; the arguments are as in `wrench_for`.
 
@@ -389,7 +389,7 @@ def target_for(
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     level = in_heading(Acceleration(output.command.x, output.command.y, 0.0), sin_yaw, cos_yaw)
     roll, pitch = attitude_of(tilt_of(level._replace(up=output.upward)))
-    thrust = _thrust(output, estimate, numbers.thrust)
+    thrust = _thrust(output, estimate, parameters.thrust)
     return AttitudeTarget(thrust, roll, pitch, reference.yaw, 0.0, 0.0, reference.yaw_rate)
 
 
@@ -412,7 +412,7 @@ def deviations(
     )
 
 
-def pending_of(sent: SentCommands) -> list[tuple[Row, ...]]:
+def pending_deviations(sent: SentCommands) -> list[tuple[Row, ...]]:
     """Return the deviations of the commands in transit along X, Y and Z, the oldest first."""
     return [tuple([getattr(du, axis) for du in sent.deviations]) for axis in ChainCommands._fields]
 
@@ -425,17 +425,17 @@ def feedback_deviations(
     sent: SentCommands,
     correction: Acceleration | None,
 ) -> Deviations:
-    """Return the deviations that the regulator feeds back; the arguments are as in `regulated`."""
+    """Return the deviations that the regulator feeds back; the arguments are as in `regulator_output`."""
     e = deviations(estimate, reference, corrected_acceleration(reference, correction), jerk, snap)
-    x, y, z = ((*chain, *pending) for chain, pending in zip(e, pending_of(sent), strict=True))
+    x, y, z = ((*chain, *pending) for chain, pending in zip(e, pending_deviations(sent), strict=True))
     return Deviations(x, y, z, Acceleration(0.0, 0.0, 0.0) if correction is None else correction)
 
 
 def next_sent(output: RegulatorOutput, snap: Snap, sent: SentCommands) -> SentCommands:
     """Return the sent commands after a tick."""
     _, *commands = (*sent.commands, output.command)
-    _, *under_way = (*sent.deviations, output.deviation)
-    return SentCommands(tuple(commands), tuple(under_way), output.upward, None if sent.snap is None else snap)
+    _, *in_transit = (*sent.deviations, output.deviation)
+    return SentCommands(tuple(commands), tuple(in_transit), output.upward, None if sent.snap is None else snap)
 
 
 def error_of(estimate: Estimate, reference: Reference) -> PositionError:
@@ -450,9 +450,9 @@ def error_rate_of(estimate: Estimate, reference: Reference) -> PositionErrorRate
     return PositionErrorRate(reference.v_x - x.velocity, reference.v_y - y.velocity, reference.v_z - z.velocity)
 
 
-def outer_feedback(error: PositionError, rate: PositionErrorRate, numbers: LqgNumbers) -> Acceleration:
+def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: LqgParameters) -> Acceleration:
     """Return the acceleration (K_p e + K_v ė) / k that the regulator commands for position and velocity errors."""
-    loops = numbers.lateral, numbers.lateral, numbers.vertical
+    loops = parameters.lateral, parameters.lateral, parameters.vertical
     return Acceleration._make(
         (loop.K.position * e + loop.K.velocity * v) / loop.outer for loop, e, v in zip(loops, error, rate, strict=True)
     )
@@ -517,12 +517,12 @@ def _outer_feedback(e: Any, loop: AxisLoop) -> Row:
     return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
 
 
-def _limited_horizontal(x: Row, y: Row, limits: ThrustNumbers) -> tuple[Row, Row]:
+def _limited_horizontal(x: Row, y: Row, limits: ThrustParameters) -> tuple[Row, Row]:
     """Return a horizontal acceleration, saturated at the tilt limit without changing its direction."""
-    max_horizontal = limits.gravity * limits.slope
+    max_horizontal = limits.gravity * limits.tan_max_tilt
     max_squared = max_horizontal * max_horizontal
-    share = sqrt(max_squared / maximum(x * x + y * y, max_squared))
-    return share * x, share * y
+    fraction = sqrt(max_squared / maximum(x * x + y * y, max_squared))
+    return fraction * x, fraction * y
 
 
 def _length(estimate: Estimate, upward: Row) -> Row:
@@ -530,13 +530,15 @@ def _length(estimate: Estimate, upward: Row) -> Row:
     return sqrt(s_x * s_x + s_y * s_y + upward * upward)
 
 
-def _limited_vertical(acceleration: Row, numbers: ThrustNumbers) -> Row:
+def _limited_vertical(acceleration: Row, parameters: ThrustParameters) -> Row:
     """Return a vertical acceleration, saturated at the limits of the thrust."""
-    low, high = (thrust / numbers.mass - numbers.gravity for thrust in (numbers.min_thrust, numbers.max_thrust))
+    low, high = (
+        thrust / parameters.mass - parameters.gravity for thrust in (parameters.min_thrust, parameters.max_thrust)
+    )
     return minimum(maximum(acceleration, low), high)
 
 
-def _thrust(output: RegulatorOutput, estimate: Estimate, numbers: ThrustNumbers) -> Row:
+def _thrust(output: RegulatorOutput, estimate: Estimate, parameters: ThrustParameters) -> Row:
     """Return the thrust (N) whose vertical component at the estimated tilt is the commanded vertical thrust."""
-    share = (numbers.gravity + output.command.z) / output.upward
-    return minimum(numbers.mass * share * _length(estimate, output.upward), numbers.max_thrust)
+    fraction = (parameters.gravity + output.command.z) / output.upward
+    return minimum(parameters.mass * fraction * _length(estimate, output.upward), parameters.max_thrust)

@@ -11,7 +11,7 @@ from drake_quad.control.lqg.laws import (
     Deviations,
     Estimate,
     KalmanState,
-    LqgNumbers,
+    LqgParameters,
     RegulatorOutput,
     SentCommands,
 )
@@ -46,23 +46,25 @@ def _regulate(
 
     Before the first frame, the current snap is also used as the previous snap.
     """
-    _, before, sent, _, numbers, *_ = filter_inputs
-    estimate = laws.estimated(*filter_inputs)
+    _, before, sent, _, parameters, *_ = filter_inputs
+    estimate = laws.estimator_step(*filter_inputs)
     if sent.snap is not None:
         sent = sent._replace(snap=where(before.has_started != 0.0, sent.snap, snap))
-    return estimate, laws.regulated(estimate, reference, jerk, snap, sent, correction, perturbation, numbers, tick)
+    return estimate, laws.regulator_output(
+        estimate, reference, jerk, snap, sent, correction, perturbation, parameters, tick
+    )
 
 
 def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
     estimate, regulated = _regulate(reference, jerk, snap, *reads)
-    _, _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.wrench_for(regulated, estimate, measurement, reference, jerk, snap, numbers)
+    _, _, _, measurement, _, _, _, parameters, *_ = reads
+    return laws.wrench_for(regulated, estimate, measurement, reference, jerk, snap, parameters)
 
 
 def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
     estimate, regulated = _regulate(reference, jerk, snap, *reads)
-    _, _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.target_for(regulated, estimate, measurement, reference, numbers)
+    _, _, _, measurement, _, _, _, parameters, *_ = reads
+    return laws.target_for(regulated, estimate, measurement, reference, parameters)
 
 
 def _acceleration(*reads: Any) -> Acceleration:
@@ -80,40 +82,40 @@ def _deviation(
     reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, *filter_inputs: Any
 ) -> Deviations:
     _, _, sent, *_ = filter_inputs
-    return laws.feedback_deviations(laws.estimated(*filter_inputs), reference, jerk, snap, sent, correction)
+    return laws.feedback_deviations(laws.estimator_step(*filter_inputs), reference, jerk, snap, sent, correction)
 
 
 def _error(reference: Reference, *filter_inputs: Any) -> PositionError:
-    return laws.error_of(laws.estimated(*filter_inputs), reference)
+    return laws.error_of(laws.estimator_step(*filter_inputs), reference)
 
 
 def _error_rate(reference: Reference, *filter_inputs: Any) -> PositionErrorRate:
-    return laws.error_rate_of(laws.estimated(*filter_inputs), reference)
+    return laws.error_rate_of(laws.estimator_step(*filter_inputs), reference)
 
 
 def _pd(reference: Reference, *filter_inputs: Any) -> Acceleration:
-    _, _, _, _, numbers, *_ = filter_inputs
-    estimate = laws.estimated(*filter_inputs)
+    _, _, _, _, parameters, *_ = filter_inputs
+    estimate = laws.estimator_step(*filter_inputs)
     error, rate = laws.error_of(estimate, reference), laws.error_rate_of(estimate, reference)
-    return laws.outer_feedback(error, rate, numbers)
+    return laws.outer_feedback(error, rate, parameters)
 
 
 def _disturbance(*filter_inputs: Any) -> Acceleration:
-    return laws.disturbance_of(laws.estimated(*filter_inputs))
+    return laws.disturbance_of(laws.estimator_step(*filter_inputs))
 
 
-def _no_acceleration(numbers: LqgNumbers) -> Acceleration:
+def _no_acceleration(parameters: LqgParameters) -> Acceleration:
     return Acceleration(0.0, 0.0, 0.0)
 
 
-def deviations_of(numbers: LqgNumbers) -> Layout:
+def deviations_of(parameters: LqgParameters) -> Layout:
     """Return the layout of the port `deviation`."""
-    lateral, vertical = ((*loop.K, *loop.K_pending) for loop in (numbers.lateral, numbers.vertical))
-    return layout_of(Deviations, Deviations(lateral, lateral, vertical, _no_acceleration(numbers)))
+    lateral, vertical = ((*loop.K, *loop.K_pending) for loop in (parameters.lateral, parameters.vertical))
+    return layout_of(Deviations, Deviations(lateral, lateral, vertical, _no_acceleration(parameters)))
 
 
-def _initial_filter(numbers: LqgNumbers) -> KalmanState:
-    lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (numbers.lateral, numbers.vertical))
+def _initial_filter(parameters: LqgParameters) -> KalmanState:
+    lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (parameters.lateral, parameters.vertical))
     return KalmanState(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
 
 
@@ -157,7 +159,7 @@ class LinearQuadraticGaussian(FleetSystem):
     computes `perturbation`, which is added to the commands.
 
     The states are `filter`, `sent` and, with the port `learned_disturbance`, `known`. The only parameter of the context
-    is `numbers`.
+    is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -167,7 +169,7 @@ class LinearQuadraticGaussian(FleetSystem):
         loses_frames: True if a frame counts as lost when its x exactly equals the x of the previous frame.
         takes_correction: True if the ports `correction` and `learned_disturbance` exist.
         takes_perturbation: True if the ports `perturbation` and `deviation` exist.
-        numbers: parameters of the controller.
+        parameters: parameters of the controller.
     """
 
     def declare(
@@ -179,13 +181,13 @@ class LinearQuadraticGaussian(FleetSystem):
         loses_frames: bool = False,
         takes_correction: bool = False,
         takes_perturbation: bool = False,
-        numbers: LqgNumbers,
+        parameters: LqgParameters,
     ) -> None:
         """Declare ports, states and parameters."""
         measurement, reference = self.input("measurement"), self.input("reference")
         jerk = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0))
         snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         before, sent = self.state("filter", _initial_filter), self.state("sent", SentCommands.hovering)
         correction = known = perturbation = None
         if takes_correction:
@@ -197,7 +199,7 @@ class LinearQuadraticGaussian(FleetSystem):
             perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
         filter_inputs = measurement, before, sent, known, parameter, period, loses_frames
         regulator_inputs = reference, jerk, snap, correction, perturbation, tick, *filter_inputs
-        self.update(period, laws.filter_after, *filter_inputs, writes=[before])
+        self.update(period, laws.filter_step, *filter_inputs, writes=[before])
         self.update(tick, _next_sent, *regulator_inputs, writes=[sent])
         if signal == "wrench":
             self.output("wrench", _wrench, *regulator_inputs)
@@ -210,7 +212,7 @@ class LinearQuadraticGaussian(FleetSystem):
         self.output("disturbance", _disturbance, *filter_inputs)
         if takes_perturbation:
             deviation_inputs = reference, jerk, snap, correction, *filter_inputs
-            self.output("deviation", _deviation, *deviation_inputs, layout=deviations_of(numbers))
+            self.output("deviation", _deviation, *deviation_inputs, layout=deviations_of(parameters))
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.control.lqg.design import Regulator
-from drake_quad.control.lqg.laws import ChainCommands, LqgNumbers, fed_forward
+from drake_quad.control.lqg.laws import ChainCommands, LqgParameters, feed_forward_commands
 from drake_quad.control.mpc.prediction import Prediction, Response
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Jerk, Reference, Snap
@@ -100,7 +100,7 @@ class Horizon(NamedTuple):
     """Preview and limits over the prediction horizon.
 
     Attributes:
-        numbers: parameters of the controller.
+        parameters: parameters of the controller.
         preview: reference at all ticks; its rows are arrays (ticks of the preview,).
         corridor: corridor for the vehicle.
         tilt_weight: ζ of the tilt constraint, for a slack in units of g.
@@ -108,7 +108,7 @@ class Horizon(NamedTuple):
         tick: control period, s.
     """
 
-    numbers: LqgNumbers
+    parameters: LqgParameters
     preview: Preview
     corridor: Corridor
     tilt_weight: float
@@ -125,12 +125,12 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
         regulator: regulator of either axis.
         horizon: preview and limits.
     """
-    limits, torques, reference = horizon.numbers.thrust, horizon.numbers.torques, horizon.preview.reference
+    limits, torques, reference = horizon.parameters.thrust, horizon.parameters.torques, horizon.preview.reference
     axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)
     if torques is None:
         response, feed_forward, slack = axis.command(), (forward.x, forward.y), None
     else:
-        fields = type(horizon.numbers.lateral.K)._fields
+        fields = type(horizon.parameters.lateral.K)._fields
         response, feed_forward = axis.state(fields.index("thrust")), (reference.a_x, reference.a_y)
         slack = SharedSlack("tilt", horizon.tilt_weight)
         for direction, snap in (((1.0, 0.0), forward.x), ((0.0, 1.0), forward.y)):
@@ -140,7 +140,7 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
     a_x, a_y = feed_forward
     for angle in np.linspace(0.0, 2.0 * np.pi, _NUM_POLYGON_SIDES, endpoint=False):
         n_x, n_y = np.cos(angle) / limits.gravity, np.sin(angle) / limits.gravity
-        bound = limits.slope * np.cos(np.pi / _NUM_POLYGON_SIDES) - n_x * a_x - n_y * a_y
+        bound = limits.tan_max_tilt * np.cos(np.pi / _NUM_POLYGON_SIDES) - n_x * a_x - n_y * a_y
         yield _combined(response, (n_x, n_y), bound=bound, shift=(n_x, n_y, 0.0), slack=slack)
     yield from _wall_constraints(axis, (1.0, 0.0), "x", horizon)
     yield from _wall_constraints(axis, (0.0, 1.0), "y", horizon)
@@ -148,7 +148,7 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
 
 def vertical_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Constraint]:
     """Yield the constraints along Z; arguments and units are as in `horizontal_constraints`."""
-    limits, reference = horizon.numbers.thrust, horizon.preview.reference
+    limits, reference = horizon.parameters.thrust, horizon.preview.reference
     axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)
     min_specific_thrust, max_specific_thrust = limits.min_thrust / limits.mass, limits.max_thrust / limits.mass
     horizontal_squared = reference.a_x**2 + reference.a_y**2
@@ -166,7 +166,7 @@ def _wall_constraints(
     """Yield the constraints of the corridor's walls across one axis."""
     corridor = horizon.corridor
     position = float(not corridor.follows_reference) * getattr(horizon.preview.reference, name)
-    response = axis.state(type(horizon.numbers.vertical.K)._fields.index("position"))
+    response = axis.state(type(horizon.parameters.vertical.K)._fields.index("position"))
     for sign, walls in ((1.0, corridor.upper), (-1.0, corridor.lower)):
         if np.isfinite(wall := getattr(walls, name)):
             bound, slack = np.multiply(sign, wall - position), SharedSlack(f"corridor along {name}", corridor.weight)
@@ -177,7 +177,7 @@ def _feed_forward(horizon: Horizon) -> ChainCommands:
     """Return the feed-forward commands, arrays (ticks of the preview,)."""
     reference, jerk, snap, before = horizon.preview
     acceleration = Acceleration(reference.a_x, reference.a_y, reference.a_z)
-    return fed_forward(acceleration, jerk, snap, before, horizon.numbers, horizon.tick)
+    return feed_forward_commands(acceleration, jerk, snap, before, horizon.parameters, horizon.tick)
 
 
 def _combined(

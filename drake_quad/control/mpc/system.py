@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
 from drake_quad.control.lqg.design import Regulator
-from drake_quad.control.lqg.laws import ChainCommands, LqgNumbers
+from drake_quad.control.lqg.laws import ChainCommands, LqgParameters
 from drake_quad.control.lqg.system import deviations_of
 from drake_quad.control.mpc.constraints import Corridor, Horizon, Preview, horizontal_constraints, vertical_constraints
 from drake_quad.control.mpc.programme import Programme
@@ -42,7 +42,7 @@ class PredictiveProgramme(FleetSystem):
         num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: length of the horizon in ticks.
-        believed: parameters of the regulator, the same for all vehicles.
+        nominal: parameters of the regulator, the same for all vehicles.
         lateral: regulator along X and along Y.
         vertical: regulator along Z.
         preview: reference at each tick; the last one is repeated.
@@ -55,7 +55,7 @@ class PredictiveProgramme(FleetSystem):
         *,
         tick: float = 0.02,
         num_ticks: int = 30,
-        believed: LqgNumbers,
+        nominal: LqgParameters,
         lateral: Regulator,
         vertical: Regulator,
         preview: tuple[Preview, ...],
@@ -65,10 +65,10 @@ class PredictiveProgramme(FleetSystem):
         """Declare ports, states and parameters."""
         layout = layout_of(Preview)
         columns = np.transpose([layout.flatten(each) for each in preview])
-        horizon = Horizon(believed, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)
+        horizon = Horizon(nominal, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)
         level = Programme(list(horizontal_constraints(lateral, horizon)), lateral.weight)
         upright = Programme(list(vertical_constraints(vertical, horizon)), vertical.weight)
-        deviation = self.input("deviation", layout=deviations_of(believed))
+        deviation = self.input("deviation", layout=deviations_of(nominal))
 
         def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
             time = context.get_time() if system.scalar is float else context.get_time().value()

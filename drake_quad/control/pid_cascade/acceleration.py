@@ -8,15 +8,21 @@ docs.px4.io; anti-windup by L. Rundqwist, "Anti-reset windup for PID controllers
 
 from typing import Any
 
-from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, Memories, step_loops
+from drake_quad.control.pid_cascade.parameters import (
+    CascadeMemory,
+    CascadeParameters,
+    CascadeRules,
+    Memories,
+    step_loops,
+)
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where
 from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.geometry.flatness import attitude_of, in_heading, tilt_of
-from drake_quad.pid.loop import Memory, Terms, differentiated, integrated
+from drake_quad.pid.loop import Memory, Terms, differentiate, integrate
 from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time, VelocityW
 
 
-def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: VelocityW) -> tuple[Row, Row]:
+def saturate_velocity_sum(first: tuple[Row, Row], second: tuple[Row, Row], largest: VelocityW) -> tuple[Row, Row]:
     """Return the sum of two horizontal velocities, saturated such that the first velocity has priority.
 
     If the first velocity exceeds the limit, it is scaled down to the limit and the second is ignored. Otherwise the
@@ -41,28 +47,28 @@ def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: V
 
 
 def acceleration_target(
-    m: State, r: Reference, numbers: CascadeNumbers, memory: CascadeMemory, period: Time, rules: CascadeRules
+    m: State, r: Reference, parameters: CascadeParameters, memory: CascadeMemory, period: Time, rules: CascadeRules
 ) -> tuple[AttitudeTarget, CascadeMemory]:
     """Return the target of a velocity loop that commands an acceleration, and the next state of the loops.
 
-    The arguments are as in `tilt_target`, except that `numbers` contains `AccelerationNumbers`.
+    The arguments are as in `tilt_target`, except that `parameters` contains `AccelerationParameters`.
     """
-    command: Any = numbers.command
+    command: Any = parameters.command
     feedback, position = step_loops(
         Vector(r.x, r.y, r.z),
         Vector(m.x, m.y, m.z),
-        numbers.position,
+        parameters.position,
         memory.position,
         period,
         rules.position_integrates_first,
     )
-    share = numbers.velocity_feed_forward
-    v_x, v_y = limited_velocity((feedback.x, feedback.y), (share * r.v_x, share * r.v_y), command.max_speed)
-    v_z = maximum(minimum(feedback.z + share * r.v_z, command.max_ascent), -command.max_descent)
+    fraction = parameters.velocity_feed_forward
+    v_x, v_y = saturate_velocity_sum((feedback.x, feedback.y), (fraction * r.v_x, fraction * r.v_y), command.max_speed)
+    v_z = maximum(minimum(feedback.z + fraction * r.v_z, command.max_ascent), -command.max_descent)
     error = Vector(v_x - m.v_x, v_y - m.v_y, v_z - m.v_z)
-    commanded, memories = _velocity_loop(m, r, Vector(v_x, v_y, v_z), error, numbers, memory.velocity, period)
-    force, unsaturated = _limited_force(commanded, error, numbers, rules)
-    terms = numbers.velocity.terms or (None, None, None)
+    commanded, memories = _velocity_loop(m, r, Vector(v_x, v_y, v_z), error, parameters, memory.velocity, period)
+    force, unsaturated = _limited_force(commanded, error, parameters, rules)
+    terms = parameters.velocity.terms or (None, None, None)
     velocity = [_integrated(*axis, period) for axis in zip(memories, unsaturated, terms, strict=True)]
     tilt = tilt_of(in_heading(force, *sin_cos(r.yaw)))
     roll, pitch = attitude_of(tilt)
@@ -79,15 +85,15 @@ def _velocity_loop(
     r: Reference,
     setpoint: Vector,
     error: Vector,
-    numbers: CascadeNumbers,
+    parameters: CascadeParameters,
     memories: Memories,
     period: Time,
 ) -> tuple[Vector, list[Memory]]:
     """Return the acceleration that the velocity loop commands, m/s², and the loop's state without updated integrals."""
-    command: Any = numbers.command
+    command: Any = parameters.command
     axes = zip(
         *((r.a_x, r.a_y, r.a_z), (m.v_x, m.v_y, m.v_z), setpoint, error),
-        *(numbers.velocity.k_p, numbers.velocity.terms or (None, None, None), memories),
+        *(parameters.velocity.k_p, parameters.velocity.terms or (None, None, None), memories),
         strict=True,
     )
     accelerations, after = [], []
@@ -97,7 +103,7 @@ def _velocity_loop(
         if integral is not None:
             acceleration = acceleration + memory.integral
         if derivative is not None:
-            rate, memory = differentiated(measured, derivative, memory, period)
+            rate, memory = differentiate(measured, derivative, memory, period)
             acceleration = acceleration - derivative.k_d * rate
         if k_ff is not None:
             acceleration = acceleration + k_ff * setpoint_on_axis
@@ -109,20 +115,20 @@ def _velocity_loop(
 def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -> Memory:
     if terms is None or terms.integral is None or memory.integral is None:
         return memory
-    return memory._replace(integral=integrated(memory.integral, error, terms.integral, period))
+    return memory._replace(integral=integrate(memory.integral, error, terms.integral, period))
 
 
 def _limited_force(
-    acceleration: Vector, error: Vector, numbers: CascadeNumbers, rules: CascadeRules
+    acceleration: Vector, error: Vector, parameters: CascadeParameters, rules: CascadeRules
 ) -> tuple[Vector, Vector]:
     """Return the limited thrust vector in W, N, and the velocity error for the integrals, m/s."""
-    command: Any = numbers.command
-    mass, gravity = numbers.mass, numbers.gravity
+    command: Any = parameters.command
+    mass, gravity = parameters.mass, parameters.gravity
     a_x, a_y, a_z = acceleration
     up = gravity if rules.decouples_vertical else maximum(gravity + a_z, TINY)
     level_squared = a_x * a_x + a_y * a_y
-    # `slope` is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
-    slope = minimum(1.0 / up, command.slope / sqrt(level_squared + TINY))
+    # `tan_max_tilt` is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
+    slope = minimum(1.0 / up, command.tan_max_tilt / sqrt(level_squared + TINY))
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length
     f_x, f_y = f_z * slope * a_x, f_z * slope * a_y
@@ -135,11 +141,11 @@ def _limited_force(
     horizontal = sqrt(f_x * f_x + f_y * f_y + TINY)
     margin = minimum(horizontal, command.horizontal_margin)
     f_z = minimum(f_z, sqrt(maximum(max_squared - margin * margin, TINY)))
-    horizontal_share = minimum(sqrt(maximum(max_squared - f_z * f_z, TINY)) / horizontal, 1.0)
-    f_x, f_y = horizontal_share * f_x, horizontal_share * f_y
+    horizontal_fraction = minimum(sqrt(maximum(max_squared - f_z * f_z, TINY)) / horizontal, 1.0)
+    f_x, f_y = horizontal_fraction * f_x, horizontal_fraction * f_y
     produced_x, produced_y = f_x / mass, f_y / mass
     saturated = level_squared > produced_x * produced_x + produced_y * produced_y
-    gain = 2.0 / numbers.velocity.k_p.x
+    gain = 2.0 / parameters.velocity.k_p.x
     integrated_x = error.x - where(saturated, gain * (a_x - produced_x), 0.0)
     integrated_y = error.y - where(saturated, gain * (a_y - produced_y), 0.0)
     return Vector(f_x, f_y, f_z), Vector(integrated_x, integrated_y, integrated_z)

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.pid_cascade.acceleration import acceleration_target
-from drake_quad.control.pid_cascade.numbers import (
+from drake_quad.control.pid_cascade.parameters import (
     CascadeMemory,
-    CascadeNumbers,
+    CascadeParameters,
     CascadeRules,
-    TiltNumbers,
+    TiltParameters,
     empty_memory,
 )
 from drake_quad.control.pid_cascade.tilt import tilt_target
@@ -35,18 +35,18 @@ class CascadeState(NamedTuple):
     memory: CascadeMemory
 
 
-def initial_state(numbers: CascadeNumbers, num_ticks: int) -> CascadeState:
+def initial_state(parameters: CascadeParameters, num_ticks: int) -> CascadeState:
     """Return the state before the first tick."""
     if num_ticks == 1:
-        return CascadeState(None, None, empty_memory(numbers))
-    target = AttitudeTarget(numbers.mass * numbers.gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return CascadeState(0.0, target, empty_memory(numbers))
+        return CascadeState(None, None, empty_memory(parameters))
+    target = AttitudeTarget(parameters.mass * parameters.gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return CascadeState(0.0, target, empty_memory(parameters))
 
 
 def step_cascade(
     m: State,
     r: Reference,
-    numbers: CascadeNumbers,
+    parameters: CascadeParameters,
     held: CascadeState | None,
     tick: Time,
     num_ticks: int,
@@ -57,16 +57,16 @@ def step_cascade(
     Args:
         m: measured state.
         r: reference.
-        numbers: parameters of the cascade.
+        parameters: parameters of the cascade.
         held: state before the tick; None if the cascade has no state.
         tick: control period, s.
         num_ticks: period of the loops in ticks.
         rules: variants of the laws.
     """
-    memory = empty_memory(numbers) if held is None else held.memory
-    tilts = isinstance(numbers.command, TiltNumbers)
+    memory = empty_memory(parameters) if held is None else held.memory
+    tilts = isinstance(parameters.command, TiltParameters)
     law = tilt_target if tilts else acceleration_target
-    target, after = law(m, r, numbers, memory, num_ticks * tick, rules)
+    target, after = law(m, r, parameters, memory, num_ticks * tick, rules)
     if held is None or held.ticks is None or held.target is None:
         return target, CascadeState(None, None, after)
     due = held.ticks < 0.5
@@ -83,10 +83,10 @@ def _target(*reads: Any) -> AttitudeTarget:
 
 
 def _acceleration(*reads: Any) -> Acceleration:
-    _, _, numbers, *_ = reads
+    _, _, parameters, *_ = reads
     thrust, roll, pitch, yaw, *_ = _target(*reads)
-    x, y, z = times(thrust / numbers.mass, BodyAxes.of(roll, pitch, yaw).z)
-    return Acceleration(x, y, z - numbers.gravity)
+    x, y, z = times(thrust / parameters.mass, BodyAxes.of(roll, pitch, yaw).z)
+    return Acceleration(x, y, z - parameters.gravity)
 
 
 def _after(*reads: Any) -> CascadeState:
@@ -117,24 +117,29 @@ class PidCascade(FleetSystem):
     loop commands a tilt, the yaw is not held but is the yaw of the reference at every tick.
 
     The state `held` exists if a loop has a memory or the target is held. The only parameter of the context is
-    `numbers`.
+    `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: period of the loops in ticks.
         rules: variants of the laws.
-        numbers: gains, limits, and parameters of the nominal vehicle.
+        parameters: gains, limits, and parameters of the nominal vehicle.
     """
 
     def declare(
-        self, *, tick: float = 0.02, num_ticks: int = 1, rules: CascadeRules = CascadeRules(), numbers: CascadeNumbers
+        self,
+        *,
+        tick: float = 0.02,
+        num_ticks: int = 1,
+        rules: CascadeRules = CascadeRules(),
+        parameters: CascadeParameters,
     ) -> None:
         """Declare ports, state and parameters."""
-        parameter = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         held = None
-        if layout_of(CascadeState, initial_state(numbers, num_ticks)).num_rows:
-            held = self.state("held", lambda numbers: initial_state(numbers, num_ticks))
+        if layout_of(CascadeState, initial_state(parameters, num_ticks)).num_rows:
+            held = self.state("held", lambda parameters: initial_state(parameters, num_ticks))
         reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
         if held is not None:
             self.update(tick, _after, *reads, writes=[held])

@@ -7,7 +7,7 @@ separately (Bitcraze, crazyflie-firmware 2025.12, `position_controller_pid.c`).
 
 from typing import Any
 
-from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, step_loops
+from drake_quad.control.pid_cascade.parameters import CascadeMemory, CascadeParameters, CascadeRules, step_loops
 from drake_quad.framework.elementary import maximum, minimum, sin_cos
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.flatness import in_heading
@@ -15,19 +15,19 @@ from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time
 
 
 def tilt_target(
-    m: State, r: Reference, numbers: CascadeNumbers, memory: CascadeMemory, period: Time, rules: CascadeRules
+    m: State, r: Reference, parameters: CascadeParameters, memory: CascadeMemory, period: Time, rules: CascadeRules
 ) -> tuple[AttitudeTarget, CascadeMemory]:
     """Return the target of a velocity loop that commands roll and pitch, and the next state of the loops.
 
     Args:
         m: measured state.
         r: reference.
-        numbers: parameters of the cascade, with `TiltNumbers`.
+        parameters: parameters of the cascade, with `TiltParameters`.
         memory: state of the loops.
         period: period of the loops, s.
         rules: variants of the laws.
     """
-    command: Any = numbers.command
+    command: Any = parameters.command
     sin_yaw, cos_yaw = sin_cos(m.yaw)
 
     def in_heading_frame(x: Row, y: Row, z: Row) -> Vector:
@@ -36,20 +36,23 @@ def tilt_target(
     setpoint, position = step_loops(
         in_heading_frame(r.x, r.y, r.z),
         in_heading_frame(m.x, m.y, m.z),
-        numbers.position,
+        parameters.position,
         memory.position,
         period,
         rules.position_integrates_first,
     )
-    share = numbers.velocity_feed_forward
+    fraction = parameters.velocity_feed_forward
     reference_velocity = in_heading_frame(r.v_x, r.v_y, r.v_z)
     setpoint = Vector(
-        *[proportional + share * velocity for proportional, velocity in zip(setpoint, reference_velocity, strict=True)]
+        *[
+            proportional + fraction * velocity
+            for proportional, velocity in zip(setpoint, reference_velocity, strict=True)
+        ]
     )
     measured_velocity = in_heading_frame(m.v_x, m.v_y, m.v_z)
     output, velocity = step_loops(
-        setpoint, measured_velocity, numbers.velocity, memory.velocity, period, rules.velocity_integrates_first
+        setpoint, measured_velocity, parameters.velocity, memory.velocity, period, rules.velocity_integrates_first
     )
-    thrust = minimum(maximum(command.hover_thrust + numbers.mass * output.z, command.min_thrust), command.max_thrust)
+    thrust = minimum(maximum(command.hover_thrust + parameters.mass * output.z, command.min_thrust), command.max_thrust)
     target = AttitudeTarget(thrust, -output.y, output.x, r.yaw, 0.0, 0.0, 0.0)
     return target, CascadeMemory(position, velocity)

@@ -41,8 +41,8 @@ class PerRotor(NamedTuple):
 class ThrustRange(NamedTuple):
     """Thrusts for an action of -1 and for an action of 1."""
 
-    least: ForceB
-    most: ForceB
+    min_thrust: ForceB
+    max_thrust: ForceB
 
 
 class AccelerationScale(NamedTuple):
@@ -91,24 +91,26 @@ class SpeedScale(NamedTuple):
     """Maps from actions to rotor speeds, and from these to the wrench of the nominal vehicle.
 
     Attributes:
-        least: rotor speed for an action of -1.
-        most: rotor speed for an action of 1.
+        min_speed: rotor speed for an action of -1.
+        max_speed: rotor speed for an action of 1.
         wrenches: wrench of each rotor divided by its squared speed.
     """
 
-    least: RotorRate
-    most: RotorRate
+    min_speed: RotorRate
+    max_speed: RotorRate
     wrenches: PerRotor
 
 
-def saturated(action: Row) -> Row:
+def saturate_action(action: Row) -> Row:
     """Return an action saturated at -1 and 1; NaN if the action is NaN or infinite, so that the flight ends."""
     # Comparisons with NaN are false, so that saturation would convert NaN to -1 or 1. 0 · NaN and 0 · ∞ are NaN.
     return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
-def _scaled_thrust(action: Row, between: ThrustRange) -> ForceB:
-    return between.least + 0.5 * (saturated(action) + 1.0) * (between.most - between.least)
+def _scaled_thrust(action: Row, thrust_range: ThrustRange) -> ForceB:
+    return thrust_range.min_thrust + 0.5 * (saturate_action(action) + 1.0) * (
+        thrust_range.max_thrust - thrust_range.min_thrust
+    )
 
 
 def commanded_acceleration(
@@ -129,7 +131,7 @@ def commanded_acceleration(
         frame: name of the frame.
         turn: additional rotation of the frame about Z, rad.
     """
-    components = Vector._make(saturated(row) * most for row, most in zip(action, scale, strict=True))
+    components = Vector._make(saturate_action(row) * limit for row, limit in zip(action, scale, strict=True))
     if measurement is None or reference is None:
         return Acceleration(*components)
     axes = level_axes(frame, measurement.yaw, reference.yaw, turn)
@@ -142,7 +144,9 @@ def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScal
     return Vectored(
         Thrust(_scaled_thrust(thrust, scale.thrust)),
         Attitude(
-            saturated(roll) * scale.tilt, saturated(pitch) * scale.tilt, reference.yaw + saturated(yaw) * scale.yaw
+            saturate_action(roll) * scale.tilt,
+            saturate_action(pitch) * scale.tilt,
+            reference.yaw + saturate_action(yaw) * scale.yaw,
         ),
         BodyRates(0.0, 0.0, 0.0),
         AngularAcceleration(0.0, 0.0, 0.0),
@@ -150,11 +154,11 @@ def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScal
 
 
 def _commanded_rates(action: Action, rates: BodyRates) -> tuple[BodyRateB, BodyRateB, BodyRateB]:
-    p, q, r = (saturated(row) * most for row, most in zip(action, rates, strict=True))
+    p, q, r = (saturate_action(row) * limit for row, limit in zip(action, rates, strict=True))
     return p, q, r
 
 
-def rates_on_board(action: Action, scale: RatesScale) -> AttitudeTarget:
+def onboard_rate_command(action: Action, scale: RatesScale) -> AttitudeTarget:
     """Return the thrust and the body rates for an action, for an autopilot that does not control the attitude."""
     thrust, *rates = action
     return AttitudeTarget(
@@ -162,7 +166,7 @@ def rates_on_board(action: Action, scale: RatesScale) -> AttitudeTarget:
     )
 
 
-def rates_from_the_ground(action: Action, measurement: State, scale: RatesScale) -> Wrench:
+def offboard_rate_command(action: Action, measurement: State, scale: RatesScale) -> Wrench:
     """Return the wrench for an action that commands thrust and body rates: τ = I k (ω_r - ω) + ω × I ω in B."""
     thrust, *rates = action
     measured = BodyRates(measurement.p, measurement.q, measurement.r)
@@ -185,7 +189,7 @@ def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) 
     """
     total: list[Row] = [0.0, 0.0, 0.0, 0.0]
     for row, wrench in zip(order, scale.wrenches, strict=True):
-        speed = scale.least + 0.5 * (saturated(action[row]) + 1.0) * (scale.most - scale.least)
+        speed = scale.min_speed + 0.5 * (saturate_action(action[row]) + 1.0) * (scale.max_speed - scale.min_speed)
         total = [
             accumulated + coefficient * speed * speed for accumulated, coefficient in zip(total, wrench, strict=True)
         ]

@@ -11,8 +11,8 @@ from drake_quad.control.policy.actions import (
     SpeedScale,
     commanded_acceleration,
     commanded_attitude,
-    rates_from_the_ground,
-    rates_on_board,
+    offboard_rate_command,
+    onboard_rate_command,
     wrench_of_speeds,
 )
 from drake_quad.control.policy.frames import LevelFrame
@@ -47,10 +47,10 @@ class AccelerationActuation(FleetSystem):
         num_vehicles: number of vehicles N.
         frame: name of a frame of `drake_quad.control.policy.frames`.
         turn: additional rotation of `heading` and `reference_heading` about Z, rad.
-        numbers: accelerations that an action of 1 commands.
+        parameters: accelerations that an action of 1 commands.
     """
 
-    def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
+    def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, parameters: AccelerationScale) -> None:
         """Declare ports and parameters."""
         action, scale = _declare_action(self, num_rows=3)
         heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
@@ -75,17 +75,17 @@ class AttitudeActuation(FleetSystem):
 
     Args:
         num_vehicles: number of vehicles N.
-        numbers: thrusts and angles for actions of -1 and 1.
+        parameters: thrusts and angles for actions of -1 and 1.
     """
 
-    def declare(self, *, numbers: AttitudeScale) -> None:
+    def declare(self, *, parameters: AttitudeScale) -> None:
         """Declare ports, states and parameters."""
         action, scale = _declare_action(self)
         self.packed_output("thrust_and_attitude", Vectored, commanded_attitude, action, self.input("reference"), scale)
 
 
 @fleet_system(float, AutoDiffXd)
-class RatesFromTheGround(FleetSystem):
+class OffboardRateActuation(FleetSystem):
     """Conversion of an action to a wrench, with a body rate loop on the ground.
 
     .. pydrake_system::
@@ -101,17 +101,17 @@ class RatesFromTheGround(FleetSystem):
 
     Args:
         num_vehicles: number of vehicles N.
-        numbers: thrusts and body rates for actions of -1 and 1, and parameters of the loop.
+        parameters: thrusts and body rates for actions of -1 and 1, and parameters of the loop.
     """
 
-    def declare(self, *, numbers: RatesScale) -> None:
+    def declare(self, *, parameters: RatesScale) -> None:
         """Declare ports, states and parameters."""
         action, scale = _declare_action(self)
-        self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
+        self.output("wrench", offboard_rate_command, action, self.input("measurement"), scale)
 
 
 @fleet_system(float, AutoDiffXd)
-class RatesOnBoard(FleetSystem):
+class OnboardRateActuation(FleetSystem):
     """Conversion of an action to thrust and body rates, for an autopilot that does not control the attitude.
 
     .. pydrake_system::
@@ -124,12 +124,12 @@ class RatesOnBoard(FleetSystem):
 
     Args:
         num_vehicles: number of vehicles N.
-        numbers: thrusts and body rates for actions of -1 and 1.
+        parameters: thrusts and body rates for actions of -1 and 1.
     """
 
-    def declare(self, *, numbers: RatesScale) -> None:
+    def declare(self, *, parameters: RatesScale) -> None:
         """Declare ports, states and parameters."""
-        self.output("attitude_target", rates_on_board, *_declare_action(self))
+        self.output("attitude_target", onboard_rate_command, *_declare_action(self))
 
 
 @fleet_system(float, AutoDiffXd)
@@ -149,9 +149,9 @@ class RotorSpeedActuation(FleetSystem):
     Args:
         num_vehicles: number of vehicles N.
         order: index of each rotor's row in the action.
-        numbers: rotor speeds for actions of -1 and 1.
+        parameters: rotor speeds for actions of -1 and 1.
     """
 
-    def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), numbers: SpeedScale) -> None:
+    def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), parameters: SpeedScale) -> None:
         """Declare ports, states and parameters."""
         self.output("wrench", wrench_of_speeds, *_declare_action(self), order)

@@ -122,12 +122,12 @@ class ObservableSignal(NamedTuple):
     Attributes:
         rows: number of rows; None if it depends on the policy.
         of: function that returns the rows of the signal, given all observable quantities.
-        meaning: description with unit.
+        description: description with unit.
     """
 
     rows: int | None
     of: Callable[[Observables], tuple[Row, ...]]
-    meaning: str
+    description: str
 
 
 OBSERVABLE_SIGNALS = {
@@ -185,7 +185,7 @@ def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> 
     return sum(sizes[name] or 0 for name in spec.signals)
 
 
-class ObservationNumbers(NamedTuple):
+class ObservationParameters(NamedTuple):
     """Parameters of an observation.
 
     Attributes:
@@ -204,7 +204,7 @@ def observed(
     rotor_speed: RotorSpeed | None,
     wind: Wind | None,
     action: tuple[Row, ...],
-    numbers: ObservationNumbers,
+    parameters: ObservationParameters,
     clearance: Callable[[Row, Row, Row], Row] | None,
     spec: ObservationSpec,
 ) -> tuple[Row, ...]:
@@ -217,7 +217,7 @@ def observed(
         rotor_speed: rotor speeds; None if the observation does not contain them.
         wind: velocity of the air; None if the observation does not contain it.
         action: last action.
-        numbers: parameters of the vehicle.
+        parameters: parameters of the vehicle.
         clearance: function of X, Y and Z that returns the distance to the nearest obstacle, m; None if the observation
             does not contain it.
         spec: specification of the observation.
@@ -231,7 +231,7 @@ def observed(
             attitude = BodyAxes._make(map(axes.in_body, attitude))
     distance = None if clearance is None else clearance(state.x, state.y, state.z)
     observables = Observables(
-        state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude
+        state, reference, ahead, rotor_speed, wind, action, distance, parameters.top_speed, axes, attitude
     )
     return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(observables)])
 

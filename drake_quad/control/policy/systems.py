@@ -15,7 +15,7 @@ from pydrake.systems.primitives import PassThrough
 
 from drake_quad.control.cascade import connect_inner_loop
 from drake_quad.control.policy.network import Network, evaluate_network
-from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
+from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec, num_observed, observed
 from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
@@ -66,7 +66,7 @@ class Observation(FleetSystem):
     of the policy, which is observed at the next tick. The last three ports exist if the observation contains these
     signals.
 
-    The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
+    The states are `last_action` and, with a history, `past`; the only parameter of the context is `parameters`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -76,7 +76,7 @@ class Observation(FleetSystem):
         num_ahead: number of future times at which the reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
-        numbers: parameters of the vehicle.
+        parameters: parameters of the vehicle.
     """
 
     def declare(
@@ -87,7 +87,7 @@ class Observation(FleetSystem):
         num_actions: int,
         num_ahead: int = 0,
         clearance: Callable[[Row, Row, Row], Row] | None = None,
-        numbers: ObservationNumbers,
+        parameters: ObservationParameters,
     ) -> None:
         """Declare ports, states and parameters."""
         state, reference = self.input("measurement"), self.input("reference")
@@ -95,8 +95,8 @@ class Observation(FleetSystem):
         ahead: Any = self.input("reference_ahead", layout=rows_layout(3 * num_ahead)) if num_ahead else ()
         rotor_speed = self.input("rotor_speed") if "rotor_speed" in spec.signals else None
         wind = self.input("wind") if "wind" in spec.signals else None
-        parameter = self.parameter("numbers", lambda numbers: numbers)
-        last = self.state("last_action", lambda numbers: numbers.initial_action)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
+        last = self.state("last_action", lambda parameters: parameters.initial_action)
         observation_inputs = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
         num_rows = num_observed(spec, num_actions=num_actions, num_ahead=num_ahead)
         before = spec.history - 1

@@ -5,7 +5,7 @@ from typing import Any
 from drake_quad.design.firmware.crazyflie import crazyflie_layer
 from drake_quad.design.firmware.parameters import Firmware, FirmwareParameters
 from drake_quad.design.firmware.px4 import px4_layer
-from drake_quad.planning.believed import nominal_parameters
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.models import Scenario
 
 FIRMWARE: dict[Firmware, str] = {

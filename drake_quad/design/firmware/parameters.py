@@ -60,13 +60,13 @@ def read_parameters(path: Path) -> FirmwareParameters:
         values = _in_text(path, log.data)
     for firmware in ("px4", "crazyflie"):
         declared = _declared(firmware)
-        given = {name: values[name] for name in declared if name in values}
-        for name, value in given.items():
+        specified_values = {name: values[name] for name in declared if name in values}
+        for name, value in specified_values.items():
             if flaw := declared[name].flaw(value):
                 raise InputError(f"{path}: {name} is {value:g}; it must {flaw}")
-        if given:
-            missing = tuple([name for name in declared if name not in given])
-            return FirmwareParameters(firmware, {**defaults_of(firmware).values, **given}, missing)
+        if specified_values:
+            missing = tuple([name for name in declared if name not in specified_values])
+            return FirmwareParameters(firmware, {**defaults_of(firmware).values, **specified_values}, missing)
     groups = " nor ".join(_PARAMETER_GROUPS.values())
     raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it contains neither {groups}")
 

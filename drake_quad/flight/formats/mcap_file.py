@@ -211,9 +211,9 @@ def _points(record: State | Reference) -> np.ndarray:
     return np.column_stack([record.x, record.y, record.z])
 
 
-def _primitives(**given: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+def _primitives(**primitives: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-    return {kind: given.get(kind, []) for kind in kinds}
+    return {kind: primitives.get(kind, []) for kind in kinds}
 
 
 def _line(points: np.ndarray, color: dict[str, float]) -> dict[str, Any]:

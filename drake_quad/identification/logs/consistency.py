@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import scipy
 
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
@@ -227,7 +227,7 @@ class _Grid:
 
 @_derived_from("attitude")
 def _rotation(grid: _Grid) -> "scipy.spatial.transform.Rotation":
-    return rotations(grid.signals["attitude"])
+    return rotations_of(grid.signals["attitude"])
 
 
 @_derived_from(*_MOTION_SIGNALS)
@@ -236,7 +236,7 @@ def _is_moving(grid: _Grid) -> bool:
     return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
 
 
-def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
+def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
     """Yield a remark on each disagreement between signals.
 
     Args:

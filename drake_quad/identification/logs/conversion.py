@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
-from drake_quad.identification.logs.attitudes import rotations
-from drake_quad.identification.logs.consistency import contradictions
-from drake_quad.identification.logs.doubts import doubts, jumps
+from drake_quad.errors import InputError, join_names
+from drake_quad.identification.logs.attitudes import rotations_of
+from drake_quad.identification.logs.consistency import inconsistencies
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
+from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
 from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
@@ -145,14 +145,16 @@ def record_of(
         else:
             notes += _incomplete_remarks(signal, mapping, available)
     if not channels:
-        raise InputError(f"{mark}: has no signal with two samples or more; its columns are {listed(sorted(available))}")
+        raise InputError(
+            f"{mark}: has no signal with two samples or more; its columns are {join_names(sorted(available))}"
+        )
     clock = _fastest(channels)
     used, left_out_remarks = _sufficiently_logged(channels, clock)
     if not used:
         raise InputError(f"{mark}: has no signal that is logged for half of the time")
     missing = {*(mapping.required or ())} - {channel.signal for channel in used}
     if missing:
-        raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
+        raise InputError(f"{mark}: lacks {join_names(sorted(missing))}, which the mapping requires")
     is_common, cut_remarks = _common_samples(used, clock)
     if is_common.sum() < 2:
         raise InputError(f"{mark}: has fewer than two samples at which all signals are known")
@@ -182,9 +184,14 @@ def record_of(
             *_missing_remarks(used),
             *left_out_remarks,
             *notes,
-            *(each for channel in used if channel.signal == "position" for each in jumps(channel.time, channel.values)),
-            *doubts(signals, time - time[0]),
-            *contradictions(signals, time),
+            *(
+                each
+                for channel in used
+                if channel.signal == "position"
+                for each in position_jumps(channel.time, channel.values)
+            ),
+            *implausible_signals(signals, time - time[0]),
+            *inconsistencies(signals, time),
             *_unread_remarks(
                 available - ({mapping.time.column} if mapping.time else set()),
                 {each for channel in used for each in channel.source.names},
@@ -294,14 +301,14 @@ def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tup
     span = clock[-1] - clock[0]
     for channel in channels:
         end = clock[-1] if is_held(channel.signal) else min(channel.time[-1], clock[-1])
-        covered_share = 1.0 if channel.signal in _SLOW_SIGNALS else (end - max(channel.time[0], clock[0])) / span
-        known_share = len(channel.rows) / len(channel.clock)
-        if min(covered_share, known_share) >= _MIN_COVERAGE:
+        covered_fraction = 1.0 if channel.signal in _SLOW_SIGNALS else (end - max(channel.time[0], clock[0])) / span
+        known_fraction = len(channel.rows) / len(channel.clock)
+        if min(covered_fraction, known_fraction) >= _MIN_COVERAGE:
             sufficient.append(channel)
         else:
             remarks.append(
-                f"{channel.signal} is left out: it is logged for {max(min(covered_share, known_share), 0.0):.0%} of"
-                " the time"
+                f"{channel.signal} is left out: it is logged for {max(min(covered_fraction, known_fraction), 0.0):.0%}"
+                " of the time"
             )
     return sufficient, remarks
 
@@ -351,7 +358,7 @@ def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]
         to_world = QUANTITIES[channel.signal].frame == "W"
         source_axes, target_axes = ("body", "world") if to_world else ("world", "body")
         if "attitude" in signals:
-            turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
+            turned = rotations_of(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
             yield f"{channel.signal} is turned from {source_axes} axes to {target_axes} axes by the attitude"
         else:
@@ -400,7 +407,7 @@ def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> I
             yield f"{signal} is left out: {_name_range(source.names)} is {kind} in fewer than two samples"
             return
         if 0 < len(missing) < len(source.names):
-            yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
+            yield f"{signal} is left out: {join_names(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
             return
 
 
@@ -416,7 +423,7 @@ def _unread_remarks(available: set[str], read: set[str]) -> Iterator[str]:
         else:
             parts.append(f"{'the rest of ' if any(_group(each) == group for each in read) else ''}{group}")
     if parts:
-        yield f"not read: {listed(parts, 4 * _MAX_LISTED_NAMES)}"
+        yield f"not read: {join_names(parts, 4 * _MAX_LISTED_NAMES)}"
 
 
 def _group(name: str) -> str:

@@ -28,12 +28,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.identification.logs.record import COLUMNS, QUANTITIES
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.files.library import Library
-from drake_quad.scenario.files.loading import validated
+from drake_quad.scenario.files.loading import validate
 
 # Signals that a log may contain as a quaternion.
 ATTITUDES = ("attitude", "attitude_command")
@@ -145,7 +145,9 @@ class Mapping(Model):
                         _check(name, source, ("signals", name, i) if is_list else ("signals", name))
             for i, name in enumerate(_strings(data.get("required"))):
                 if name not in signals:
-                    raise _error(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
+                    raise _error(
+                        ("required", i), "must be one of its signals, {allowed}", allowed=join_names([*signals])
+                    )
         return data
 
     @property
@@ -210,7 +212,8 @@ def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
     path = Path(spec)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
-            f"mapping {shown(str(spec))} is neither a YAML file nor a shipped mapping: {', '.join(shipped_mappings())}"
+            f"mapping {short_repr(str(spec))} is neither a YAML file nor a shipped mapping:"
+            f" {', '.join(shipped_mappings())}"
         )
     return path.name, _load(path)
 
@@ -230,7 +233,7 @@ def _load_shipped(name: str) -> Mapping:
 
 
 def _load(path: Path) -> Mapping:
-    return validated(Mapping, Library().mapping(path))
+    return validate(Mapping, Library().mapping(path))
 
 
 def _strings(value: Any) -> Iterator[str]:
@@ -251,8 +254,8 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
         raise _error((*path, "rotors"), "must not be given: {name} has no value for each rotor", name=name)
     width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
-        given = source.get(field)
-        if isinstance(given, list) and len(given) != width:
+        values = source.get(field)
+        if isinstance(values, list) and len(values) != width:
             raise _error((*path, field), "must have {width} entries", width=width)
     rotors = source.get("rotors")
     if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_NUM_ROTORS)]:

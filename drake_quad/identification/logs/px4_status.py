@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 
 # Topics that contain no signals, only status information.
 STATUS_TOPICS = ("vehicle_status", "vehicle_land_detected", "estimator_status")
@@ -153,8 +153,8 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
     ):
         rows = np.flatnonzero(flags)
         if len(rows):
-            share, first = len(rows) / len(data["timestamp"]), seconds(data, rows[0])
-            yield f"{finding} in {share:.2%} of its samples, first at {first:.4g} s of the log"
+            fraction, first = len(rows) / len(data["timestamp"]), seconds(data, rows[0])
+            yield f"{finding} in {fraction:.2%} of its samples, first at {first:.4g} s of the log"
     yield from _end(topics)
 
 
@@ -166,7 +166,8 @@ def _failsafes(status: _Data, seconds: Any) -> Iterator[str]:
             f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)
         ]
         yield (
-            f"PX4 is in failsafe from {listed(intervals, 3)} of the log: the vehicle may not follow its reference there"
+            f"PX4 is in failsafe from {join_names(intervals, 3)} of the log: the vehicle may not follow its reference"
+            " there"
         )
 
 
@@ -224,7 +225,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
         result[f"output[{motor}]"] = shortest + (data[name].astype(float) - low) * (longest - shortest) / (high - low)
     remarks = []
     is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
-    range_text = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
+    range_text = join_names(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
     source = (
         "by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
         if is_given

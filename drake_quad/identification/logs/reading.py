@@ -31,7 +31,7 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         InputError: if the file does not exist, has another format, or contains no complete signal; if the format needs
             a library that is not installed; or if the logged vehicle is not a quadrotor, and no mapping is given.
     """
-    given = None if mapping is None else load_mapping(mapping)
+    user_mapping = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))
     read = next((each.read for each in FORMATS if each.recognizes(log)), None)
     if read is None:
@@ -41,7 +41,7 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
                 f"{log.mark}: is not a log in a known format: {', '.join(each.name for each in FORMATS)}, or CSV"
             )
         read = read_table
-    content = read(log, given)
+    content = read(log, user_mapping)
     name, columns_mapping = content.mapping
     remarks = [*content.remarks, f"the mapping is {name}: {columns_mapping.description}".removesuffix(": ")]
     return record_of(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.signals import Quantity
 
 Column = np.ndarray
@@ -85,18 +85,18 @@ class FlightRecord:
                 finite.
         """
         if self.time.ndim != 1 or len(self.time) < 2 or not np.all(np.diff(self.time) > 0.0):
-            raise InputError(f"the log {shown(self.name)} must have at least two samples with increasing times")
+            raise InputError(f"the log {short_repr(self.name)} must have at least two samples with increasing times")
         for name, values in self.signals():
             columns = COLUMNS[name]
             shape = (len(self.time), columns) if columns > 1 else (len(self.time),)
             if values.shape != shape:
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} has shape {values.shape}, but must have {shape}"
+                    f"{name} of the log {short_repr(self.name)} has shape {values.shape}, but must have {shape}"
                 )
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} is not a number at {self.time[row]:.6g} s, sample {row}"
+                    f"{name} of the log {short_repr(self.name)} is not a number at {self.time[row]:.6g} s, sample {row}"
                 )
 
     def signals(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -124,10 +124,12 @@ class FlightRecord:
         """
         values: np.ndarray | None = getattr(self, name)
         if values is None:
-            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'no signals'}")
+            raise InputError(
+                f"the log {short_repr(self.name)} lacks {name}; it has {', '.join(self.names) or 'no signals'}"
+            )
         return values
 
-    def part(self, chosen: slice | np.ndarray) -> "FlightRecord":
+    def subset(self, chosen: slice | np.ndarray) -> "FlightRecord":
         """Return the record of a part of the samples, on the same clock.
 
         Args:

@@ -13,10 +13,10 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError, shorten_text
 from drake_quad.extras import import_extra
 from drake_quad.scenario.files.marked_tree import Mark
-from drake_quad.scenario.files.reading import opened
+from drake_quad.scenario.files.reading import open_source
 
 # Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz takes 180 million bytes.
 MAX_BYTES = 200_000_000
@@ -117,7 +117,7 @@ class LogFile(NamedTuple):
 
 def reason_of(error: Exception) -> str:
     """Return the message of a library's exception as a clause."""
-    return shortened(" ".join(str(error).split()) or type(error).__name__)
+    return shorten_text(" ".join(str(error).split()) or type(error).__name__)
 
 
 def read_file(path: Path) -> LogFile:
@@ -130,7 +130,7 @@ def read_file(path: Path) -> LogFile:
     mark = Mark(str(path), 0)
     if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
         raise InputError(f"{mark}: is a folder, not a log" + _flight_hint(path))
-    with opened(path) as file:
+    with open_source(path) as file:
         data, is_complete = _decompressed(file)
     if len(data) > MAX_BYTES:
         raise InputError(f"{mark}: is too large: a log may have at most {MAX_BYTES:,} bytes after decompression")

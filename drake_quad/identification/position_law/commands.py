@@ -19,8 +19,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.errors import InputError, short_repr
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import thrust_of_share
 from drake_quad.scenario.models import Scenario
@@ -35,7 +35,7 @@ _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the res
 _MIN_PILE_RATIO = 5.0  # smallest ratio of the two numbers of samples at a limit
 _MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
 # A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
-_MAX_LIMITED_SHARE = 0.5
+_MAX_LIMITED_FRACTION = 0.5
 _MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, for an angle of 78°
 
 
@@ -55,14 +55,14 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
     if record.thrust_share is None:
         raise InputError(
-            f"the log {shown(record.name)} has no thrust command (thrust_command or thrust_share), so the commanded"
-            " acceleration is unknown"
+            f"the log {short_repr(record.name)} has no thrust command (thrust_command or thrust_share), so the"
+            " commanded acceleration is unknown"
         )
     if record.hover_share is not None:
         return thrust_of_share(record, mass * gravity) / mass, None
     hover_command = float(np.median(record.thrust_share[usable]))
     if hover_command <= 0.0:
-        raise InputError(f"thrust_share of the log {shown(record.name)} is zero in the air; check the mapping")
+        raise InputError(f"thrust_share of the log {short_repr(record.name)} is zero in the air; check the mapping")
     remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is assumed to carry the weight"
     return gravity * record.thrust_share / hover_command, remark
 
@@ -86,13 +86,13 @@ def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: fl
         return np.column_stack([attitude[:, 1], -attitude[:, 0], thrust - gravity])
     if form == "heading":
         attitude = np.column_stack([attitude[:, :2], _yaw(record)])
-    axis = rotations(attitude).apply([0.0, 0.0, 1.0])
+    axis = rotations_of(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
         horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
         return np.column_stack([horizontal, thrust * axis[:, 2] - gravity])
     magnitude = thrust
     if form == "projected" and record.attitude is not None:
-        measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
+        measured = rotations_of(record.attitude).apply([0.0, 0.0, 1.0])
         magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
     return np.asarray(magnitude[:, None] * axis - [0.0, 0.0, gravity])
 
@@ -119,8 +119,8 @@ def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndar
     error that it integrates (`PositionControl.cpp` of PX4 1.15). All other forms produce the whole output.
     """
     horizontal = np.array([1.0, 1.0, 0.0])
-    share = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
-    return np.asarray(share * horizontal * output)
+    fraction = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
+    return np.asarray(fraction * horizontal * output)
 
 
 def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -136,7 +136,7 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
         roll, pitch, _ = record.attitude_command.T
         signals += [roll, -roll, pitch, -pitch, np.arccos(np.cos(roll) * np.cos(pitch))]
     is_limited = np.zeros(len(thrust), dtype=bool)
-    max_samples = _MAX_LIMITED_SHARE * usable.sum()
+    max_samples = _MAX_LIMITED_FRACTION * usable.sum()
     for signal in signals:
         largest = float(signal[usable].max())
         margin = _LIMIT_MARGIN * (largest - float(signal[usable].min()))

@@ -50,7 +50,7 @@ def _is_near(value: float, half_width: float, target: float) -> bool:
 def _velocity_feed_forward(law: AxisLaw) -> float:
     """Return the fraction of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
-    value, half_width = reference.value / velocity, reference.reach / abs(velocity)
+    value, half_width = reference.value / velocity, reference.half_width / abs(velocity)
     return next((exact for exact in (0.0, 1.0) if _is_near(value, half_width, exact)), value)
 
 
@@ -59,14 +59,14 @@ def _differs_from_zero(law: AxisLaw, name: str) -> bool:
     if name not in law.gains:
         return False
     value = abs(law.gains[name].value)
-    return value > law.gains[name].reach and value > _NEGLIGIBLE_GAIN_RATIO * law.gain("position")
+    return value > law.gains[name].half_width and value > _NEGLIGIBLE_GAIN_RATIO * law.gain("position")
 
 
 def _is_pid(law: AxisLaw) -> bool:
     """Return whether a law is a PD or PID on the position, with full or no feed-forward of the acceleration."""
     feed_forward = law.gains.get("reference_acceleration")
     is_all_or_none = feed_forward is None or any(
-        _is_near(feed_forward.value, feed_forward.reach, exact) for exact in (0.0, 1.0)
+        _is_near(feed_forward.value, feed_forward.half_width, exact) for exact in (0.0, 1.0)
     )
     return is_all_or_none and not any(
         _differs_from_zero(law, name) for name in ("displacement", "double_integral", "error_limit")

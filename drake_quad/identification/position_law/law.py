@@ -140,14 +140,14 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
     if not laws:
         reasons = "; ".join(f"{axis}: {reason}" for axis, reason in not_identified.items())
         raise InputError(f"cannot identify the position law: {reasons}")
-    share = float(np.mean(np.concatenate([log_pieces[1] for log_pieces in prepared])))
-    return PositionLaw(tuple(laws), form, share, not_identified, tuple(dict.fromkeys(remarks)))
+    fraction = float(np.mean(np.concatenate([log_pieces[1] for log_pieces in prepared])))
+    return PositionLaw(tuple(laws), form, fraction, not_identified, tuple(dict.fromkeys(remarks)))
 
 
 def _poor_fit_reason(explained: float) -> str:
-    share = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
+    fraction = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
-        f"a linear law of position, velocity and reference explains {share} of the variance of the command, but must"
+        f"a linear law of position, velocity and reference explains {fraction} of the variance of the command, but must"
         f" explain at least {100.0 * _MIN_EXPLAINED:g} %; check that the controller used the logged position and"
         " velocity"
     )
@@ -167,7 +167,7 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)
-        if difference > np.hypot(x[name].reach, y[name].reach):
+        if difference > np.hypot(x[name].half_width, y[name].half_width):
             return False
     return True
 
@@ -180,8 +180,8 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: For
     units = _units("rad" if form == "tilt" and 2 not in axes else "m/s²")
     reaches, freedoms = uncertainty(pieces, axes, fit)
     return {
-        name: Spread(values[name], float(reach / quantile(freedom)), units[name], float(freedom))
-        for name, reach, freedom in zip(values, reaches, freedoms, strict=True)
+        name: Spread(values[name], float(half_width / quantile(freedom)), units[name], float(freedom))
+        for name, half_width, freedom in zip(values, reaches, freedoms, strict=True)
         if name not in NUISANCE_TERMS
     }
 
@@ -249,7 +249,7 @@ def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
         "error_limit": np.inf,
     }
     return {
-        name: f"the half-width of its 95 % interval is {spread.reach:.2g} {spread.unit}"
+        name: f"the half-width of its 95 % interval is {spread.half_width:.2g} {spread.unit}"
         for name, spread in spreads.items()
-        if spread.reach > _MAX_HALF_WIDTH * typical[name]
+        if spread.half_width > _MAX_HALF_WIDTH * typical[name]
     }

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
@@ -18,8 +18,8 @@ from drake_quad.identification.position_law.commands import (
     unproduced_output,
 )
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
-from drake_quad.identification.windows import airborne
-from drake_quad.identification.windows import pieces as piece_numbers
+from drake_quad.identification.windows import airborne_mask
+from drake_quad.identification.windows import segment_numbers as piece_numbers
 from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s; the reference moves if the standard deviation of its velocity is larger
@@ -86,12 +86,12 @@ def prepared_pieces(
         remarks.append(
             "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
         )
-    usable = airborne(record)
+    usable = airborne_mask(record)
     if not usable.any():
-        raise InputError(f"the log {shown(record.name)} has no sample in the air")
+        raise InputError(f"the log {short_repr(record.name)} has no sample in the air")
     if np.all(np.ptp(reference[usable], axis=0) < _MIN_REFERENCE_RANGE):
         raise InputError(
-            f"the reference of the log {shown(record.name)} does not move; use a log with a moving reference"
+            f"the reference of the log {short_repr(record.name)} does not move; use a log with a moving reference"
         )
     thrust, remark = specific_thrust(record, scenario, usable)
     if remark is not None:
@@ -105,7 +105,7 @@ def prepared_pieces(
         in_piece = piece_number == number
         if counted[in_piece].sum() < min_samples:
             continue
-        part = record.part(in_piece)
+        part = record.subset(in_piece)
         signals, compared = _signals(part, reference[in_piece] - position[in_piece], counted[in_piece])
         if compared.sum() < min_samples:
             continue
@@ -115,8 +115,9 @@ def prepared_pieces(
             )
     if not pieces["tilt"]:
         raise InputError(
-            f"the log {shown(record.name)} has no uninterrupted stretch of flight of at least {_MIN_PIECE_DURATION:g} s"
-            f" and {_MIN_SAMPLES} samples; gaps, saturated commands and jumps of the reference are left out"
+            f"the log {short_repr(record.name)} has no uninterrupted stretch of flight of at least"
+            f" {_MIN_PIECE_DURATION:g} s and {_MIN_SAMPLES} samples; gaps, saturated commands and jumps of the"
+            " reference are left out"
         )
     return pieces, limited[usable]
 

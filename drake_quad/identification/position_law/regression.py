@@ -240,15 +240,15 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     of the parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
-    slopes = [regressors]
+    jacobian = [regressors]
     for name in fit.free:
         step = 1e-3 * max(abs(getattr(fit.shape, name)), TYPICAL_DELAY)
         low, high = (
             _regression(pieces, axes, fit.terms, fit.shape._replace(**{name: getattr(fit.shape, name) + change}))[0]
             for change in (-step, step)
         )
-        slopes.append(((high - low) @ fit.gains / (2.0 * step))[:, None])
-    derivatives = np.hstack(slopes)
+        jacobian.append(((high - low) @ fit.gains / (2.0 * step))[:, None])
+    derivatives = np.hstack(jacobian)
     variance = float(np.mean(fit.residuals**2))
     blocks = np.tile(block_numbers(pieces), len(axes))
     information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, entry, shortened, shown
+from drake_quad.errors import InputError, lookup, short_repr, shorten_text
 from drake_quad.identification.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.declarations import Declaration, quantities_in
 from drake_quad.scenario.models import Laboratory, Vehicle
-from drake_quad.scenario.paths import joined
+from drake_quad.scenario.paths import join_path
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 
@@ -34,7 +34,7 @@ def declaration_at(path: str) -> Declaration:
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
-    return entry(declarations, path, "parameter of a vehicle or its laboratory")
+    return lookup(declarations, path, "parameter of a vehicle or its laboratory")
 
 
 def split_name(name: str) -> tuple[str, int | None]:
@@ -48,7 +48,7 @@ def split_name(name: str) -> tuple[str, int | None]:
     count = declaration_at(path).items
     if (index is None) != (count == 0) or (index is not None and int(index) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is not a parameter; it must be {allowed}")
+        raise InputError(f"{short_repr(name)} is not a parameter; it must be {allowed}")
     return path, None if index is None else int(index)
 
 
@@ -68,14 +68,14 @@ def scenario_path(name: str) -> str:
         InputError: if no parameter has this name.
     """
     path, index = split_name(name)
-    return field_path(path) if index is None else joined(field_path(path), index)
+    return field_path(path) if index is None else join_path(field_path(path), index)
 
 
 def field_path(path: str) -> str:
     """Return the path of a field in a scenario, such as `laboratory.autopilot.damping` for `autopilot.damping`."""
     if path.startswith("laboratory."):
         return path
-    return joined("laboratory" if path.startswith("autopilot.") else "vehicle", path)
+    return join_path("laboratory" if path.startswith("autopilot.") else "vehicle", path)
 
 
 class Source(NamedTuple):
@@ -97,11 +97,11 @@ class Explained(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        share: fraction of the variance of the output in held-out flight that the vehicle explains.
+        fraction: fraction of the variance of the output in held-out flight that the vehicle explains.
         output: name of the output, for example "specific force along z".
     """
 
-    share: float
+    fraction: float
     output: str
 
 
@@ -158,7 +158,7 @@ class Estimates:
             split_name(name)
         repeated = next((name for name in names if names.count(name) > 1), None)
         if repeated is not None:
-            raise InputError(f"{shown(repeated)} is estimated twice")
+            raise InputError(f"{short_repr(repeated)} is estimated twice")
         values, covariance = np.array(self.values, dtype=float), np.array(self.covariance, dtype=float)
         checked_deviations(names, values, covariance)
         freedom = np.broadcast_to(np.asarray(self.degrees_of_freedom, dtype=float), (len(names),)).copy()
@@ -237,7 +237,7 @@ class Estimates:
         """
         if name not in self.names:
             reason = f": {self.not_identified[name]}" if name in self.not_identified else ""
-            raise InputError(f"there is no estimate of {shortened(name)}{reason}")
+            raise InputError(f"there is no estimate of {shorten_text(name)}{reason}")
         return float(self.values[self.names.index(name)])
 
     def sources_of(self, index: int) -> tuple[Source, ...]:
@@ -245,7 +245,7 @@ class Estimates:
         assert not isinstance(self.sources, Source)
         return self.sources[index]
 
-    def part(self, names: Sequence[str]) -> "Estimates":
+    def subset(self, names: Sequence[str]) -> "Estimates":
         """Return the estimates of some parameters, in the given order.
 
         Raises:
@@ -261,9 +261,9 @@ class Estimates:
             covariance=self.covariance[np.ix_(indices, indices)],
             degrees_of_freedom=np.asarray(self.degrees_of_freedom)[indices],
             sources=tuple(self.sources_of(index) for index in indices),
-            explained={name: share for name, share in self.explained.items() if name in names},
-            variation=None if self.variation is None else self.variation.part(indices),
-            flight_variation=None if self.flight_variation is None else self.flight_variation.part(indices),
+            explained={name: fraction for name, fraction in self.explained.items() if name in names},
+            variation=None if self.variation is None else self.variation.subset(indices),
+            flight_variation=None if self.flight_variation is None else self.flight_variation.subset(indices),
         )
 
     def for_new_flight(self) -> "Estimates":

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.evidence import Evidence
-from drake_quad.identification.random_effects import NUM_STRETCHES, Stretches
+from drake_quad.identification.random_effects import NUM_SEGMENTS, FlightSegments
 from drake_quad.identification.results.estimates import quantile
 
 
@@ -27,30 +27,30 @@ class HeldOut(NamedTuple):
 
     Attributes:
         errors: (B,) estimate from each stretch minus the estimate from the other stretches.
-        reach: (B,) half-width of each interval.
+        half_widths: (B,) half-width of each interval.
     """
 
     errors: np.ndarray
-    reach: np.ndarray
+    half_widths: np.ndarray
 
     @property
-    def covered(self) -> int:
+    def num_covered(self) -> int:
         """Number of stretches whose difference is inside the interval."""
-        return int(np.sum(np.abs(self.errors) <= self.reach))
+        return int(np.sum(np.abs(self.errors) <= self.half_widths))
 
 
-def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
+def hold_out_check(evidence: Evidence) -> dict[str, HeldOut]:
     """Return the check of each parameter, by name; empty if there are too few windows."""
-    if len(evidence.scores) < NUM_STRETCHES:
+    if len(evidence.scores) < NUM_SEGMENTS:
         return {}
-    stretches = Stretches.of(evidence)
+    stretches = FlightSegments.of(evidence)
     errors, half_widths = [], []
-    for held_out in range(NUM_STRETCHES):
+    for held_out in range(NUM_SEGMENTS):
         others = stretches.without(held_out)
         mean_variance = np.diag(others.uncertainty().covariance)
         errors.append(stretches.estimates[held_out] - (evidence.values + others.step()))
         half_widths.append(
-            quantile(NUM_STRETCHES - 2)
+            quantile(NUM_SEGMENTS - 2)
             * np.sqrt(mean_variance + others.variance_between() + stretches.variances[held_out])
         )
     pairs = zip(evidence.names, np.transpose(errors), np.transpose(half_widths), strict=True)

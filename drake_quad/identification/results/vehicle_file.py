@@ -24,7 +24,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.representer import RoundTripRepresenter
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.results.estimates import (
     CONFIDENCE,
@@ -42,7 +42,7 @@ from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
-from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
+from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid_inertia
 
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
@@ -68,7 +68,7 @@ def write_vehicle(
     *,
     base: str | Path,
     nominal: bool = False,
-    given: Sequence[str] = (),
+    overrides: Sequence[str] = (),
     voltage: float | None = None,
 ) -> Path:
     """Write an identified vehicle to a file, and return its path.
@@ -85,7 +85,7 @@ def write_vehicle(
         base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
         nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe. Values
             of parameters that the logs do not identify stay as in `base` there.
-        given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
+        overrides: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
@@ -93,14 +93,14 @@ def write_vehicle(
             or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"{shown(str(path))} must end in .yaml or .yml")
+        raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
     if not re.fullmatch(NAME, name):
-        raise InputError(f"a vehicle cannot be called {shown(name)}: use only letters, digits, '_', '.' and '-'")
+        raise InputError(f"a vehicle cannot be called {short_repr(name)}: use only letters, digits, '_', '.' and '-'")
     if not estimates.names:
         raise InputError("a vehicle file needs at least one estimate")
-    believed = load_undesigned(base, given)
+    base_scenario = load_undesigned(base, overrides)
     folder = output_folder(path.parent)
-    fields = _fields(name, estimates, believed, nominal, given, voltage)
+    fields = _fields(name, estimates, base_scenario, nominal, overrides, voltage)
     scenario = {"extends": _Entry(_relative(base, folder)), **fields}
     document = CommentedMap({name: _commented(scenario, 2)})
     document.yaml_set_start_comment(_wrapped(_introduction(estimates)))
@@ -117,13 +117,13 @@ def write_vehicle(
     return write_atomically(path, write)
 
 
-def believed_estimates(scenario: Scenario) -> list[str]:
+def nominal_estimates(scenario: Scenario) -> list[str]:
     """Return the names of the parameters whose estimates are also in `nominal`, as `write_vehicle` can write them."""
     found = []
     for path, drawn in distributions_in(scenario).items():
         part, _, name = path.partition(".")
-        is_believed = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
-        if is_believed and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
+        is_nominal = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
+        if is_nominal and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
             found.append(name)
     return found
 
@@ -142,7 +142,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 
 
 def _fields(
-    name: str, estimates: Estimates, base: Scenario, nominal: bool, given: Sequence[str], voltage: float | None
+    name: str, estimates: Estimates, base: Scenario, nominal: bool, overrides: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
     """Return the scenario as nested mappings with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
@@ -165,12 +165,12 @@ def _fields(
         node[last] = value
         if nominal and path in Nominal.model_fields and any(each in estimates.identified for each in entries):
             # The value in `nominal` of an item that is not identified is unchanged.
-            believed: Any = getattr(base.nominal, path)
+            base_scenario: Any = getattr(base.nominal, path)
             names = [f"{path}[{index}]" for index in range(declaration_at(path).items)]
             known = {parameter: written[parameter] for parameter in names if parameter in estimates.identified}
-            items = [_Entry(_mean_of(known.get(parameter, believed[i]))) for i, parameter in enumerate(names)]
+            items = [_Entry(_mean_of(known.get(parameter, base_scenario[i]))) for i, parameter in enumerate(names)]
             tree["nominal"][path] = _as_rigid_body(path, items) if items else _Entry(_mean_of(written[path]))
-    for assignment in given:
+    for assignment in overrides:
         _add_override(tree, assignment)
     # A thrust curve is written as a whole, since its coefficients are correlated.
     curve_known = any(split_name(parameter)[0] == "motors.curve" for parameter in estimates.identified)
@@ -209,7 +209,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     varying = [name for name in estimates.names if not declaration_of(name).is_whole]
     if not varying:
         return numbers
-    part = estimates.for_new_flight().part(varying)
+    part = estimates.for_new_flight().subset(varying)
     # The normal distribution is widened to the 95 % interval of Student's distribution.
     widening = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(widening, widening)
@@ -275,9 +275,9 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
     elif stretch_variance > 0.0:
         assert estimates.variation is not None
         parts.append(f"{new_flight} in another {estimates.variation.duration:.2g} s of flight")
-    share, output = estimates.explained.get(name, (0.0, ""))
-    if share > 0.0:
-        parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
+    fraction, output = estimates.explained.get(name, (0.0, ""))
+    if fraction > 0.0:
+        parts.append(f"explains {100.0 * fraction:.3g} % of the variance of {output}")
     parts.append(" and ".join(map(str, estimates.sources_of(index))))
     mean = entry["normal"]["mean"] if isinstance(entry, dict) else entry
     if declaration_of(name).is_whole:
@@ -322,13 +322,13 @@ def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
     if path != "inertia" or not is_numeric:
         return items
     moments = [_mean_of(item.value) for item in items]
-    flaw = inertia_flaw(moments)
+    flaw = explain_invalid_inertia(moments)
     if not flaw:
         return items
     remark = f"adjusted to the nearest rigid body: in the estimate, {flaw}"
     return [
         _Entry(_shifted(item.value, float(adjusted - estimate)), "; ".join(filter(None, [item.comment, remark])))
-        for item, estimate, adjusted in zip(items, moments, nearest_rigid(moments), strict=True)
+        for item, estimate, adjusted in zip(items, moments, nearest_rigid_inertia(moments), strict=True)
     ]
 
 
@@ -348,21 +348,21 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
     if "motors" not in tree["vehicle"]:
         return
     curve = tree["vehicle"]["motors"]["curve"]
-    numbers = [_mean_of(entry.value) for entry in curve]
+    coefficients = [_mean_of(entry.value) for entry in curve]
     tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
     if voltage is not None:
         tree["vehicle"]["motors"]["voltage"] = _Entry(float(f"{voltage:.5g}"))
-    believed = numbers
+    nominal_curve = coefficients
     if not base.nominal.motors.take_throttles:
         tree["vehicle"].setdefault("min_rotor_speed", _Entry(0.0, "does not limit the thrust curve"))
         if not nominal:
-            believed = [0.0, 0.0, float(f"{base.nominal.thrust_factor * base.nominal.max_rotor_speed**2:.4g}")]
+            nominal_curve = [0.0, 0.0, float(f"{base.nominal.thrust_factor * base.nominal.max_rotor_speed**2:.4g}")]
     if nominal or not base.nominal.motors.take_throttles:
         tree["nominal"]["motors"] = {
             "kind": _Entry("throttle"),
-            "curve": [_Entry(coefficient) for coefficient in believed],
+            "curve": [_Entry(coefficient) for coefficient in nominal_curve],
         }
-    max_thrust = max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers))))
+    max_thrust = max(0.0, float(thrust_of(1.0, ThrustCurve(*coefficients))))
     full_speed = _SPEED_MARGIN * math.sqrt(max_thrust / base.nominal.thrust_factor)
     for part in ("vehicle", "nominal") if nominal else ("vehicle",):
         limit = getattr(base, part).max_rotor_speed

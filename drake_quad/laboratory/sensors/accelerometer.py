@@ -34,7 +34,7 @@ class SensorPosition(NamedTuple):
     z: Annotated[Row, Quantity("m", "B")] = 0.0
 
 
-class AccelerometerNumbers(NamedTuple):
+class AccelerometerParameters(NamedTuple):
     """Position and errors of an accelerometer.
 
     Attributes:
@@ -52,9 +52,11 @@ class AccelerometerNumbers(NamedTuple):
     latency_samples: Number = 0.0
 
 
-def specific_force(state: State, acceleration: VehicleAcceleration, place: SensorPosition, gravity: Row) -> Vector:
+def specific_force(
+    state: State, acceleration: VehicleAcceleration, sensor_position: SensorPosition, gravity: Row
+) -> Vector:
     """Return the specific force at a point of the vehicle along the axes of B, m/s²."""
-    axes, position = BodyAxes.of(state.roll, state.pitch, state.yaw), Vector(*place)
+    axes, position = BodyAxes.of(state.roll, state.pitch, state.yaw), Vector(*sensor_position)
     rates = Vector(state.p, state.q, state.r)
     angular_acceleration = Vector(acceleration.p_rate, acceleration.q_rate, acceleration.r_rate)
     at_centre = axes.in_body(Vector(acceleration.a_x, acceleration.a_y, acceleration.a_z + gravity))
@@ -62,13 +64,13 @@ def specific_force(state: State, acceleration: VehicleAcceleration, place: Senso
 
 
 def accelerometer_reading(
-    numbers: AccelerometerNumbers, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
+    parameters: AccelerometerParameters, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
 ) -> SpecificForce:
     """Return a reading of an accelerometer with bias, and with noise unless `noise` is None."""
-    force = specific_force(state, acceleration, numbers.position, numbers.gravity)
-    components = [true + bias for true, bias in zip(force, numbers.bias, strict=True)]
+    force = specific_force(state, acceleration, parameters.position, parameters.gravity)
+    components = [true + bias for true, bias in zip(force, parameters.bias, strict=True)]
     if noise is not None:
-        components = [value + numbers.noise * number for value, number in zip(components, noise, strict=True)]
+        components = [value + parameters.noise * number for value, number in zip(components, noise, strict=True)]
     return SpecificForce(*components)
 
 

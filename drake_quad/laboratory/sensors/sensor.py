@@ -36,18 +36,18 @@ class SensorLaw(NamedTuple):
 
 
 def first_reading(
-    formula: Callable[..., Any], longest_latency: int, numbers: Any, noise: Any, *signals: Any
+    formula: Callable[..., Any], longest_latency: int, parameters: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
     """Return the initial values of the states of a `Sensor`."""
-    reading = formula(numbers, noise, *signals)
+    reading = formula(parameters, noise, *signals)
     return reading, (reading,) * longest_latency
 
 
 def next_reading(
-    formula: Callable[..., Any], under_way: tuple[Any, ...], numbers: Any, noise: Any, *signals: Any
+    formula: Callable[..., Any], in_transit: tuple[Any, ...], parameters: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
     """Return the values of the states of a `Sensor` after a reading."""
-    return delay_line_step(formula(numbers, noise, *signals), under_way, numbers.latency_samples)
+    return delay_line_step(formula(parameters, noise, *signals), in_transit, parameters.latency_samples)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -68,8 +68,8 @@ class Sensor(FleetSystem):
     that the measurement equation needs. A sensor with noise has the random input port `noise`, with a standard normal
     sample for each row of a reading.
 
-    The parameter of the context is `numbers`. The states are the states of a `DelayLine`: the latest reading that has
-    arrived, under the name of the sensor, and, if there is latency, the readings in transit.
+    The parameter of the context is `parameters`. The states are the states of a `DelayLine`: the latest reading that
+    has arrived, under the name of the sensor, and, if there is latency, the readings in transit.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -78,7 +78,7 @@ class Sensor(FleetSystem):
         period: time between readings, s.
         noisy: True if the readings have noise.
         longest_latency: largest possible latency, in periods.
-        numbers: record of the parameters of the measurement equation.
+        parameters: record of the parameters of the measurement equation.
     """
 
     def declare(
@@ -89,19 +89,19 @@ class Sensor(FleetSystem):
         period: float = 0.01,
         noisy: bool = False,
         longest_latency: int = 0,
-        numbers: Any,
+        parameters: Any,
     ) -> None:
         """Declare ports, states and parameters."""
         signals = [self.input(signal) for signal in law.reads]
-        parameters = self.parameter("numbers", lambda numbers: numbers)
+        parameter = self.parameter("parameters", lambda parameters: parameters)
         noise = None
         if noisy:
             noise = self.random_input("noise", law.reading, RandomDistribution.kGaussian, period=period)
         layout = layout_of(law.reading)
         zero_reading = layout.build([0.0] * layout.num_rows)
-        line = declare_delay_line(self, name, lambda numbers: zero_reading, longest_latency)
-        self.initialize(first_reading, law.formula, longest_latency, parameters, noise, *signals, writes=line)
-        self.update(period, next_reading, law.formula, line.under_way, parameters, noise, *signals, writes=line)
+        line = declare_delay_line(self, name, lambda parameters: zero_reading, longest_latency)
+        self.initialize(first_reading, law.formula, longest_latency, parameter, noise, *signals, writes=line)
+        self.update(period, next_reading, law.formula, line.in_transit, parameter, noise, *signals, writes=line)
         self.state_output(line.out)
 
 

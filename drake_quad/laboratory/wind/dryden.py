@@ -82,7 +82,7 @@ class Turbulence(NamedTuple):
         )
 
 
-class TurbulenceNumbers(NamedTuple):
+class TurbulenceParameters(NamedTuple):
     """Turbulence, and the direction of the mean wind.
 
     Attributes:
@@ -144,22 +144,22 @@ class SampledTurbulence(NamedTuple):
     sin_heading: Number
 
     @classmethod
-    def of(cls, numbers: TurbulenceNumbers, period: float) -> "SampledTurbulence":
+    def of(cls, parameters: TurbulenceParameters, period: float) -> "SampledTurbulence":
         """Return the exact discrete-time filters.
 
         Args:
-            numbers: parameters of the turbulence, numbers or arrays.
+            parameters: parameters of the turbulence, numbers or arrays.
             period: sampling interval h, s.
         """
-        turbulence = numbers.turbulence
+        turbulence = parameters.turbulence
         u, v, w = (period * turbulence.airspeed / length for length in turbulence.length)
         return cls(
             AxisFilter(np.exp(-u), np.sqrt(scipy.special.gammainc(1.0, 2.0 * u))),
             _cross_axis_filter(v),
             _cross_axis_filter(w),
             turbulence.deviation,
-            np.cos(numbers.heading),
-            np.sin(numbers.heading),
+            np.cos(parameters.heading),
+            np.sin(parameters.heading),
         )
 
 
@@ -167,8 +167,8 @@ def _cross_axis_filter(eta: Row) -> CrossAxisFilter:
     """Return the filter on an axis across the mean wind for η = h / T."""
     noise_f = np.sqrt(scipy.special.gammainc(1.0, 2.0 * eta))
     shared = 0.5 * scipy.special.gammainc(2.0, 2.0 * eta) / noise_f
-    own = np.sqrt(0.5 * scipy.special.gammainc(3.0, 2.0 * eta) - shared * shared)
-    return CrossAxisFilter(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, own)
+    noise_g = np.sqrt(0.5 * scipy.special.gammainc(3.0, 2.0 * eta) - shared * shared)
+    return CrossAxisFilter(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, noise_g)
 
 
 class FilterState(NamedTuple):
@@ -254,12 +254,12 @@ class DrydenTurbulence(FleetSystem):
     Args:
         num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
         period: sampling interval, s; equal to the vehicle's time step.
-        numbers: parameters of the turbulence.
+        parameters: parameters of the turbulence.
     """
 
-    def declare(self, *, period: float = 0.01, numbers: TurbulenceNumbers) -> None:
+    def declare(self, *, period: float = 0.01, parameters: TurbulenceParameters) -> None:
         """Declare ports, states and parameters."""
-        turbulence = self.parameter("turbulence", lambda numbers: SampledTurbulence.of(numbers, period))
+        turbulence = self.parameter("turbulence", lambda parameters: SampledTurbulence.of(parameters, period))
         noise = self.random_input("turbulence_noise", FilterState, RandomDistribution.kGaussian, period=period)
         wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         filters = self.state("filter", lambda _: FilterState(0.0, 0.0, 0.0, 0.0, 0.0))

@@ -111,11 +111,11 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
     x, y, z = state.x - jet.outlet.x, state.y - jet.outlet.y, state.z - jet.outlet.z
     along = x * jet.direction.x + y * jet.direction.y + z * jet.direction.z
     across = sqrt(maximum(x * x + y * y + z * z - along * along, _MIN_SQUARE))
-    reach = CORE_LENGTH * jet.diameter
-    core = 0.5 * jet.diameter * maximum(1.0 - along / reach, 0.0)
+    core_length = CORE_LENGTH * jet.diameter
+    core = 0.5 * jet.diameter * maximum(1.0 - along / core_length, 0.0)
     half_width = SPREAD * maximum(along, _MIN_LENGTH)
     flank = maximum(across - core, 0.0) / half_width
-    centreline = jet.exit_speed * reach / maximum(along, reach)
+    centreline = jet.exit_speed * core_length / maximum(along, core_length)
     return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
 
 
@@ -178,10 +178,10 @@ class Fans(FleetSystem):
     Args:
         num_vehicles: number N of vehicles. The turbulence of each vehicle is independent of the others.
         period: sampling interval, s; equal to the vehicle's time step.
-        numbers: jets of the fans.
+        parameters: jets of the fans.
     """
 
-    def declare(self, *, period: float = 0.01, numbers: tuple[Jet, ...]) -> None:
+    def declare(self, *, period: float = 0.01, parameters: tuple[Jet, ...]) -> None:
         """Declare ports, states and parameters."""
         jets, state = self.parameter("jets", lambda jets: jets), self.input("state")
         noise = self.random_input("jet_noise", Eddies, RandomDistribution.kGaussian, period=period)

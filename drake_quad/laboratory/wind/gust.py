@@ -8,7 +8,7 @@ from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fle
 from drake_quad.signals import Row, Time, Wind
 
 
-class GustNumbers(NamedTuple):
+class GustParameters(NamedTuple):
     """Parameters of a gust.
 
     Attributes:
@@ -24,7 +24,7 @@ class GustNumbers(NamedTuple):
     hold_time: Time = math.inf
 
 
-def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
+def gust_profile(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
     """Return the velocity of a gust at a time, relative to its peak: (1 - cos(π x / d)) / 2 during the rise.
 
     x is the distance that the vehicle has penetrated into the gust, and d is the length of the rise. The gust moves
@@ -36,10 +36,10 @@ def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
     return 0.5 - 0.5 * cos(math.pi * maximum(minimum(minimum(rising, falling), 1.0), 0.0))
 
 
-def gust_wind(gust: GustNumbers, time: Row, period: float) -> Wind:
+def gust_wind(gust: GustParameters, time: Row, period: float) -> Wind:
     """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
-    share = gust_share(time + 0.5 * period, gust.start, gust.rise_time, gust.hold_time)
-    return Wind._make(share * part for part in gust.velocity)
+    fraction = gust_profile(time + 0.5 * period, gust.start, gust.rise_time, gust.hold_time)
+    return Wind._make(fraction * part for part in gust.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -52,16 +52,16 @@ class Gust(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the peak velocity of the gust times `gust_share`, evaluated at the middle of each period and held over the
-    period. The only state is `wind`. The only parameter of the context is `gust`.
+    `wind` is the peak velocity of the gust times `gust_profile`, evaluated at the middle of each period and held over
+    the period. The only state is `wind`. The only parameter of the context is `gust`.
 
     Args:
         num_vehicles: number N of vehicles.
         period: sampling interval, s; equal to the vehicle's time step.
-        numbers: parameters of the gust.
+        parameters: parameters of the gust.
     """
 
-    def declare(self, *, period: float = 0.01, numbers: GustNumbers) -> None:
+    def declare(self, *, period: float = 0.01, parameters: GustParameters) -> None:
         """Declare ports, states and parameters."""
         gust, wind = self.parameter("gust", lambda gust: gust), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(gust_wind, gust, TIME, period, writes=[wind])

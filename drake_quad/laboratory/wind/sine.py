@@ -7,7 +7,7 @@ from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fle
 from drake_quad.signals import Angle, AngleRate, Row, Wind
 
 
-class SineNumbers(NamedTuple):
+class SineParameters(NamedTuple):
     """Parameters of a sinusoidal wind.
 
     Attributes:
@@ -21,10 +21,10 @@ class SineNumbers(NamedTuple):
     phase: Angle = 0.0
 
 
-def sine_wind(sine: SineNumbers, time: Row, period: float) -> Wind:
+def sine_wind(sine: SineParameters, time: Row, period: float) -> Wind:
     """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
-    share, _ = sin_cos(sine.frequency * (time + 0.5 * period) + sine.phase)
-    return Wind._make(share * part for part in sine.velocity)
+    fraction, _ = sin_cos(sine.frequency * (time + 0.5 * period) + sine.phase)
+    return Wind._make(fraction * part for part in sine.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -43,10 +43,10 @@ class SineWind(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         period: sampling interval, s; equal to the vehicle's time step.
-        numbers: parameters of the wind.
+        parameters: parameters of the wind.
     """
 
-    def declare(self, *, period: float = 0.01, numbers: SineNumbers) -> None:
+    def declare(self, *, period: float = 0.01, parameters: SineParameters) -> None:
         """Declare ports, states and parameters."""
         sine, wind = self.parameter("sine", lambda sine: sine), self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
         self.initialize(sine_wind, sine, TIME, period, writes=[wind])

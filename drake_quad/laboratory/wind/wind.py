@@ -28,10 +28,10 @@ class SteadyWind(FleetSystem):
 
     Args:
         num_vehicles: number N of vehicles.
-        numbers: velocity of the air in W.
+        parameters: velocity of the air in W.
     """
 
-    def declare(self, *, numbers: Wind) -> None:
+    def declare(self, *, parameters: Wind) -> None:
         """Declare ports and parameters."""
         self.output("wind", identity, self.parameter("velocity", lambda velocity: velocity))
 

@@ -10,7 +10,7 @@ from drake_quad.control.policy.frames import LevelFrame
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, Action
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
-from drake_quad.scenario.quantities import PlainPositives
+from drake_quad.scenario.quantities import FixedPositives
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -22,7 +22,7 @@ class AccelerationAction(Action):
     kind: Literal["acceleration"]
     # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
     # flights that begin off the path.
-    most: PlainPositives = Field(
+    most: FixedPositives = Field(
         default=(5.0, 5.0, 5.0), description="acceleration that an action of 1 commands (m/s²)"
     )
     frame: LevelFrame = Field(
@@ -36,6 +36,6 @@ class AccelerationAction(Action):
         """Return the recipe for an `AccelerationActuation`."""
         return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
 
-    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands zero acceleration."""
         return (0.0, 0.0, 0.0)

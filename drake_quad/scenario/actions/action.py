@@ -13,7 +13,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings, check_attitude_control
 from drake_quad.scenario.autopilots.autopilot import Autopilot, Commanded
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import PlainNonNegative, PlainPositive
+from drake_quad.scenario.quantities import FixedNonNegative, FixedPositive
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -45,7 +45,7 @@ class Action(Model):
         """
 
     @abstractmethod
-    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action with which the nominal vehicle hovers."""
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
@@ -75,10 +75,10 @@ AnyAction = Annotated[Action, ACTIONS]
 class ThrustAction(Action):
     """Action whose first row is a thrust. The default range is ours; the paper's rotors lift 2.2 times the weight."""
 
-    min_thrust: PlainNonNegative = Field(
+    min_thrust: FixedNonNegative = Field(
         default=0.0, description="thrust that an action of -1 commands, relative to the weight (1)"
     )
-    max_thrust: PlainPositive = Field(
+    max_thrust: FixedPositive = Field(
         default=2.0, description="thrust that an action of 1 commands, relative to the weight (1)"
     )
     num_rows: ClassVar = 4
@@ -89,11 +89,11 @@ class ThrustAction(Action):
             raise self.field_error(f"must be larger than min_thrust, {self.min_thrust}", "max_thrust")
         return self
 
-    def thrusts(self, believed: QuadrotorParameters) -> ThrustRange:
+    def thrusts(self, nominal: QuadrotorParameters) -> ThrustRange:
         """Return the thrusts that actions of -1 and 1 command, N."""
-        weight = believed.mass * believed.gravity
+        weight = nominal.mass * nominal.gravity
         return ThrustRange(self.min_thrust * weight, self.max_thrust * weight)
 
-    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands a thrust equal to the weight, and neither tilt nor rotation."""
         return (2.0 * (1.0 - self.min_thrust) / (self.max_thrust - self.min_thrust) - 1.0, 0.0, 0.0, 0.0)

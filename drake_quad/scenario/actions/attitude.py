@@ -10,7 +10,7 @@ from drake_quad.control.policy.actuation import AttitudeActuation
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
-from drake_quad.scenario.quantities import PlainTilt, radians
+from drake_quad.scenario.quantities import FixedTilt, radians
 from drake_quad.scenario.setting import ControlSetting
 
 
@@ -20,7 +20,7 @@ class AttitudeAction(ThrustAction):
 
     kind: Literal["attitude"]
     # The default is the tilt limit of the other controllers. The figure eight needs only 4°.
-    max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch that an action of 1 commands (rad)")
+    max_tilt: FixedTilt = Field(default=0.6, description="roll and pitch that an action of 1 commands (rad)")
     max_yaw: Annotated[float, Field(ge=0.0, le=math.pi), radians(math.pi)] = Field(
         default=0.5, description="yaw that an action of 1 commands, relative to the yaw of the reference (rad)"
     )
@@ -28,5 +28,5 @@ class AttitudeAction(ThrustAction):
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for an `AttitudeActuation`."""
-        scale = AttitudeScale(self.thrusts(setting.believed), self.max_tilt, self.max_yaw)
+        scale = AttitudeScale(self.thrusts(setting.nominal), self.max_tilt, self.max_yaw)
         return Recipe(AttitudeActuation, {}, scale)

@@ -6,14 +6,14 @@ from pydantic import Field
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.policy.actions import RatesScale
-from drake_quad.control.policy.actuation import RatesFromTheGround, RatesOnBoard
+from drake_quad.control.policy.actuation import OffboardRateActuation, OnboardRateActuation
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.actions.action import ACTIONS, ThrustAction
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.autopilots.autopilot import Autopilot
 from drake_quad.scenario.plausible import PLAUSIBLE_MAX_RATES
-from drake_quad.scenario.quantities import Gains, PlainPositives
+from drake_quad.scenario.quantities import FixedPositives, Gains
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import BodyRates
 
@@ -23,7 +23,7 @@ class RatesAction(ThrustAction):
     """Thrust and body rates."""
 
     kind: Literal["rates"]
-    max_rates: Annotated[PlainPositives, PLAUSIBLE_MAX_RATES] = Field(
+    max_rates: Annotated[FixedPositives, PLAUSIBLE_MAX_RATES] = Field(
         default=(6.0, 6.0, 3.0), description="p, q, r that an action of 1 commands (rad/s)"
     )
     k_rate: Gains | None = Field(
@@ -40,8 +40,8 @@ class RatesAction(ThrustAction):
         if gains is None and attitude is not None:
             gains = attitude.k_d
         rates = BodyRates(*self.max_rates)
-        scale = RatesScale(self.thrusts(setting.believed), rates, PerAngle(*gains), *setting.believed.inertia)
-        return Recipe(RatesOnBoard if on_board else RatesFromTheGround, {}, scale)
+        scale = RatesScale(self.thrusts(setting.nominal), rates, PerAngle(*gains), *setting.nominal.inertia)
+        return Recipe(OnboardRateActuation if on_board else OffboardRateActuation, {}, scale)
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
         """Return whether the gains of the rate loop must come from an attitude controller on the ground."""

@@ -10,7 +10,7 @@ from drake_quad.control.policy.actuation import RotorSpeedActuation
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, Action
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
-from drake_quad.scenario.quantities import PlainNonNegative
+from drake_quad.scenario.quantities import FixedNonNegative
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
@@ -22,7 +22,7 @@ class RotorSpeedsAction(Action):
     """Speeds of the rotors, from the idle speed to the top speed."""
 
     kind: Literal["rotor_speeds"]
-    least: PlainNonNegative | None = Field(
+    least: FixedNonNegative | None = Field(
         default=None,
         description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
     )
@@ -40,18 +40,20 @@ class RotorSpeedsAction(Action):
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for a `RotorSpeedActuation`."""
-        believed = setting.believed
+        nominal = setting.nominal
         units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
-        wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)
+        wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, nominal).wrench)) for unit in units)
         order = tuple([self.order.index(rotor) for rotor in (1, 2, 3, 4)])
-        speeds = SpeedScale(self._least(believed), believed.max_rotor_speed, wrenches)
+        speeds = SpeedScale(self._min_speed(nominal), nominal.max_rotor_speed, wrenches)
         return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
-    def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
+    def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands the hover speeds of the nominal vehicle."""
-        least, most = self._least(believed), float(believed.max_rotor_speed)
-        speeds = hover_rotor_speeds(believed)
-        return tuple([2.0 * (float(speeds[rotor - 1]) - least) / (most - least) - 1.0 for rotor in self.order])
+        min_speed, max_speed = self._min_speed(nominal), float(nominal.max_rotor_speed)
+        speeds = hover_rotor_speeds(nominal)
+        return tuple(
+            [2.0 * (float(speeds[rotor - 1]) - min_speed) / (max_speed - min_speed) - 1.0 for rotor in self.order]
+        )
 
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the slowest speed is not below the top speed."""
@@ -61,5 +63,5 @@ class RotorSpeedsAction(Action):
             demand = f"must be smaller than max_rotor_speed in nominal, {top}"
             raise scenario.field_error(demand, "control", "action", "least")
 
-    def _least(self, believed: QuadrotorParameters) -> float:
-        return float(believed.min_rotor_speed if self.least is None else self.least)
+    def _min_speed(self, nominal: QuadrotorParameters) -> float:
+        return float(nominal.min_rotor_speed if self.least is None else self.least)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field
 from pydantic_core import PydanticCustomError
 
-from drake_quad.control.attitude import AttitudeNumbers
+from drake_quad.control.attitude import AttitudeParameters
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.distributions import Model
@@ -35,15 +35,15 @@ class AttitudeControllerSettings(Model):
             period: period of the control, s.
         """
 
-    def numbers(self, inertia: Inertia) -> AttitudeNumbers:
+    def parameters(self, inertia: Inertia) -> AttitudeParameters:
         """Return the gains together with the nominal moments of inertia."""
-        return AttitudeNumbers(PerAngle(*self.k_p), PerAngle(*self.k_d), *inertia)
+        return AttitudeParameters(PerAngle(*self.k_p), PerAngle(*self.k_d), *inertia)
 
     def vectoring(self) -> dict[str, Any]:
         """Return the structure of the `ThrustVectoring` that commands the attitude."""
         return {"projects": False}
 
-    def plain(self) -> "AttitudeControllerSettings":
+    def without_estimator(self) -> "AttitudeControllerSettings":
         """Return the controller, without estimates, for which the gains of this controller are designed."""
         return self
 

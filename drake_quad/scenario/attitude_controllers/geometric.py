@@ -7,7 +7,7 @@ from pydantic import Field
 from drake_quad.control.geometric import (
     GeometricAttitudeController,
     IntegratingAttitudeController,
-    IntegratingAttitudeNumbers,
+    IntegratingAttitudeParameters,
 )
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.flatness import EulerSequence
@@ -51,10 +51,10 @@ class GeometricAttitude(AttitudeControllerSettings):
         """Return the recipe for the controller, with its integral if it has one."""
         structure: dict[str, Any] = {"transports": self.transport_term}
         if self.k_i is None:
-            return Recipe(GeometricAttitudeController, structure, self.numbers(inertia))
+            return Recipe(GeometricAttitudeController, structure, self.parameters(inertia))
         structure = {"period": period, "integration": self.integration, **structure}
-        numbers = IntegratingAttitudeNumbers(self.numbers(inertia), PerAngle(*self.k_i), self.integral_limit)
-        return Recipe(IntegratingAttitudeController, structure, numbers)
+        parameters = IntegratingAttitudeParameters(self.parameters(inertia), PerAngle(*self.k_i), self.integral_limit)
+        return Recipe(IntegratingAttitudeController, structure, parameters)
 
     def vectoring(self) -> dict[str, Any]:
         """Return the structure of a `ThrustVectoring` with projection and with the sequence of Euler angles."""

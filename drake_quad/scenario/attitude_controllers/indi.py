@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from drake_quad.control.disturbance.laws import IncrementalLaw
-from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeParameters
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AttitudeControllerSettings
 from drake_quad.scenario.attitude_controllers.pd import PdAttitude
@@ -35,9 +35,9 @@ class IndiAttitude(AttitudeControllerSettings):
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the controller."""
         law = IncrementalLaw(self.bandwidth)
-        numbers = IncrementalAttitudeNumbers(self.numbers(inertia), law, self.lag, self.disturbance_limit)
-        return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, numbers)
+        parameters = IncrementalAttitudeParameters(self.parameters(inertia), law, self.lag, self.disturbance_limit)
+        return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, parameters)
 
-    def plain(self) -> AttitudeControllerSettings:
+    def without_estimator(self) -> AttitudeControllerSettings:
         """Return the PD without the estimate."""
         return PdAttitude(k_p=self.k_p, k_d=self.k_d)

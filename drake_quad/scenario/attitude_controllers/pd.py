@@ -20,4 +20,4 @@ class PdAttitude(AttitudeControllerSettings):
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the PD."""
-        return Recipe(attitude.AttitudeController, {}, self.numbers(inertia))
+        return Recipe(attitude.AttitudeController, {}, self.parameters(inertia))

@@ -23,12 +23,19 @@ from drake_quad.scenario.quantities import (
     Positives,
     Span,
     any_nonzero,
-    bounded,
+    bounds,
     field_of,
 )
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
-from drake_quad.vehicle.autopilot import AutopilotNumbers, Gyroscope, LoopAxisTerms, LoopGains, LoopRules, NeglectedDrag
+from drake_quad.vehicle.autopilot import (
+    AutopilotParameters,
+    Gyroscope,
+    LoopAxisTerms,
+    LoopGains,
+    LoopRules,
+    NeglectedDrag,
+)
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Uncalibrated gyroscopes have a bias of 20 °/s, 0.35 rad/s, and less noise.
@@ -77,7 +84,7 @@ class AttitudeAutopilotSettings(Autopilot):
     max_rates: Annotated[Positives | None, PLAUSIBLE_MAX_RATES] = Field(
         default=None, description="largest commanded p, q, r (rad/s); no limit if not given"
     )
-    yaw_weight: Annotated[Number, bounded(above=0.0, most=1.0)] | None = Field(
+    yaw_weight: Annotated[Number, bounds(gt=0.0, le=1.0)] | None = Field(
         default=None,
         description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, the loop uses the"
         " errors of roll, pitch and yaw",
@@ -107,15 +114,15 @@ class AttitudeAutopilotSettings(Autopilot):
         omega = math.sqrt(k_attitude * k_rate)
         return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.
 
         If only body rates are commanded, the attitude loop has no effect, as with the type mask of SET_ATTITUDE_TARGET.
         """
         structure = {
             "period": self.period,
-            "noisy": any_nonzero(written.gyroscope_noise, self.gyroscope_noise)
-            or any_nonzero(written.attitude_noise, self.attitude_noise),
+            "noisy": any_nonzero(settings.gyroscope_noise, self.gyroscope_noise)
+            or any_nonzero(settings.attitude_noise, self.attitude_noise),
             "rules": LoopRules(
                 self.gyroscopic_torque,
                 self.attitude_terms is not None and self.attitude_terms.integrates_first,
@@ -125,13 +132,13 @@ class AttitudeAutopilotSettings(Autopilot):
         attitude = self.attitude_terms if follows_attitude else None
         bandwidth: Any = self.gyroscope_bandwidth
         drag: Any = self.neglected_drag
-        numbers = AutopilotNumbers(
+        parameters = AutopilotParameters(
             LoopGains(*self.k_attitude) if follows_attitude else LoopGains(0.0, 0.0, 0.0),
             LoopGains(*self.k_rate),
-            believed.inertia,
+            nominal.inertia,
             Gyroscope(self.gyroscope_noise, BodyRates(*self.gyroscope_bias)),
             self.attitude_noise,
-            Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
+            Wrench(nominal.mass * nominal.gravity, 0.0, 0.0, 0.0),
             None if attitude is None else LoopAxisTerms(*attitude.terms(self.period)),
             None if self.rate_terms is None else LoopAxisTerms(*self.rate_terms.terms(self.period)),
             None if bandwidth is None else butterworth(bandwidth, self.period),
@@ -139,7 +146,7 @@ class AttitudeAutopilotSettings(Autopilot):
             self.yaw_weight if follows_attitude else None,
             None if drag is None else NeglectedDrag(drag.lean, drag.time),
         )
-        return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, numbers)}
+        return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, parameters)}
 
     @model_validator(mode="after")
     def _has_one_error(self) -> "AttitudeAutopilotSettings":

@@ -14,7 +14,7 @@ from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import AngleRate
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
 Commanded = Literal["attitude", "rates", "wrench"]
 """Command that a control computes in addition to the thrust, before any attitude controller on the ground."""
@@ -57,18 +57,18 @@ class Autopilot(Model):
         """Return the second-order response of roll and pitch to a command; None if no attitude is commanded."""
 
     @abstractmethod
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for the system `autopilot` between link and allocation; empty without such a system.
 
         Args:
-            believed: parameters of the nominal vehicle.
-            written: autopilot of the scenario itself, whose distributions determine which imperfections are modelled.
+            nominal: parameters of the nominal vehicle.
+            settings: autopilot of the scenario itself, whose distributions determine which imperfections are modelled.
             follows_attitude: False if body rates are commanded without an attitude.
         """
 
-    def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
+    def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
         """Return the recipe for the vehicle, given the structure and the parameters of a `Quadrotor`."""
-        return Recipe(Quadrotor, structure, numbers)
+        return Recipe(Quadrotor, structure, config)
 
     def fastest_decay(self) -> AngleRate:
         """Return the rate of the fastest decay in the autopilot's model of the vehicle, 1/s; 0 if it has no model."""

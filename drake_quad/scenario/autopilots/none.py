@@ -20,6 +20,6 @@ class NoAutopilot(Autopilot):
     def attitude_response(self) -> None:
         """Return None, since no attitude is commanded over the link."""
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return an empty mapping, since there is no system between link and allocation."""
         return {}

@@ -12,11 +12,16 @@ from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting
 from drake_quad.scenario.quantities import Positives
 from drake_quad.signals import AngleRate
-from drake_quad.vehicle import responding
-from drake_quad.vehicle.autopilot import ThrustAlone
+from drake_quad.vehicle import attitude_response
+from drake_quad.vehicle.attitude_response import (
+    AttitudeResponseConfig,
+    AttitudeResponseQuadrotor,
+    DampingRatios,
+    NaturalFrequencies,
+)
+from drake_quad.vehicle.autopilot import ThrustOnly
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import QuadrotorNumbers
-from drake_quad.vehicle.responding import DampingRatios, NaturalFrequencies, RespondingNumbers, RespondingQuadrotor
+from drake_quad.vehicle.quadrotor import QuadrotorConfig
 
 # Fields of a vehicle that affect only its attitude, which follows the identified response.
 _ATTITUDE_FIELDS = ("inertia", "rotor_inertia", "drag_factor", "arm_length", "layout", "centre_of_mass")
@@ -39,16 +44,16 @@ class AttitudeResponseSettings(Autopilot):
         """Return the response of the roll angle."""
         return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
-    def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
+    def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for a system that passes the thrust through; the vehicle model follows the attitude."""
-        return {"autopilot": Recipe(ThrustAlone, {}, None)}
+        return {"autopilot": Recipe(ThrustOnly, {}, None)}
 
-    def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
+    def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
         """Return the recipe for a vehicle whose attitude has this response."""
-        response = responding.AttitudeResponse(
+        response = attitude_response.AttitudeResponse(
             NaturalFrequencies(*self.natural_frequency), DampingRatios(*self.damping)
         )
-        return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
+        return Recipe(AttitudeResponseQuadrotor, structure, AttitudeResponseConfig(config, response))
 
     def fastest_decay(self) -> AngleRate:
         """Return the rate of the fastest decay of roll, pitch and yaw, 1/s."""

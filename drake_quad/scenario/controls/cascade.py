@@ -70,14 +70,14 @@ class CascadeControl(Control):
         recipes = self.position.recipes(setting)
         if self.network is not None:
             recipes |= self.network.recipes(setting.tick, setting.plan)
-        recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(setting.believed, self.attitude)
+        recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(setting.nominal, self.attitude)
         if self.attitude is not None:
-            recipes["attitude"] = self.attitude.recipe(setting.believed.inertia, setting.tick)
+            recipes["attitude"] = self.attitude.recipe(setting.nominal.inertia, setting.tick)
         return recipes
 
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return the diagram of the cascade; there is no network around a user's `position_controller`."""
-        position, network = own.get("position_controller"), None
+        position, network = user_systems.get("position_controller"), None
         if position is None:
             network = None if self.network is None else self.network.build(systems)
             position = self.position.build(systems, takes_correction=network is not None)

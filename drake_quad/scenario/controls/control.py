@@ -37,12 +37,12 @@ class Control(Model):
         """Return the recipes for the systems of the control, by their paths in its diagram."""
 
     @abstractmethod
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return the diagram `control`, which computes the command over the link from `measurement` and `reference`.
 
         Args:
             systems: systems built from the recipes, by their paths.
-            own: user's systems, by the names in `user_system_paths`.
+            user_systems: user's systems, by the names in `user_system_paths`.
         """
 
     @abstractmethod
@@ -56,7 +56,7 @@ class Control(Model):
         """Return the longest period of the loops of the control, s, given the period of a tick, s."""
         return tick
 
-    def commands_rates_alone(self) -> bool:
+    def commands_rates_only(self) -> bool:
         """Return whether the control commands body rates without an attitude to an autopilot."""
         return False
 

@@ -19,7 +19,7 @@ from drake_quad.control.lqg.chains import (
     vertical_model,
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
-from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.laws import LqgParameters, TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.lqg.system import LinearQuadraticGaussian, build_lqg_control
 from drake_quad.errors import InputError
 from drake_quad.framework.recipe import Recipe
@@ -36,23 +36,23 @@ from drake_quad.scenario.plausible import (
     PLAUSIBLE_POSITION_NOISE,
 )
 from drake_quad.scenario.quantities import (
+    FixedAngleNoise,
+    FixedNonNegative,
+    FixedPositive,
+    FixedSpan,
     NonNegative,
-    PlainAngleNoise,
-    PlainNonNegative,
-    PlainPositive,
-    PlainSpan,
     Tilt,
 )
 from drake_quad.scenario.setting import ControlSetting
 
-BelievedDelay = Annotated[int, Field(ge=0, le=20), PLAUSIBLE_DELAY]
+ModelledDelay = Annotated[int, Field(ge=0, le=20), PLAUSIBLE_DELAY]
 
 
 class ColouredNoise(Model):
     """White noise filtered by a lag: 1 / (1 + T s) for first order, 1 / (1 + T s)² for second order."""
 
-    deviation: PlainPositive = Field(description="standard deviation, in the unit of the quantity")
-    time: PlainSpan = Field(description="time constant T of the lag (s)")
+    deviation: FixedPositive = Field(description="standard deviation, in the unit of the quantity")
+    time: FixedSpan = Field(description="time constant T of the lag (s)")
 
     def noise(self) -> ChainNoise:
         """Return the noise as a record for the models of the design."""
@@ -70,15 +70,15 @@ class Axis(Model):
     second: ColouredNoise = Field(
         description="disturbing acceleration, white noise filtered by a critically damped second-order lag (m/s²)"
     )
-    command_noise: PlainNonNegative = Field(
+    command_noise: FixedNonNegative = Field(
         default=0.0,
         description="spectral density of white noise on the command, for robustness to model errors (unit of the"
         " command times √s)",
     )
-    position_noise: Annotated[PlainPositive, PLAUSIBLE_POSITION_NOISE] = Field(
+    position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(
         description="standard deviation of the position in a frame (m)"
     )
-    command_weight: PlainPositive = Field(
+    command_weight: FixedPositive = Field(
         description="weight ρ of the cost, the sum of p² + ρ u² with the position p and the command u; u is in m/s², or"
         " in m/s⁴ with torques over the link"
     )
@@ -114,7 +114,7 @@ class Axis(Model):
 class VerticalAxis(Axis):
     """Design model from the command to the height, with its weights."""
 
-    lag: Annotated[PlainSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
+    lag: Annotated[FixedSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
 
     def model(self) -> ContinuousModel:
@@ -125,21 +125,21 @@ class VerticalAxis(Axis):
 class LateralAxis(Axis):
     """Design model from the command to x and to y, with its weights."""
 
-    lag: Annotated[PlainSpan | None, PLAUSIBLE_LAG] = Field(
+    lag: Annotated[FixedSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
         description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
         " attitude response includes it",
     )
-    natural_frequency: PlainPositive | None = Field(
+    natural_frequency: FixedPositive | None = Field(
         default=None, description="natural frequency ω of the attitude response (rad/s); required with an autopilot"
     )
-    damping: PlainPositive | None = Field(
+    damping: FixedPositive | None = Field(
         default=None, description="damping ratio ζ of the attitude response (1); required with an autopilot"
     )
     bias: ColouredNoise = Field(
         description="disturbing angular acceleration times gravity, white noise filtered by a first-order lag (m/s⁴)"
     )
-    attitude_noise: Annotated[PlainAngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
+    attitude_noise: Annotated[FixedAngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
         description="standard deviation of roll and pitch in a frame (rad)"
     )
     name: ClassVar = "lateral"
@@ -166,7 +166,7 @@ class LqgControl(Control):
     """A Kalman filter and a linear-quadratic regulator in place of the whole cascade, designed with `nominal`."""
 
     kind: Literal["lqg"]
-    delay_ticks: BelievedDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
+    delay_ticks: ModelledDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
     lateral: LateralAxis
     vertical: VerticalAxis
     network: Network | None = Field(  # type: ignore[misc]
@@ -181,7 +181,7 @@ class LqgControl(Control):
     )
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
     max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
-    max_snap: PlainPositive = Field(
+    max_snap: FixedPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
     # True for kinds that add a quadratic programme to the regulator.
@@ -232,31 +232,31 @@ class LqgControl(Control):
             "takes_perturbation": self.takes_perturbation,
             "loses_frames": setting.loses_frames,
         }
-        recipes = {"regulator": Recipe(LinearQuadraticGaussian, structure, self._numbers(setting))}
+        recipes = {"regulator": Recipe(LinearQuadraticGaussian, structure, self._parameters(setting))}
         if self.network is not None:
             recipes |= self.network.recipes(setting.tick, setting.plan)
         return recipes
 
-    def _numbers(self, setting: ControlSetting) -> LqgNumbers:
-        times, believed = self.timing(setting.frame, setting.tick), setting.believed
+    def _parameters(self, setting: ControlSetting) -> LqgParameters:
+        times, nominal = self.timing(setting.frame, setting.tick), setting.nominal
         # A command acts for one tick. The feed-forward is computed for the middle of this tick.
         lead = (times.delay_ticks + 0.5) * times.tick
-        limits = self.limits().thrust_limits(believed)
-        thrust = ThrustNumbers(believed.mass, believed.gravity, *limits, lead + self.vertical.lag)
+        limits = self.limits().thrust_limits(nominal)
+        thrust = ThrustParameters(nominal.mass, nominal.gravity, *limits, lead + self.vertical.lag)
         lateral: Any = self.lateral
         torques = target = None
         if self.yaw is not None:
             yaw = self.yaw.k_p, self.yaw.k_d
-            torques = TorqueNumbers(*believed.inertia, *yaw, self.max_snap, lead + lateral.lag)
+            torques = TorqueParameters(*nominal.inertia, *yaw, self.max_snap, lead + lateral.lag)
         else:
             omega, zeta = lateral.natural_frequency, lateral.damping
             slower = 2.0 * zeta / omega
             lead += lateral.lag or 0.0
-            target = TargetNumbers(lead + slower, 0.5 * lead**2 + lead * slower + 1.0 / omega**2)
-        loops = [axis.loop(times, believed.gravity) for axis in (self.lateral, self.vertical)]
-        return LqgNumbers(loops[0], loops[1], thrust, torques, target)
+            target = TargetParameters(lead + slower, 0.5 * lead**2 + lead * slower + 1.0 / omega**2)
+        loops = [axis.loop(times, nominal.gravity) for axis in (self.lateral, self.vertical)]
+        return LqgParameters(loops[0], loops[1], thrust, torques, target)
 
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return the diagram of the controller, with a network and a quadratic programme if the controller has them."""
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from drake_quad.control.lqg.design import regulator_of
-from drake_quad.control.lqg.laws import LqgNumbers
+from drake_quad.control.lqg.laws import LqgParameters
 from drake_quad.control.mpc import constraints
 from drake_quad.control.mpc.constraints import Preview
 from drake_quad.control.mpc.system import NO_WALLS, PredictiveProgramme
@@ -22,11 +22,11 @@ from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.controls.lqg import LqgControl
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.paths import distributions_in, keys_of
-from drake_quad.scenario.quantities import PlainPositive
+from drake_quad.scenario.quantities import FixedPositive
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import Jerk, Reference, Snap
 
-HalfWidths = Annotated[tuple[PlainPositive | None, PlainPositive | None, PlainPositive | None], Field(strict=False)]
+HalfWidths = Annotated[tuple[FixedPositive | None, FixedPositive | None, FixedPositive | None], Field(strict=False)]
 Walls = Annotated[tuple[Real | None, Real | None, Real | None], Field(strict=False)]
 _NO_WALLS = (None, None, None)
 
@@ -34,7 +34,7 @@ _NO_WALLS = (None, None, None)
 class _Corridor(Model):
     """Common fields of the corridors of both kinds."""
 
-    weight: PlainPositive = Field(
+    weight: FixedPositive = Field(
         default=10.0,
         description="weight ζ of the violation ε of a wall (m) in the cost of a tick, p² + ρ u² + ζ ε²",
     )
@@ -93,7 +93,7 @@ class MpcControl(LqgControl):
     corridor: Annotated[Tube | Room, Field(discriminator="kind")] | None = Field(
         default=None, description="walls as soft constraints on the position; null for none"
     )
-    tilt_weight: PlainPositive = Field(
+    tilt_weight: FixedPositive = Field(
         default=10.0,
         description="weight ζ of the excess ε of the horizontal specific thrust over its value at max_tilt (g), with"
         " torques over the link",
@@ -113,14 +113,14 @@ class MpcControl(LqgControl):
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the regulator, the programme, and a network if there is one."""
         (path, regulator), *others = super().recipes(setting).items()
-        return {path: regulator, "programme": self._programme(setting, regulator.numbers), **dict(others)}
+        return {path: regulator, "programme": self._programme(setting, regulator.parameters), **dict(others)}
 
-    def _programme(self, setting: ControlSetting, believed: LqgNumbers) -> Recipe:
+    def _programme(self, setting: ControlSetting, nominal: LqgParameters) -> Recipe:
         times = self.timing(setting.frame, setting.tick)
         structure = {
             "tick": times.tick,
             "num_ticks": max(1, round(self.horizon / times.tick)),
-            "believed": believed,
+            "nominal": nominal,
             "lateral": regulator_of(self.lateral.model(), times, self.lateral.command_weight),
             "vertical": regulator_of(self.vertical.model(), times, self.vertical.command_weight),
             "preview": _preview(setting.plan, times.tick),

@@ -8,12 +8,12 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydrake.systems.framework import Diagram
 
-from drake_quad.control.pid_cascade.numbers import (
-    AccelerationNumbers,
-    CascadeNumbers,
+from drake_quad.control.pid_cascade.parameters import (
+    AccelerationParameters,
+    CascadeParameters,
     CascadeRules,
     PidLoopGains,
-    TiltNumbers,
+    TiltParameters,
 )
 from drake_quad.control.pid_cascade.system import PidCascade, build_pid_cascade
 from drake_quad.framework.recipe import Recipe
@@ -51,7 +51,7 @@ class _CommandKind(Model):
     max_thrust: Positive = Field(default=1.8, description="largest thrust, relative to the nominal weight (1)")
 
     @abstractmethod
-    def numbers(self, weight: ForceB) -> TiltNumbers | AccelerationNumbers:
+    def parameters(self, weight: ForceB) -> TiltParameters | AccelerationParameters:
         """Return the parameters of the command, given the nominal weight of the vehicle, N."""
 
 
@@ -64,9 +64,9 @@ class TiltCommand(_CommandKind):
         default=1.0, description="thrust at zero velocity error, relative to the nominal weight (1)"
     )
 
-    def numbers(self, weight: ForceB) -> TiltNumbers:
+    def parameters(self, weight: ForceB) -> TiltParameters:
         """Return the parameters of the command, given the nominal weight of the vehicle, N."""
-        return TiltNumbers(self.hover_thrust * weight, self.min_thrust * weight, self.max_thrust * weight)
+        return TiltParameters(self.hover_thrust * weight, self.min_thrust * weight, self.max_thrust * weight)
 
 
 class AccelerationCommand(_CommandKind):
@@ -87,9 +87,9 @@ class AccelerationCommand(_CommandKind):
         default=True, description="whether the tilt is independent of the commanded vertical acceleration"
     )
 
-    def numbers(self, weight: ForceB) -> AccelerationNumbers:
+    def parameters(self, weight: ForceB) -> AccelerationParameters:
         """Return the parameters of the command, given the nominal weight of the vehicle, N."""
-        return AccelerationNumbers(
+        return AccelerationParameters(
             self.feed_forward,
             self.max_speed,
             self.max_ascent,
@@ -155,7 +155,7 @@ class PidCascadeControl(Control):
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipe for the cascade."""
-        believed, tick = setting.believed, setting.tick
+        nominal, tick = setting.nominal, setting.tick
         period = self.loop_period(tick)
         command = self.command
         structure = {
@@ -167,17 +167,17 @@ class PidCascadeControl(Control):
                 not isinstance(command, AccelerationCommand) or command.decouples_vertical,
             ),
         }
-        numbers = CascadeNumbers(
+        parameters = CascadeParameters(
             self.position.gains(period),
             self.velocity.gains(period),
             self.velocity_feed_forward,
-            believed.mass,
-            believed.gravity,
-            command.numbers(believed.mass * believed.gravity),
+            nominal.mass,
+            nominal.gravity,
+            command.parameters(nominal.mass * nominal.gravity),
         )
-        return {"cascade": Recipe(PidCascade, structure, numbers)}
+        return {"cascade": Recipe(PidCascade, structure, parameters)}
 
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return the diagram with the cascade."""
         return build_pid_cascade(systems["cascade"])
 

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from pydrake.systems.framework import Diagram
 
 from drake_quad.control.policy import systems as policies
-from drake_quad.control.policy.observation import ObservationNumbers
+from drake_quad.control.policy.observation import ObservationParameters
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.actions.action import ACTIONS, AnyAction
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS, AnyAttitudeController
@@ -50,10 +50,10 @@ class PolicyControl(Control):
             return self
         last = len(self.policy.layers) - 1
         rows = self.policy_rows()
-        for place, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
-            if getattr(self.policy.layers[place], side) != wanted:
+        for index, side, wanted in ((0, "inputs", rows["observation"]), (last, "outputs", rows["action"])):
+            if getattr(self.policy.layers[index], side) != wanted:
                 demand = f"must be {wanted}, the number of rows of this control's observation or action"
-                raise self.field_error(demand, "policy", "layers", place, side)
+                raise self.field_error(demand, "policy", "layers", index, side)
         return self
 
     def check_fits(self, scenario: Any) -> None:
@@ -71,7 +71,7 @@ class PolicyControl(Control):
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipes for the observation, the actuation and, if there is a network, the policy."""
-        action, observation, believed = self.action, self.observation, setting.believed
+        action, observation, nominal = self.action, self.observation, setting.nominal
         structure = {
             "period": setting.tick,
             "spec": observation.spec(),
@@ -79,23 +79,23 @@ class PolicyControl(Control):
             "num_ahead": len(observation.ahead),
             "clearance": observation.clearance(setting.space),
         }
-        numbers = ObservationNumbers(believed.max_rotor_speed, action.hovering(believed))
+        numbers = ObservationParameters(nominal.max_rotor_speed, action.hovering(nominal))
         recipes = {"observation": Recipe(policies.Observation, structure, numbers)}
         if self.policy is not None:
             network = {"period": setting.tick, "network": self.policy.network()}
             recipes["policy"] = Recipe(policies.Policy, network, None)
         recipes["actuation"] = action.recipe(setting, turn=observation.turn, attitude=self.attitude)
         if action.vectors_thrust:
-            recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(believed, self.attitude)
+            recipes["thrust_vectoring"] = self.thrust_vectoring.recipe(nominal, self.attitude)
         if action.commands == "attitude" and self.attitude is not None:
-            recipes["attitude"] = self.attitude.recipe(believed.inertia, setting.tick)
+            recipes["attitude"] = self.attitude.recipe(nominal.inertia, setting.tick)
         return recipes
 
-    def build(self, systems: Mapping[str, Any], own: Mapping[str, Any]) -> Diagram:
+    def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
         """Return the diagram with the policy, which may be a user's system."""
         return policies.build_policy_control(
             observation=systems["observation"],
-            policy=systems.get("policy", own.get("policy")),
+            policy=systems.get("policy", user_systems.get("policy")),
             actuation=systems["actuation"],
             sees=self.observation.sees,
             thrust_vectoring=systems.get("thrust_vectoring"),
@@ -106,7 +106,7 @@ class PolicyControl(Control):
         """Return the limits of thrust vectoring."""
         return self.thrust_vectoring
 
-    def commands_rates_alone(self) -> bool:
+    def commands_rates_only(self) -> bool:
         """Return whether actions are body rates."""
         return self.action.commands == "rates"
 

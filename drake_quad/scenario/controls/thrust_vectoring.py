@@ -6,17 +6,17 @@ import numpy as np
 from pydantic import Field
 
 from drake_quad.control import thrust_vectoring
-from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringNumbers
+from drake_quad.control.thrust_vectoring import ThrustLimits, VectoringParameters
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.attitude_controllers.controller import AttitudeControllerSettings
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.plausible import not_in_percent
-from drake_quad.scenario.quantities import Number, Tilt, bounded
+from drake_quad.scenario.quantities import Number, Tilt, bounds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-MinThrust = Annotated[Number, bounded(above=0.0, below=1.0, is_fraction=True)]
+MinThrust = Annotated[Number, bounds(gt=0.0, lt=1.0, is_fraction=True)]
 # Racing quadrotors reach 15 times their weight.
-MaxThrust = Annotated[Number, bounded(above=1.0), not_in_percent(most=30.0)]
+MaxThrust = Annotated[Number, bounds(gt=1.0), not_in_percent(most=30.0)]
 
 
 class ThrustVectoringSettings(Model):
@@ -26,13 +26,13 @@ class ThrustVectoringSettings(Model):
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
     max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
 
-    def thrust_limits(self, believed: QuadrotorParameters) -> ThrustLimits:
+    def thrust_limits(self, nominal: QuadrotorParameters) -> ThrustLimits:
         """Return the limits for the nominal vehicle."""
-        weight = believed.mass * believed.gravity
+        weight = nominal.mass * nominal.gravity
         return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 
-    def recipe(self, believed: QuadrotorParameters, attitude: AttitudeControllerSettings | None) -> Recipe:
+    def recipe(self, nominal: QuadrotorParameters, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for the thrust vectoring, given the attitude controller on the ground, if any."""
         structure = {"projects": False} if attitude is None else attitude.vectoring()
-        numbers = VectoringNumbers(believed.mass, believed.gravity, self.thrust_limits(believed))
-        return Recipe(thrust_vectoring.ThrustVectoring, structure, numbers)
+        parameters = VectoringParameters(nominal.mass, nominal.gravity, self.thrust_limits(nominal))
+        return Recipe(thrust_vectoring.ThrustVectoring, structure, parameters)

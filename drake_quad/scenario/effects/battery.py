@@ -6,7 +6,7 @@ from pydantic import model_validator
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.plausible import Plausible
-from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded, extremes, field_of
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds, extremes, field_of
 from drake_quad.vehicle.battery import Battery
 
 # Vehicles of 20 kg have at most 14 cells in series, 59 V, and 100 A h. A cell of a 20 g vehicle has 0.3 Ω.
@@ -27,13 +27,13 @@ class BatteryEffect(VehicleEffect):
     )
     capacity: Annotated[Positive, _PLAUSIBLE_CAPACITY] = field_of(Battery, "capacity", "charge of the full battery")
     resistance: Annotated[NonNegative, _PLAUSIBLE_RESISTANCE] = field_of(Battery, "resistance", "internal resistance")
-    efficiency: Annotated[Number, bounded(least=0.01, most=1.0, is_fraction=True)] = field_of(
+    efficiency: Annotated[Number, bounds(ge=0.01, le=1.0, is_fraction=True)] = field_of(
         Battery, "efficiency", "mechanical power of the rotors over electrical power"
     )
     field: ClassVar = "battery"
-    meaning: ClassVar = "battery that the rotors discharge; the voltage is constant if not given"
+    description: ClassVar = "battery that the rotors discharge; the voltage is constant if not given"
     record: ClassVar = Battery
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = True
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = True

@@ -23,9 +23,9 @@ class BodyDragEffect(AirLoadEffect):
     )
     strength_fields: ClassVar = ("linear", "quadratic")
     field: ClassVar = "body_drag"
-    meaning: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
+    description: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
     record: ClassVar = BodyDrag
-    is_believed: ClassVar = True
+    is_nominal: ClassVar = True
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = True
     belongs_to_airframe: ClassVar = True
@@ -34,7 +34,7 @@ class BodyDragEffect(AirLoadEffect):
         """Return the drag with the centre of mass as the point at which it acts."""
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return the derivative of the drag with respect to the speed, N s/m, on the axis on which it is largest."""
         pairs = zip(self.linear, self.quadratic, strict=True)
         return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

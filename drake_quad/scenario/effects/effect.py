@@ -25,9 +25,9 @@ class VehicleEffect(Model):
 
     Attributes:
         field: name of the field of a vehicle that contains the effect.
-        meaning: description of this field.
+        description: description of this field.
         record: class of `drake_quad.vehicle` whose formulas compute the effect.
-        is_believed: True if the ground station knows the effect, so that controllers are designed with it.
+        is_nominal: True if the ground station knows the effect, so that controllers are designed with it.
         depends_on_time: True if the effect changes while a vehicle hovers.
         couples_axes: True if the effect can couple the axes of a vehicle that is symmetric without it.
         belongs_to_airframe: True if a description of another vehicle replaces the effect.
@@ -35,16 +35,16 @@ class VehicleEffect(Model):
     """
 
     field: ClassVar[str]
-    meaning: ClassVar[str]
+    description: ClassVar[str]
     record: ClassVar[type]
-    is_believed: ClassVar[bool]
+    is_nominal: ClassVar[bool]
     depends_on_time: ClassVar[bool]
     couples_axes: ClassVar[bool]
     belongs_to_airframe: ClassVar[bool]
     depends_on_wind: ClassVar[bool] = False
 
-    def numbers(self) -> Any:
-        """Return the `record` with the numbers of the effect."""
+    def parameters(self) -> Any:
+        """Return the `record` with the parameters of the effect."""
         return record_like(self.record, self)
 
     def in_hover(self) -> "VehicleEffect | None":
@@ -55,7 +55,7 @@ class VehicleEffect(Model):
         """Return the part of the effect that does not couple axes; None if nothing remains."""
         return None if self.couples_axes else self
 
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return the largest derivative of the force on the vehicle with respect to its speed, N s/m.
 
         Args:
@@ -83,5 +83,5 @@ class AirLoadEffect(VehicleEffect):
     depends_on_wind: ClassVar = True
 
     @abstractmethod
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return the largest derivative of the force on the vehicle with respect to its speed, N s/m."""

@@ -20,9 +20,9 @@ class NearGroundEffect(VehicleEffect):
     rotor_radius: Annotated[Positive, _PLAUSIBLE_RADIUS] = field_of(GroundEffect, "rotor_radius", "radius R of a rotor")
     ground_height: Number = Field(default=0.0, description="z of the ground in W (m)")
     field: ClassVar = "ground_effect"
-    meaning: ClassVar = "increase of the thrust near the ground; none if not given"
+    description: ClassVar = "increase of the thrust near the ground; none if not given"
     record: ClassVar = GroundEffect
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = True

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, VehicleEffect
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
-from drake_quad.scenario.inertia import INERTIA_RULE, inertia_flaw
+from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
 from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
 from drake_quad.signals import Row
@@ -36,20 +36,20 @@ class PayloadEffect(VehicleEffect):
         description="event at this time; the vehicle carries the payload after picked_up or before dropped"
     )
     field: ClassVar = "payload"
-    meaning: ClassVar = "mass fixed to the vehicle for a part of the flight; none if not given"
+    description: ClassVar = "mass fixed to the vehicle for a part of the flight; none if not given"
     record: ClassVar = Payload
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = True
     couples_axes: ClassVar = True
     belongs_to_airframe: ClassVar = False
 
     @model_validator(mode="after")
     def _is_rigid(self) -> "PayloadEffect":
-        if flaw := inertia_flaw(self.inertia):
+        if flaw := explain_invalid_inertia(self.inertia):
             raise self.field_error(flaw, "inertia")
         return self
 
-    def numbers(self) -> Payload:
+    def parameters(self) -> Payload:
         """Return the payload, with the times at which it is picked up and dropped."""
         picked_up = self.event == "picked_up"
         return record_like(

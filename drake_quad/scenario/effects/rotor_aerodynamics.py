@@ -30,14 +30,14 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     )
     strength_fields: ClassVar = ("lift", "climb", "drag", "inflow")
     field: ClassVar = "rotor_aerodynamics"
-    meaning: ClassVar = "lift, climb, drag and inflow of the rotors; none if not given"
+    description: ClassVar = "lift, climb, drag and inflow of the rotors; none if not given"
     record: ClassVar = RotorAerodynamics
-    is_believed: ClassVar = True
+    is_nominal: ClassVar = True
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = True
 
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return the derivative of the force with respect to the speed, N s/m, on the axis on which it is largest."""
         total_rotor_speed = len(RotorSpeed._fields) * vehicle.max_rotor_speed
         along_z = abs(self.climb) + self.inflow * total_rotor_speed + 2.0 * self.lift * airspeed

@@ -5,9 +5,9 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
-from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.limits import MAX_MAGNITUDE
 from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, not_in_millimetres
-from drake_quad.scenario.quantities import Number, Positive, bounded, field_of
+from drake_quad.scenario.quantities import Number, Positive, bounds, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -20,13 +20,13 @@ class SlungLoadEffect(VehicleEffect):
     """A point mass on a massless rod that is hinged at the centre of mass of the vehicle."""
 
     mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(SlungLoad, "mass", "mass of the load")
-    length: Annotated[Number, bounded(least=0.01, most=LARGEST), _PLAUSIBLE_LENGTH] = field_of(
+    length: Annotated[Number, bounds(ge=0.01, le=MAX_MAGNITUDE), _PLAUSIBLE_LENGTH] = field_of(
         SlungLoad, "length", "length of the rod"
     )
     field: ClassVar = "slung_load"
-    meaning: ClassVar = "load on a cable; none if not given, and not to be combined with a payload"
+    description: ClassVar = "load on a cable; none if not given, and not to be combined with a payload"
     record: ClassVar = SlungLoad
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = False

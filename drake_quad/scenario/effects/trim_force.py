@@ -17,9 +17,9 @@ class TrimForceEffect(AirLoadEffect):
     z: Number = field_of(TrimForce, "z", "force along z of B")
     strength_fields: ClassVar = ("x", "y", "z")
     field: ClassVar = "trim_force"
-    meaning: ClassVar = "force that is constant in the axes of B; none if not given"
+    description: ClassVar = "force that is constant in the axes of B; none if not given"
     record: ClassVar = TrimForce
-    is_believed: ClassVar = False
+    is_nominal: ClassVar = False
     depends_on_time: ClassVar = False
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = True
@@ -29,6 +29,6 @@ class TrimForceEffect(AirLoadEffect):
         """Return the component along z, with which the vehicle hovers without tilt."""
         return self.model_copy(update={"x": 0.0, "y": 0.0})
 
-    def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
+    def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
         """Return 0, since the force does not depend on the speed."""
         return 0.0

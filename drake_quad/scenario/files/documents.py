@@ -11,7 +11,7 @@ from ruamel.yaml.events import ScalarEvent
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from drake_quad.errors import InputError, shortened, shown
+from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
@@ -19,38 +19,39 @@ _SCALARS = ("float", "int", "bool", "null", "str")
 
 
 @functools.lru_cache(maxsize=256)
-def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MAX_NODES) -> Tree:
+def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Tree:
     """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
     Args:
         text: text of the document.
         source: name of the document in error messages.
         numbered: True if marks have line numbers.
-        most: largest number of names and values.
+        max_nodes: largest number of names and values.
 
     Raises:
         InputError: if the text is not YAML, is too large or nested too deeply, or contains a duplicate key, a key that
             is not text, or a tag.
     """
     yaml = YAML(typ="safe", pure=True)
-    reader = _Reader(source, numbered, most)
+    reader = _Reader(source, numbered, max_nodes)
     yaml.Composer = reader.of  # type: ignore[assignment] # any callable will do
     try:
         node = yaml.compose(text)
         return Tree(None, Mark(source, 0)) if node is None else reader.document(node)
     except MarkedYAMLError as error:
-        place = error.problem_mark or error.context_mark
-        mark = Mark(source, place.line + 1 if numbered and place else 0)
-        raise InputError(f"{mark}: is not YAML: {shortened(str(error.problem or error.context), 100)}") from None
+        position = error.problem_mark or error.context_mark
+        mark = Mark(source, position.line + 1 if numbered and position else 0)
+        raise InputError(f"{mark}: is not YAML: {shorten_text(str(error.problem or error.context), 100)}") from None
     except ReaderError as error:
         mark = Mark(source, text.count("\n", 0, error.position) + 1 if numbered else 0)
         raise InputError(
-            f"{mark}: is not YAML: it contains the character {shown(text[error.position])}, which YAML does not allow"
+            f"{mark}: is not YAML: it contains the character {short_repr(text[error.position])}, which YAML does not"
+            " allow"
         ) from None
     except InputError:
         raise
     except (YAMLError, ValueError) as error:
-        raise InputError(f"{Mark(source, 0)}: is not YAML: {shortened(str(error).splitlines()[0], 100)}") from None
+        raise InputError(f"{Mark(source, 0)}: is not YAML: {shorten_text(str(error).splitlines()[0], 100)}") from None
 
 
 class _Reader(Composer):
@@ -60,8 +61,8 @@ class _Reader(Composer):
     alias counts each time that the alias occurs, since it may contain further aliases, or itself.
     """
 
-    def __init__(self, source: str, numbered: bool, most: int) -> None:
-        self._source, self._numbered, self._most = source, numbered, most
+    def __init__(self, source: str, numbered: bool, max_nodes: int) -> None:
+        self._source, self._numbered, self._max_nodes = source, numbered, max_nodes
         self._count = self._level = 0
 
     def of(self, loader: YAML) -> "_Reader":
@@ -69,20 +70,20 @@ class _Reader(Composer):
         self.warn_double_anchors = False  # the YAML standard allows an anchor to be redefined
         return self
 
-    def _mark(self, place: Any) -> Mark:
-        return Mark(self._source, place.line + 1 if self._numbered else 0)
+    def _mark(self, position: Any) -> Mark:
+        return Mark(self._source, position.line + 1 if self._numbered else 0)
 
-    def _enter(self, place: Any) -> None:
+    def _enter(self, position: Any) -> None:
         self._count += 1
         self._level += 1
-        if self._count > self._most:
+        if self._count > self._max_nodes:
             raise InputError(
-                f"{self._mark(place)}: is too large: a scenario and all that it extends may have at most {MAX_NODES:,}"
-                " names and values"
+                f"{self._mark(position)}: is too large: a scenario and all that it extends may have at most"
+                f" {MAX_NODES:,} names and values"
             )
         if self._level > MAX_LEVELS:
             raise InputError(
-                f"{self._mark(place)}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels"
+                f"{self._mark(position)}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels"
             )
 
     def compose_node(self, parent: Any, index: Any) -> Any:
@@ -90,8 +91,8 @@ class _Reader(Composer):
         self._enter(event.start_mark)
         if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have at most"
-                f" {MAX_CHARACTERS:,} characters"
+                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a name or value may have at"
+                f" most {MAX_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
         self._level -= 1
@@ -122,7 +123,7 @@ class _Reader(Composer):
             if not isinstance(key, str):
                 raise InputError(f"{mark}: a field's name must be text")
             if key in seen:
-                raise InputError(f"{mark}: {shown(key)} is already given at {seen[key]}")
+                raise InputError(f"{mark}: {short_repr(key)} is already given at {seen[key]}")
             seen[key] = mark
             # Messages about a field refer to the line of its name, not to the first line of its value.
             yield key, Tree(self._tree(value_node).value, mark)
@@ -132,7 +133,7 @@ class _Reader(Composer):
         kind = str(node.tag).rpartition(":")[2]
         if not isinstance(node, ScalarNode) or kind not in _SCALARS:
             raise InputError(
-                f"{mark}: the tag {shortened(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
+                f"{mark}: the tag {shorten_text(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )
         try:
             # ruamel.yaml accepts underscores between digits, which YAML 1.1 allows but YAML 1.2 does not.
@@ -141,4 +142,4 @@ class _Reader(Composer):
             return self.loader.constructor.construct_object(node)
         except (LookupError, ValueError, OverflowError):
             expected = "true or false" if kind == "bool" else "a valid number"
-            raise InputError(f"{mark}: {shown(node.value)} is not {expected}") from None
+            raise InputError(f"{mark}: {short_repr(node.value)} is not {expected}") from None

@@ -4,7 +4,7 @@ Mappings are merged field by field, and any other value is replaced. Three parts
 mixture of two of them makes no sense: the vehicle, the control, and the route with the fields that belong to it.
 """
 
-from drake_quad.errors import InputError, listed, shortened
+from drake_quad.errors import InputError, join_names, shorten_text
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import is_distribution
@@ -18,7 +18,7 @@ from drake_quad.scenario.files.relative import (
     with_base_values,
 )
 from drake_quad.scenario.models import Airframe
-from drake_quad.scenario.paths import is_item, joined
+from drake_quad.scenario.paths import is_item, join_path
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
@@ -34,7 +34,7 @@ _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FL
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
-def merged(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
+def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
     """Return a deep merge: mappings are merged by key, and any other value of the extension replaces the base.
 
     A mapping with another `kind`, or a distribution, is replaced as a whole, because its fields have another meaning.
@@ -57,7 +57,7 @@ def merged(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree
     other_kind = "kind" in new and before is not None and new["kind"].value != before
     if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
-    parts = {key: merged(old[key], tree, _DEFAULT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
+    parts = {key: merge(old[key], tree, _DEFAULT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **parts}, extension.mark)
 
 
@@ -75,16 +75,19 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
     old, new = tree.value, override.value
     if isinstance(old, dict) and isinstance(new, dict):
         known = {
-            key: within_lists(old[key], value, joined(path, key)) if key in old else value for key, value in new.items()
+            key: within_lists(old[key], value, join_path(path, key)) if key in old else value
+            for key, value in new.items()
         }
         return Tree(known, override.mark)
     if isinstance(old, list) and isinstance(new, dict) and new and all(map(is_item, new)):
         items = {str(i): item for i, item in enumerate(old)}
         for key, value in new.items():
             if key not in items:
-                extent = f"its items are {joined(path, 0)} to {joined(path, len(old) - 1)}" if old else "it is empty"
-                raise InputError(f"{override.mark}: {path} has no item {shortened(key)}; {extent}")
-            items[key] = merged(items[key], within_lists(items[key], value, joined(path, key)))
+                extent = (
+                    f"its items are {join_path(path, 0)} to {join_path(path, len(old) - 1)}" if old else "it is empty"
+                )
+                raise InputError(f"{override.mark}: {path} has no item {shorten_text(key)}; {extent}")
+            items[key] = merge(items[key], within_lists(items[key], value, join_path(path, key)))
         return Tree([*items.values()], override.mark)
     return override
 
@@ -104,9 +107,9 @@ def with_override(base: Tree, override: Tree) -> Tree:
         if depth == 2 and arm < 2 and isinstance(layout.value, dict) and layout.value.keys() & {"length", "rotors"}:
             kept, kept_depth = base.at((section,))
             if kept_depth and isinstance(kept.value, dict):
-                own = {name: part for name, part in kept.value.items() if name != "arm_length"}
-                fields[section] = kept._replace(value=own)
-    return merged(base._replace(value=fields), override)
+                kept_fields = {name: part for name, part in kept.value.items() if name != "arm_length"}
+                fields[section] = kept._replace(value=kept_fields)
+    return merge(base._replace(value=fields), override)
 
 
 def with_layer(base: Tree, layer: Tree) -> Tree:
@@ -133,7 +136,7 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:
-            result = merged(result, within_lists(result, Tree({"vehicle": distributions}, mark)))
+            result = merge(result, within_lists(result, Tree({"vehicle": distributions}, mark)))
     return result
 
 
@@ -152,10 +155,10 @@ def check_description(tree: Tree) -> None:
     nominal = tree.value.get("nominal")
     if nominal is None or not isinstance(nominal.value, dict):
         return
-    missing, given = _missing(nominal), nominal.value.keys() & {*_AIRFRAME_FIELDS, *_ROTOR_POSITION_FIELDS}
-    if missing and ({"mass", "inertia"} <= given or len(given) > len(missing)):
+    missing, specified = _missing(nominal), nominal.value.keys() & {*_AIRFRAME_FIELDS, *_ROTOR_POSITION_FIELDS}
+    if missing and ({"mass", "inertia"} <= specified or len(specified) > len(missing)):
         raise InputError(
-            f"{nominal.mark}: nominal describes a vehicle, but without {listed(missing)}; add these fields, since"
+            f"{nominal.mark}: nominal describes a vehicle, but without {join_names(missing)}; add these fields, since"
             " their defaults belong to the paper's vehicle"
         )
 
@@ -165,8 +168,8 @@ def with_default_vehicle(tree: Tree) -> Tree:
     default = tree.value.get(DEFAULT_VEHICLE)
     if default is None:
         return tree
-    own = tree._replace(value={key: part for key, part in tree.value.items() if key != DEFAULT_VEHICLE})
-    return own if describes_vehicle(own) else with_override(default, own)
+    kept_fields = tree._replace(value={key: part for key, part in tree.value.items() if key != DEFAULT_VEHICLE})
+    return kept_fields if describes_vehicle(kept_fields) else with_override(default, kept_fields)
 
 
 def _missing(nominal: Tree) -> list[str]:
@@ -181,10 +184,13 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
             distributions = relative_part(kept[section])
-            flown = [*names, *(name for name, effect in EFFECTS.members.items() if not effect.belongs_to_airframe)]
-            own = {name: part for name, part in kept[section].value.items() if name in flown}
+            flight_fields = [
+                *names,
+                *(name for name, effect in EFFECTS.members.items() if not effect.belongs_to_airframe),
+            ]
+            kept_fields = {name: part for name, part in kept[section].value.items() if name in flight_fields}
             kept[section] = kept[section]._replace(
-                value={**({} if distributions is None else distributions.value), **own}
+                value={**({} if distributions is None else distributions.value), **kept_fields}
             )
     laboratory = kept.get("laboratory")
     if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):

@@ -4,13 +4,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from drake_quad.errors import InputError, did_you_mean, listed, shortened, shown
+from drake_quad.errors import InputError, did_you_mean, join_names, short_repr, shorten_text
 from drake_quad.scenario.files.documents import parse_document
 from drake_quad.scenario.files.layers import DEFAULT_VEHICLE, check_description, with_layer
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.files.reading import read_text
-from drake_quad.scenario.files.robot_files import robot_file_flaw
+from drake_quad.scenario.files.robot_files import robot_file_error
 from drake_quad.scenario.files.shipped import shipped_file, unknown_name_message
 from drake_quad.scenario.files.waypoint_table import parse_waypoint_table, scenario_name
 from drake_quad.scenario.limits import MAX_BASES, MAX_BYTES, MAX_NODES
@@ -48,7 +48,7 @@ class Library:
         Raises:
             InputError: if the file cannot be read or contains something else.
         """
-        tree = self.parse(read_text(path, most=self._bytes), str(path), numbered=True)
+        tree = self.parse(read_text(path, max_bytes=self._bytes), str(path), numbered=True)
         if not isinstance(tree.value, dict):
             raise InputError(f"{tree.mark}: must be a mapping of fields")
         return tree
@@ -59,7 +59,7 @@ class Library:
         Raises:
             InputError: if the file cannot be read or has another format.
         """
-        text = read_text(path, most=self._bytes)
+        text = read_text(path, max_bytes=self._bytes)
         self._bytes -= len(text)
         return parse_piece_table(text, path)
 
@@ -72,7 +72,7 @@ class Library:
             )
         tree = parse_document(text, source, numbered=numbered)  # with the default limit, a cached result can be used
         if tree.size() > self._nodes:
-            tree = parse_document(text, source, numbered=numbered, most=self._nodes)
+            tree = parse_document(text, source, numbered=numbered, max_nodes=self._nodes)
         self._bytes -= len(text)
         self._nodes -= tree.size()
         return tree
@@ -92,7 +92,7 @@ class Library:
 
     def _document(self, path: Path) -> Tree:
         if path not in self._documents:
-            text = read_text(path, most=self._bytes)
+            text = read_text(path, max_bytes=self._bytes)
             if path.suffix == ".csv":
                 self._bytes -= len(text)
                 parse = _parse_trajectory if is_piece_table(text) else parse_waypoint_table
@@ -112,18 +112,18 @@ class Library:
             if len(scenarios) > 1:
                 origin = "" if asked_by == file else f"{asked_by}: "
                 called = file if stack else str(asked_by).removesuffix(":")  # the short name of a shipped scenario
-                names = listed([*scenarios])
+                names = join_names([*scenarios])
                 raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
             name = next(iter(scenarios))
         if name not in scenarios:
             question = did_you_mean(name, scenarios, 1)
             raise InputError(
-                f"{asked_by}: there is no scenario {shown(name)} in {file}, which contains {listed([*scenarios])}"
-                f"{f'; {question}' if question else ''}"
+                f"{asked_by}: there is no scenario {short_repr(name)} in {file}, which contains"
+                f" {join_names([*scenarios])}{f'; {question}' if question else ''}"
             )
         identity = f"{os.path.realpath(path)}:{name}"
         if identity in stack:
-            raise InputError(f"{asked_by}: {shortened(name)} extends itself")
+            raise InputError(f"{asked_by}: {shorten_text(name)} extends itself")
         if identity not in self._resolved:
             self._resolved[identity] = self._with_bases(path, name, scenarios[name], (*stack, identity))
         return name, self._resolved[identity]
@@ -131,18 +131,18 @@ class Library:
     def _with_bases(self, path: Path, name: str, tree: Tree, stack: tuple[str, ...]) -> Tree:
         """Return a scenario of a file, layered over the scenarios that it extends."""
         if not isinstance(tree.value, dict):
-            raise InputError(f"{tree.mark}: scenario {shortened(name)} must be a mapping of fields")
-        own = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
-        if DEFAULT_VEHICLE in own.value:
+            raise InputError(f"{tree.mark}: scenario {shorten_text(name)} must be a mapping of fields")
+        document = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
+        if DEFAULT_VEHICLE in document.value:
             (default,) = self._extended(tree.value[DEFAULT_VEHICLE], path, stack)
-            own.value[DEFAULT_VEHICLE] = default
+            document.value[DEFAULT_VEHICLE] = default
         if "extends" not in tree.value:
-            check_description(own)
-            return own
+            check_description(document)
+            return document
         result: Tree | None = None
         for base in self._extended(tree.value["extends"], path, stack):
             result = base if result is None else with_layer(result, base)
-        return own if result is None else with_layer(result, own)
+        return document if result is None else with_layer(result, document)
 
     def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
         """Yield the scenarios that a scenario of a file extends."""
@@ -168,8 +168,8 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
         return path.parent / file, name
-    if file not in document.value and (flaw := robot_file_flaw(file)):
-        raise InputError(f"{spec.mark}: extends {shown(file)}, which {flaw}")
+    if file not in document.value and (flaw := robot_file_error(file)):
+        raise InputError(f"{spec.mark}: extends {short_repr(file)}, which {flaw}")
     may_be_in_file = ":" not in file and "/" not in file
     if may_be_in_file and file in document.value:
         return path, file
@@ -196,7 +196,7 @@ def locate(spec: str) -> tuple[Path, str | None]:
         InputError: if the spec names neither a file nor a shipped scenario, or a robot file in another format.
     """
     file, name = split_spec(spec)
-    if flaw := robot_file_flaw(file):
+    if flaw := robot_file_error(file):
         raise InputError(f"{Mark(file, 0)}: {flaw}")
     if file.endswith(_SUFFIXES) or os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return Path(file), name

@@ -8,21 +8,21 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError, did_you_mean, shortened, shown
+from drake_quad.errors import InputError, did_you_mean, short_repr, shorten_text
 from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROLLERS
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
-from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import merged, with_default_vehicle, with_layer, with_override, within_lists
+from drake_quad.scenario.files.layers import merge, with_default_vehicle, with_layer, with_override, within_lists
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
+from drake_quad.scenario.files.override_mapping import override_trees
 from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_vehicle, with_absolute_distributions
 from drake_quad.scenario.files.saving import saved_options
 from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import is_item, joined, steps_of
+from drake_quad.scenario.paths import is_item, join_path, steps_of
 from drake_quad.scenario.unions import alternatives
 
 # Tags of the alternatives of a quantity, which pydantic adds to the paths of its errors.
@@ -73,7 +73,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
             values.
     """
-    return validated(Scenario, _loaded(spec, overrides, layers))
+    return validate(Scenario, _loaded(spec, overrides, layers))
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
@@ -86,8 +86,8 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
     Raises:
         InputError: an error of `load_scenario`.
     """
-    trees = [*given_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
-    return validated(Scenario, reduce(merged, trees))
+    trees = [*override_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
+    return validate(Scenario, reduce(merge, trees))
 
 
 def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
@@ -96,7 +96,7 @@ def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
     Raises:
         InputError: if an override is wrong, see `load_scenario`.
     """
-    return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
+    return validate(model, reduce(merge, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
 # Default route and control of a scenario whose gains are still to be designed. The gains in this text are not used.
@@ -123,7 +123,7 @@ def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequ
         InputError: an error of `load_scenario`.
     """
     tree = _loaded(spec, overrides, layers, defaults_text=_UNDESIGNED_DEFAULTS)
-    return validated(Scenario, _with_attitude_on_board(tree))
+    return validate(Scenario, _with_attitude_on_board(tree))
 
 
 def _with_attitude_on_board(tree: Tree) -> Tree:
@@ -137,7 +137,7 @@ def _with_attitude_on_board(tree: Tree) -> Tree:
     changes: dict[str, Tree] = {"attitude": Tree(None, mark)}
     if _text_at(tree, "control", "position", "feed_forward") not in (None, *allowed):
         changes["position"] = Tree({"feed_forward": Tree(allowed[-1], mark)}, mark)
-    return merged(tree, Tree({"control": Tree(changes, mark)}, tree.mark))
+    return merge(tree, Tree({"control": Tree(changes, mark)}, tree.mark))
 
 
 def _text_at(tree: Tree, *path: str) -> Any:
@@ -167,7 +167,7 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     tree = _loaded(spec, overrides, foreign=others)
-    return validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
+    return validate(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
 def _loaded(
@@ -193,7 +193,7 @@ def _loaded(
     library = Library()
     name, tree = library.find(spec)
     if defaults_text:
-        tree = merged(library.parse(defaults_text, "defaults", numbered=False), tree)._replace(mark=tree.mark)
+        tree = merge(library.parse(defaults_text, "defaults", numbered=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = with_layer(tree, library.find(layer)[1])
     tree = with_default_vehicle(tree)
@@ -216,10 +216,10 @@ def _without_relatives(tree: Tree) -> Tree:
     refuse_outside_vehicle(tree)
     nominal = tree.value.get("nominal")
     try:
-        believed = Nominal() if nominal is None else Nominal.model_validate(nominal.plain())
+        nominal_vehicle = Nominal() if nominal is None else Nominal.model_validate(nominal.to_python())
     except ValidationError:
         return tree
-    absolute, dropped = with_absolute_distributions(tree, believed, Vehicle())
+    absolute, dropped = with_absolute_distributions(tree, nominal_vehicle, Vehicle())
     if dropped:
         _refuse_needed(dropped, absolute)
     return absolute
@@ -227,7 +227,7 @@ def _without_relatives(tree: Tree) -> Tree:
 
 def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
     """Raise InputError if a vehicle requires a field whose relative distribution was dropped."""
-    data = tree.value["vehicle"].plain()
+    data = tree.value["vehicle"].to_python()
     try:
         Vehicle.model_validate(data)
     except ValidationError as error:
@@ -241,13 +241,13 @@ def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
                 refuse_dropped(distribution, path)
 
 
-def validated(model: type[_AnyModel], tree: Tree) -> _AnyModel:
+def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     """Validate a document and return it as a model.
 
     Raises:
         InputError: if the document is invalid; the message names the file, line, field, value and the allowed values.
     """
-    data = tree.plain()
+    data = tree.to_python()
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -256,17 +256,17 @@ def validated(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     # If only some items of a list are given, by index, the model's defaults supply the other items.
     rest = reduce(_without_field, paths, tree)
     try:
-        defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
+        defaults = model.model_validate(rest.to_python()).model_dump(mode="json") if paths else {}
     except ValidationError as error:
         others = error.errors(include_url=False)
-        lists_are_missing = any(_document_path(problem, rest.plain()) in paths for problem in others)
+        lists_are_missing = any(_document_path(problem, rest.to_python()) in paths for problem in others)
         if not lists_are_missing:
-            raise InputError(_explain(others, model, rest, rest.plain())) from None
+            raise InputError(_explain(others, model, rest, rest.to_python())) from None
         defaults = {}
     base = Tree.of(defaults, tree.mark)
     if not paths or not all(isinstance(base.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
-    return validated(model, within_lists(base, tree))
+    return validate(model, within_lists(base, tree))
 
 
 def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
@@ -282,8 +282,8 @@ def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
 
 def _gives_items(problem: Any) -> bool:
     """Return whether a problem is a list that was given as single items, as in `vehicle.inertia.0`."""
-    given = problem["input"]
-    return problem["type"] == "tuple_type" and isinstance(given, dict) and all(map(is_item, given))
+    value = problem["input"]
+    return problem["type"] == "tuple_type" and isinstance(value, dict) and all(map(is_item, value))
 
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
@@ -292,15 +292,15 @@ def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
         overrides = [overrides]
     for override in overrides:
         if isinstance(override, Mapping):
-            yield from given_trees(override, library)
+            yield from override_trees(override, library)
         elif isinstance(override, str | Override):
             yield _parsed(Override.of(override), library)
         else:
-            raise InputError(f"the override {shown(override)} must be a mapping or a text field.path=value")
+            raise InputError(f"the override {short_repr(override)} must be a mapping or a text field.path=value")
 
 
 def _parsed(override: Override, library: Library) -> Tree:
-    source = shortened(override.source, _MAX_PATH_CHARACTERS)
+    source = shorten_text(override.source, _MAX_PATH_CHARACTERS)
     mark = Mark(source, 0)
     path, equals, text = override.assignment.partition("=")
     if not equals or not all(path.strip().split(".")) or not text.strip():
@@ -336,17 +336,17 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     more = f" (and {len(others)} more)" if others else ""
     if together:
         more = f", and so {'is' if len(others) == 1 else 'are'} {', '.join(str(other[-1]) for other in others)}"
-    place, depth = tree.at(path)
-    if hint := _registration_hint(problem, place, path):
-        return f"{place.mark}: {_path_text(path)} {hint}"
+    node, depth = tree.at(path)
+    if hint := _registration_hint(problem, node, path):
+        return f"{node.mark}: {_path_text(path)} {hint}"
     if depth == len(path):
-        complaint = _complaint(problem, shown(place.plain()), path, model)
+        complaint = _complaint(problem, short_repr(node.to_python()), path, model)
     else:  # the value is a default, which no file contains
-        complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path, model)
-    return f"{place.mark}: {_path_text(path)} {complaint}{more}"
+        complaint = _complaint(problem, f"{short_repr(context.get('value', problem['input']))} by default", path, model)
+    return f"{node.mark}: {_path_text(path)} {complaint}{more}"
 
 
-def _registration_hint(problem: Any, place: Tree, path: tuple[Any, ...]) -> str:
+def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
     """Return a clause on the command that registers an unknown kind or effect; empty for other problems.
 
     The file of the scenario names the options if `save_scenario` wrote it. Otherwise, they follow from a kind of the
@@ -355,20 +355,20 @@ def _registration_hint(problem: Any, place: Tree, path: tuple[Any, ...]) -> str:
     context = problem.get("ctx", {})
     match problem["type"]:
         case "union_tag_invalid":
-            unknown, known = str(place.value), re.findall(r"'([^']*)'", context["expected_tags"])
+            unknown, known = str(node.value), re.findall(r"'([^']*)'", context["expected_tags"])
         case "unknown_field" if path[0] == "vehicle":
             unknown, known = str(path[-1]), context["fields"]
         case _:
             return ""
     if did_you_mean(unknown, known, 1):
         return ""
-    source, options = place.mark.source, saved_options(place.mark.source)
-    module, _, name = place.value.rpartition(".") if isinstance(place.value, str) else ("", "", "")
+    source, options = node.mark.source, saved_options(node.mark.source)
+    module, _, name = node.value.rpartition(".") if isinstance(node.value, str) else ("", "", "")
     if not options and module.isidentifier() and name.isidentifier():
         options = f"--controller {module}.py:{name}"
     if not options:
         return ""
-    what = f"is {shown(place.value)}, which" if path[-1] == "kind" else "is a field that"
+    what = f"is {short_repr(node.value)}, which" if path[-1] == "kind" else "is a field that"
     return f"{what} a Python file registers; name the file in the command, as in drake-quad fly {source} {options}"
 
 
@@ -406,8 +406,8 @@ def _nearest(problem: Any) -> str:
     """Return a question with the nearest allowed text, for a problem with a misspelt kind or choice."""
     context = problem.get("ctx", {})
     allowed = re.findall(r"'([^']*)'", str(context.get("expected_tags") or context.get("expected") or ""))
-    given = context.get("tag", problem["input"])
-    question = did_you_mean(given, allowed, 1) if isinstance(given, str) else ""
+    value = context.get("tag", problem["input"])
+    question = did_you_mean(value, allowed, 1) if isinstance(value, str) else ""
     return f"; {question}" if question else ""
 
 
@@ -448,5 +448,5 @@ def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
 
 def _path_text(path: tuple[Any, ...]) -> str:
     """Return a path as text, such as `vehicle.inertia.0`."""
-    steps = [key if isinstance(key, int) or str(key).isidentifier() else shown(key) for key in path]
-    return shortened(joined(*steps), _MAX_PATH_CHARACTERS) or "the scenario"
+    steps = [key if isinstance(key, int) or str(key).isidentifier() else short_repr(key) for key in path]
+    return shorten_text(join_path(*steps), _MAX_PATH_CHARACTERS) or "the scenario"

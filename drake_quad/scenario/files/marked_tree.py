@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from drake_quad.errors import shortened
+from drake_quad.errors import shorten_text
 
 # Largest number of characters of a source in a message. Most paths fit, so that an editor can open them.
 _MAX_SOURCE_CHARACTERS = 120
@@ -23,7 +23,7 @@ class Mark(NamedTuple):
     remark: str = ""
 
     def __str__(self) -> str:
-        source = shortened(self.source, _MAX_SOURCE_CHARACTERS)
+        source = shorten_text(self.source, _MAX_SOURCE_CHARACTERS)
         return f"{source}:{self.line}{self.remark}" if self.line else f"{source}{self.remark}"
 
 
@@ -47,12 +47,12 @@ class Tree(NamedTuple):
             return cls([cls.of(part, mark) for part in value], mark)
         return cls(value, mark)
 
-    def plain(self) -> Any:
+    def to_python(self) -> Any:
         """Return the value without marks."""
         if isinstance(self.value, dict):
-            return {key: tree.plain() for key, tree in self.value.items()}
+            return {key: tree.to_python() for key, tree in self.value.items()}
         if isinstance(self.value, list):
-            return [tree.plain() for tree in self.value]
+            return [tree.to_python() for tree in self.value]
         return self.value
 
     def size(self) -> int:

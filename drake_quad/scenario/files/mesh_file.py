@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.reading import read_bytes
 from drake_quad.scenario.files.robot_files import ROBOT_KINDS
 from drake_quad.scenario.limits import MAX_CORNERS
-from drake_quad.space.simplification import surrounding
-from drake_quad.written_numbers import parse_float
+from drake_quad.space.simplification import simplified_hull
 
 _MAX_MESH_BYTES = 50_000_000
 # Header of a binary .stl file: 80 bytes and the number of triangles. Each triangle has 12 numbers and 2 further bytes.
@@ -49,7 +49,7 @@ _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("at
 def mesh_points(path: Path) -> Tree:
     """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the axes and units of the mesh.
 
-    A hull with too many corners is replaced by a simpler hull around it, see `surrounding`, with a warning.
+    A hull with too many corners is replaced by a simpler hull around it, see `simplified_hull`, with a warning.
 
     Args:
         path: path of a Wavefront .obj file, or of a text or binary .stl file.
@@ -72,7 +72,7 @@ def mesh_points(path: Path) -> Tree:
     except (ValueError, IndexError):
         raise InputError(f"{mark}: is not a mesh of the format that its file name implies") from None
     try:
-        hull = surrounding(points, MAX_CORNERS)
+        hull = simplified_hull(points, MAX_CORNERS)
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
     if hull.is_simpler:

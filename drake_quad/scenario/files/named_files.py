@@ -10,7 +10,7 @@ from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.mesh_file import mesh_points
 from drake_quad.scenario.files.policy_file import policy_network
-from drake_quad.scenario.paths import joined
+from drake_quad.scenario.paths import join_path
 
 _WILDCARD = "*"  # element of a path that matches every key of a mapping
 # Fields that may contain a file name, by path, each with a function that reads the file, given a library and the path.
@@ -63,7 +63,7 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], par
         return tree
     fields = [field] if field != _WILDCARD else [*tree.value]
     read_fields = {
-        each: _with_file(tree.value[each], tuple(inside), read, joined(parent, each))
+        each: _with_file(tree.value[each], tuple(inside), read, join_path(parent, each))
         for each in fields
         if each in tree.value
     }

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
+from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.limits import MAX_WAYPOINTS
-from drake_quad.written_numbers import parse_float
 
 Row = tuple[Mark, dict[str, float | None]]
 """Location of a row in its file, and its numbers by column, with None for an empty cell."""
@@ -88,7 +88,7 @@ def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Ma
 def _check_names(names: list[str], mark: Mark, table: TableFormat) -> None:
     unknown = next((name for name in names if name not in table.columns), None)
     if unknown is not None:
-        raise InputError(f"{mark}: the column {shown(unknown)} is unknown; allowed are {table.description}")
+        raise InputError(f"{mark}: the column {short_repr(unknown)} is unknown; allowed are {table.description}")
     for name in table.required:
         if name not in names:
             raise InputError(f"{mark}: the column {name} is missing")
@@ -103,7 +103,7 @@ def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat)
     numbers = {name: _number_in(cell) for name, cell in zip(names, cells)}
     for name, cell in zip(names, cells):
         if numbers[name] is None and (cell or name not in table.optional):
-            raise InputError(f"{mark}: {name} is {shown(cell)}, but must be a finite number")
+            raise InputError(f"{mark}: {name} is {short_repr(cell)}, but must be a finite number")
     return numbers
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
-from drake_quad.errors import InputWarning, listed, shortened, shown
+from drake_quad.errors import InputWarning, join_names, short_repr, shorten_text
 from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
@@ -112,12 +112,14 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
     try:
         onnx.checker.check_model(model)
     except Exception as error:  # the checker raises exceptions of several types
-        raise UnreadableError(f"is not a valid ONNX model: {shortened(str(error), 120)}") from None
+        raise UnreadableError(f"is not a valid ONNX model: {shorten_text(str(error), 120)}") from None
     layers, remark = Layers(), ""
     graph = _Graph(model, output)
     if output is None and len(graph.outputs) > 1:
-        names = f"has the outputs {listed(graph.outputs)}, of which {shortened(graph.action)} is used as the action"
-        remark = f" (output {shortened(graph.action)}; FILE.onnx:NAME selects another)"
+        names = (
+            f"has the outputs {join_names(graph.outputs)}, of which {shorten_text(graph.action)} is used as the action"
+        )
+        remark = f" (output {shorten_text(graph.action)}; FILE.onnx:NAME selects another)"
         warnings.warn(f"{file}: {names}; {file}:NAME selects another", InputWarning, stacklevel=2)
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _NEUTRAL_NODES for each in chain[k + 1 :]))
@@ -166,15 +168,16 @@ class _Graph:
         if not self.outputs:
             raise UnreadableError("has no outputs")
         if output is not None and output not in self.outputs:
-            raise UnreadableError(f"has no output {shown(output)}; its outputs are {listed(self.outputs)}")
+            raise UnreadableError(f"has no output {short_repr(output)}; its outputs are {join_names(self.outputs)}")
         self.action = output or min(self.outputs, key=lambda name: name.lower() not in _ACTION_NAMES)
         if len(self._inputs) != 1:
-            names = listed(self._inputs)
+            names = join_names(self._inputs)
             raise UnreadableError(f"has the inputs {names}, but must have only one" if names else "has no inputs")
         other = next((node for node in graph.node if node.domain not in _STANDARD_DOMAINS), None)
         if other is not None:
             raise UnreadableError(
-                f"has a node {shortened(other.op_type)} of {shortened(other.domain)}; export it without optimisation"
+                f"has a node {shorten_text(other.op_type)} of {shorten_text(other.domain)}; export it without"
+                " optimisation"
             )
         # ONNX sorts nodes topologically, so that the inputs of a node are computed before it.
         for node in graph.node:
@@ -186,7 +189,7 @@ class _Graph:
         try:
             array: np.ndarray = self._onnx.numpy_helper.to_array(tensor)
         except Exception:  # NumPy and the parser raise exceptions of several types
-            raise UnreadableError(f"has an array {shortened(tensor.name)} that cannot be read") from None
+            raise UnreadableError(f"has an array {shorten_text(tensor.name)} that cannot be read") from None
         return array
 
     def _compute(self, node: Any) -> None:
@@ -314,7 +317,7 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
         layers.activate(*_activation(node))
     elif node.kind not in _NEUTRAL_NODES:
         supported = [*_NODE_HANDLERS, "Clip", *_ACTIVATIONS]
-        raise UnreadableError(f"has an unsupported node {node.kind}; supported are {listed(supported)}")
+        raise UnreadableError(f"has an unsupported node {node.kind}; supported are {join_names(supported)}")
     elif node.kind == "Cast" and node.attributes["to"] not in _FLOAT_TYPES:
         raise UnreadableError("has a Cast to a type other than single or double precision")
 
@@ -325,7 +328,9 @@ def _activation(node: _Node) -> tuple[str, float | None]:
     if name == "gelu":
         approximated = node.attributes.get("approximate", b"none")
         if approximated not in (b"none", b"tanh"):
-            raise UnreadableError(f"has a Gelu with approximation {shown(approximated)}, which must be none or tanh")
+            raise UnreadableError(
+                f"has a Gelu with approximation {short_repr(approximated)}, which must be none or tanh"
+            )
         return "gelu_tanh" if approximated == b"tanh" else "gelu", None
     if alpha is not None and name not in WITH_ALPHA and alpha != 1.0:
         raise UnreadableError(f"has an activation {node.kind} with an alpha of {alpha:g}, which must be 1")

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.files import read_arrays
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.onnx_file import network_of_onnx
@@ -64,9 +64,9 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         steps = (*problem["loc"], *problem.get("ctx", {}).get("path", ()))
-        place = ".".join([str(step) for step in steps if step not in _LAYER_KINDS])
+        location = ".".join([str(step) for step in steps if step not in _LAYER_KINDS])
         demand = problem["msg"].replace("Input should", "must")
-        raise InputError(f"{mark}: the network cannot be flown: {place} {demand}".replace("  ", " ")) from None
+        raise InputError(f"{mark}: the network cannot be flown: {location} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
     return Tree.of(fields, mark._replace(remark=remark))
 
@@ -84,17 +84,19 @@ def _of_npz(data: bytes) -> TrainedNetwork:
         names = [name for name in arrays if name.endswith(f"_{k}")]
         if not names:
             break
-        own = {name.removesuffix(f"_{k}"): arrays.pop(name) for name in names}
-        if "weights" in own:
-            activation, alpha = str(own.pop("activation", "identity")), own.pop("alpha", None)
+        layer_arrays = {name.removesuffix(f"_{k}"): arrays.pop(name) for name in names}
+        if "weights" in layer_arrays:
+            activation, alpha = str(layer_arrays.pop("activation", "identity")), layer_arrays.pop("alpha", None)
             parameter = None if alpha is None else _single(alpha, f"alpha_{k}")
-            layers.dense(*_numbers(own, "weights", "biases"), activation, parameter)
+            layers.dense(*_numbers(layer_arrays, "weights", "biases"), activation, parameter)
         else:
-            input_gates, hidden_gates = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
-            initial = own.pop("initial", None)
+            input_gates, hidden_gates = (
+                _numbers(layer_arrays, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden")
+            )
+            initial = layer_arrays.pop("initial", None)
             layers.gru(input_gates, hidden_gates, None if initial is None else initial.astype(float))
-        if own:
-            raise UnreadableError(f"has unknown arrays: {listed([f'{name}_{k}' for name in own])}")
+        if layer_arrays:
+            raise UnreadableError(f"has unknown arrays: {join_names([f'{name}_{k}' for name in layer_arrays])}")
         k += 1
     for name in ("offset", "scale"):
         if name in arrays:
@@ -102,7 +104,7 @@ def _of_npz(data: bytes) -> TrainedNetwork:
     if "limit" in arrays:
         layers.preprocessing["limit"] = _single(arrays.pop("limit"), "limit")
     if arrays:
-        raise UnreadableError(f"has unknown arrays: {listed([*arrays])}")
+        raise UnreadableError(f"has unknown arrays: {join_names([*arrays])}")
     return layers.network()
 
 
@@ -112,8 +114,8 @@ def _single(array: np.ndarray, name: str) -> float:
     return float(array.item())
 
 
-def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.ndarray, np.ndarray]:
+def _numbers(arrays: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.ndarray, np.ndarray]:
     for name in (weights, biases):
-        if name not in own:
+        if name not in arrays:
             raise UnreadableError(f"has a layer without {name}")
-    return own.pop(weights).astype(float), own.pop(biases).astype(float)
+    return arrays.pop(weights).astype(float), arrays.pop(biases).astype(float)

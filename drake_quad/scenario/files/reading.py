@@ -12,7 +12,7 @@ from drake_quad.scenario.limits import MAX_BYTES
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[IO[bytes]]:
+def open_source(path: Path) -> Iterator[IO[bytes]]:
     """Open a regular file for reading, as a context manager. Devices and pipes, which may never end, are rejected.
 
     Raises:
@@ -32,36 +32,36 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
         raise InputError(f"{mark}: cannot be read: the path contains an invalid character") from None
 
 
-def read_bytes(path: Path, most: int, limit: str) -> bytes:
+def read_bytes(path: Path, max_bytes: int, limit: str) -> bytes:
     """Read a file.
 
     Args:
         path: path of the file.
-        most: largest number of bytes.
+        max_bytes: largest number of bytes.
         limit: description of the limit for the message, such as "a mesh may have at most 1,000 bytes".
 
     Raises:
         InputError: if the file cannot be read or is too large.
     """
-    with opened(path) as file:
-        data = file.read(most + 1)
-    if len(data) > most:
+    with open_source(path) as file:
+        data = file.read(max_bytes + 1)
+    if len(data) > max_bytes:
         raise InputError(f"{Mark(str(path), 0)}: is too large: {limit}")
     return data
 
 
-def read_text(path: Path, *, most: int = MAX_BYTES) -> str:
+def read_text(path: Path, *, max_bytes: int = MAX_BYTES) -> str:
     """Read a file of UTF-8 text, without its byte-order mark.
 
     Args:
         path: path of the file.
-        most: largest number of bytes.
+        max_bytes: largest number of bytes.
 
     Raises:
         InputError: if the file cannot be read, is not UTF-8 text, or is too large.
     """
     limit = f"a scenario and all that it extends may have at most {MAX_BYTES:,} bytes"
     try:
-        return read_bytes(path, most, limit).decode("utf-8-sig")
+        return read_bytes(path, max_bytes, limit).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{Mark(str(path), 0)}: is not UTF-8 text") from None

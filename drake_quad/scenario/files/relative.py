@@ -10,11 +10,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.files.marked_tree import Tree
 from drake_quad.scenario.layouts import arm_length_of
-from drake_quad.scenario.paths import is_item, joined
+from drake_quad.scenario.paths import is_item, join_path
 
 RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
@@ -156,7 +156,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
 def refuse_dropped(distribution: Tree, path: str) -> None:
     """Raise InputError for a dropped relative distribution in a field that the vehicle requires."""
     raise InputError(
-        f"{distribution.mark}: {joined(*path.split('.'))} is relative, but the vehicle has no value to which the"
+        f"{distribution.mark}: {join_path(*path.split('.'))} is relative, but the vehicle has no value to which the"
         " distribution could apply; make the distribution absolute"
     )
 
@@ -174,7 +174,7 @@ def _part_of(reference: Any, key: str) -> Any:
 
 def _median(tree: Tree) -> float | None:
     """Return the number in a tree, or the median of the distribution in it; None if it contains neither."""
-    plain = tree.plain()
+    plain = tree.to_python()
     if isinstance(plain, dict):
         for name, model in DISTRIBUTIONS.items():
             if name in plain:
@@ -191,14 +191,14 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
     if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
         raise InputError(
-            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may also"
-            " have `to`, the value to which the distribution applies"
+            f"{body.mark}: {path}.relative must be one of the distributions {join_names([*DISTRIBUTIONS])}, and may"
+            " also have `to`, the value to which the distribution applies"
         )
     (name,) = names
     reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
         raise InputError(
-            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
+            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {short_repr(reference)}, but must be positive"
         )
     if number < 0.0:
         raise InputError(

@@ -11,7 +11,7 @@ ROBOT_KINDS = {
 """Description of the format of a robot file, by its suffix."""
 
 
-def robot_file_flaw(spec: str) -> str:
+def robot_file_error(spec: str) -> str:
     """Return an error message if FILE or FILE:NAME has the suffix of a robot file; empty otherwise."""
     kind = ROBOT_KINDS.get(PurePath(spec).suffix.partition(":")[0].lower())
     if kind is None:

@@ -7,7 +7,7 @@ Their names do not depend on the working directory. `laboratory:high_wind` is th
 import re
 from pathlib import Path
 
-from drake_quad.errors import did_you_mean, shown
+from drake_quad.errors import did_you_mean, short_repr
 from drake_quad.scenario.files.documents import parse_document
 
 _PACKAGE = Path(__file__).parents[2]
@@ -54,4 +54,4 @@ def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
     question = did_you_mean(name.partition(":")[0], shipped_names(), 1)
     hint = question or "`drake-quad scenarios` lists the shipped scenarios"
-    return f"{shown(name)} is neither a file nor a shipped scenario; {hint}"
+    return f"{short_repr(name)} is neither a file nor a shipped scenario; {hint}"

@@ -38,7 +38,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_type_
 import numpy as np
 from pydantic import create_model
 
-from drake_quad.errors import listed
+from drake_quad.errors import join_names
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.laboratory.metrics import CENTIMETRES, Accumulator, Display, Metric, argument_names
 from drake_quad.scenario.distributions import Model, Real
@@ -226,7 +226,7 @@ def metric(
     if (over_time is None) == (initial is None) or (initial is None) != (value is None):
         raise TypeError("a metric needs either over_time, or initial and value")
     if over_time is not None and over_time not in REDUCTIONS:
-        raise TypeError(f"over_time is {over_time!r}, but must be one of {listed([*REDUCTIONS])}")
+        raise TypeError(f"over_time is {over_time!r}, but must be one of {join_names([*REDUCTIONS])}")
     appearance = Appearance(unit, label, display, larger_is_better)
 
     def register(function: _Function) -> _Function:

@@ -7,7 +7,7 @@ from pydantic import Field, create_model, field_validator
 from drake_quad.errors import InputError
 from drake_quad.laboratory.derived_signals import scalar_signal
 from drake_quad.laboratory.metrics import Metric
-from drake_quad.scenario.distributions import refused
+from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.metrics.metric import METRICS, Appearance, MetricSettings, reduced_metric
 
 # Description of the metric of each rule.
@@ -32,7 +32,7 @@ class SignalMetric(MetricSettings):
         try:
             scalar_signal(name)
         except InputError as error:
-            raise refused(f"must be a scalar signal: {error}") from None
+            raise validation_error(f"must be a scalar signal: {error}") from None
         return name
 
     def definition(self, name: str, scenario: Any) -> Metric:

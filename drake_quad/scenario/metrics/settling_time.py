@@ -8,7 +8,7 @@ from pydantic import Field
 
 from drake_quad.framework.elementary import where
 from drake_quad.scenario.metrics.metric import metric
-from drake_quad.scenario.quantities import PlainPositive
+from drake_quad.scenario.quantities import FixedPositive
 from drake_quad.signals import Reference, Row, State
 
 
@@ -38,7 +38,7 @@ def settling_time(
     ticks: Row,
     period: float,
     *,
-    radius: Annotated[PlainPositive, Field(description="largest distance from the reference (m)")] = 0.1,
+    radius: Annotated[FixedPositive, Field(description="largest distance from the reference (m)")] = 0.1,
 ) -> SettlingSums:
     """Time from the start of the window until the distance from the reference stays below a radius.
 

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from drake_quad.framework.elementary import where
 from drake_quad.scenario.metrics.metric import metric
-from drake_quad.scenario.quantities import PlainPositive
+from drake_quad.scenario.quantities import FixedPositive
 from drake_quad.signals import Reference, Row, State
 
 
@@ -15,7 +15,7 @@ def time_in_tube(
     state: State,
     reference: Reference,
     *,
-    radius: Annotated[PlainPositive, Field(description="radius of the tube (m)")] = 0.1,
+    radius: Annotated[FixedPositive, Field(description="radius of the tube (m)")] = 0.1,
 ) -> Row:
     """Time during which the distance from the reference is at most a radius."""
     x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z

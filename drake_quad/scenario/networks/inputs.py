@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from drake_quad.control.fuzzy import inference
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.scenario.distributions import Model, Real, refused
+from drake_quad.scenario.distributions import Model, Real, validation_error
 from drake_quad.scenario.limits import MAX_RULES, MAX_SETS
 from drake_quad.scenario.quantities import Positive, extremes
 
@@ -92,18 +92,18 @@ class NetworkInputs(Model):
     )
 
     @property
-    def given(self) -> dict[InputName, InputSets]:
+    def specified(self) -> dict[InputName, InputSets]:
         """Inputs of the network, in the order in which its rules use them."""
         return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
     def _some(self) -> "NetworkInputs":
-        given = self.given
-        if not 1 <= len(given) <= 4:
-            raise refused("must have one to four of " + ", ".join(_INPUT_NAMES))
-        rules = math.prod(len(sets.centres) for sets in given.values())
+        specified = self.specified
+        if not 1 <= len(specified) <= 4:
+            raise validation_error("must have one to four of " + ", ".join(_INPUT_NAMES))
+        rules = math.prod(len(sets.centres) for sets in specified.values())
         if rules > MAX_RULES:
-            raise refused(f"must result in at most {MAX_RULES} rules, not {rules}; use fewer sets")
+            raise validation_error(f"must result in at most {MAX_RULES} rules, not {rules}; use fewer sets")
         return self
 
 

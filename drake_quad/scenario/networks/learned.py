@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field, model_validator
 
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.scenario.distributions import Model, Real, refused
+from drake_quad.scenario.distributions import Model, Real, validation_error
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
@@ -39,14 +39,14 @@ class LearnedNetwork(Model):
 
     @model_validator(mode="after")
     def _complete(self) -> "LearnedNetwork":
-        rules, numbers = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
+        rules, parameters = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
         for axis, learned in self.axes.items():
             if len(learned.weights) != rules:
                 raise self.field_error(f"must have {rules} numbers, one for each rule", axis, "weights")
-            if learned.antecedents is not None and len(learned.antecedents) != numbers:
-                raise self.field_error(f"must have {numbers} numbers", axis, "antecedents")
+            if learned.antecedents is not None and len(learned.antecedents) != parameters:
+                raise self.field_error(f"must have {parameters} numbers", axis, "antecedents")
         if len({learned.antecedents is None for learned in self.axes.values()}) > 1:
-            raise refused("must have antecedents on all axes or on none")
+            raise validation_error("must have antecedents on all axes or on none")
         return self
 
 

@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
-from drake_quad.control.fuzzy.systems import LearningNumbers
+from drake_quad.control.fuzzy.systems import LearningParameters
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.inactive import can_act, needs
-from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounded
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds
 
 
 class _Learning(Model):
@@ -30,12 +30,15 @@ class _Learning(Model):
         """Return whether a weight can ever differ from zero."""
         return True
 
-    def numbers(self) -> LearningNumbers:
+    def parameters(self) -> LearningParameters:
         """Return the parameters of the systems that learn by this law."""
-        own: Any = self
-        limit = math.inf if own.weight_limit is None else own.weight_limit
-        return LearningNumbers(
-            own.slope, self.law(), LearningLimits(limit, own.deadzone, own.leakage), own.initial_weight
+        settings: Any = self
+        limit = math.inf if settings.weight_limit is None else settings.weight_limit
+        return LearningParameters(
+            settings.slope,
+            self.law(),
+            LearningLimits(limit, settings.deadzone, settings.leakage),
+            settings.initial_weight,
         )
 
 
@@ -61,7 +64,7 @@ class CovarianceLearning(_LearningFromEither):
     kind: Literal["covariance"]
     gain: Positive = Field(default=1.0, description="gain K_D of eq (16) (1/s)")
     initial_covariance: Positive = Field(default=1.0, description="p₀ of the initial covariance P₀ = p₀ I (1/s)")
-    forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
+    forgetting: Annotated[Number, bounds(gt=0.0, le=1.0)] = Field(
         default=1.0, description="forgetting factor per tick (1); below 1, the covariance grows again, up to p₀"
     )
     reset: Literal["never", "at_segments"] = Field(

@@ -8,18 +8,18 @@ from pydantic import Field, model_validator
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part
 from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.control.fuzzy.inputs import InputName
-from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.set_learning import AdaptationParameters, SetLearning
+from drake_quad.control.fuzzy.systems import FuzzyRules, FuzzyRulesParameters, Lead, WeightLearning, build_fuzzy_network
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.distributions import Model, refused
+from drake_quad.scenario.distributions import Model, validation_error
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
 from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
 from drake_quad.scenario.plausible import PLAUSIBLE_LAG
-from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, can_differ_from_zero
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounds, can_differ_from_zero
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
@@ -53,23 +53,23 @@ class _Network(Model):
         """Raise an error if the learned parameters come from a network with a different structure."""
         if self.learned is None:
             return self
-        own = {
+        expected = {
             "kind": self.kind,
-            "inputs": tuple(self.inputs.given),
-            "sets": tuple([len(sets.centres) for sets in self.inputs.given.values()]),
+            "inputs": tuple(self.inputs.specified),
+            "sets": tuple([len(sets.centres) for sets in self.inputs.specified.values()]),
             "axes": tuple(axis for axis in AXES if axis in self.axes),
         }
         learned = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
         for name, value in {**learned, "axes": tuple(self.learned.axes)}.items():
-            if value != own[name]:
-                values = f"this network has {_listed(own[name])}, the learned parameters have {_listed(value)}"
+            if value != expected[name]:
+                values = f"this network has {_listed(expected[name])}, the learned parameters have {_listed(value)}"
                 raise self.field_error(f"must come from a network with the same {name}: {values}", "learned")
         return self
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as initial weights that learned weights replace."""
         yield from super().inactive_settings(flight, path)
-        if is_set(self, "lead") and not {*_PREDICTED_INPUTS} & self.inputs.given.keys():
+        if is_set(self, "lead") and not {*_PREDICTED_INPUTS} & self.inputs.specified.keys():
             yield InactiveSetting(f"{path}.lead", f"{path}.inputs has none of {', '.join(_PREDICTED_INPUTS)}")
         if self.learned is not None and is_set(self.learning, "initial_weight"):
             yield InactiveSetting(f"{path}.learning.initial_weight", f"{path}.learned is given")
@@ -78,8 +78,10 @@ class _Network(Model):
 
     def antecedents(self) -> Antecedents:
         """Return the parameters of the membership functions of all inputs."""
-        own: Any = self
-        return Antecedents(own.a1, own.a2, own.q, tuple([sets.record() for sets in self.inputs.given.values()]))
+        settings: Any = self
+        return Antecedents(
+            settings.a1, settings.a2, settings.q, tuple([sets.record() for sets in self.inputs.specified.values()])
+        )
 
     def recipes(self, period: float, plan: Plan) -> dict[str, Recipe]:
         """Return the recipes for the systems of the network, by their paths in the diagram of the control.
@@ -91,11 +93,15 @@ class _Network(Model):
         axes = tuple([axis for axis in AXES if axis in self.axes])
         learned = () if self.learned is None else tuple(self.learned.axes.values())
         sets, initial = self.antecedents(), self._initial_antecedents(learned)
-        leads, numbers, inputs = can_differ_from_zero(self.lead), self.learning.numbers(), tuple(self.inputs.given)
+        leads, parameters, inputs = (
+            can_differ_from_zero(self.lead),
+            self.learning.parameters(),
+            tuple(self.inputs.specified),
+        )
         timing = {"period": period, "axes": axes, "learns_from": self.learning.signal}
         observed = {"axes": axes, "inputs": inputs, "lap_times": plan.lap_times if "phase" in inputs else ()}
-        own: Any = self
-        adaptive: AdaptiveTriangles | None = own.adaptive
+        settings: Any = self
+        adaptive: AdaptiveTriangles | None = settings.adaptive
         rules = {**observed, "adaptive": adaptive is not None, "leads": leads}
         learning = {
             **timing,
@@ -105,12 +111,12 @@ class _Network(Model):
             "initial_weights": tuple([each.weights for each in learned]),
         }
         recipes = {
-            "network.rules": Recipe(FuzzyRules, rules, RulesNumbers(initial, Lead(self.lead))),
-            "network.learning": Recipe(WeightLearning, learning, numbers),
+            "network.rules": Recipe(FuzzyRules, rules, FuzzyRulesParameters(initial, Lead(self.lead))),
+            "network.learning": Recipe(WeightLearning, learning, parameters),
         }
         if adaptive is not None:
             rates = AdaptationRates(**{part: getattr(adaptive, part) for part in adaptive.parts})
-            adaptation = AdaptationNumbers(initial * len(axes) if len(initial) == 1 else initial, rates, numbers)
+            adaptation = AdaptationParameters(initial * len(axes) if len(initial) == 1 else initial, rates, parameters)
             recipes["network.sets"] = Recipe(SetLearning, {**timing, **observed, "parts": adaptive.parts}, adaptation)
         return recipes
 
@@ -154,7 +160,7 @@ class AdaptiveTriangles(Model):
     def _some(self) -> "AdaptiveTriangles":
         if not self.parts:
             names = " or ".join(type(self).model_fields)
-            raise refused(f"must have a learning rate of {names}, or be null")
+            raise validation_error(f"must have a learning rate of {names}, or be null")
         return self
 
 
@@ -183,10 +189,10 @@ class Type2Network(_Network):
     """An interval type-2 fuzzy neural network that learns in flight, with elliptic membership functions."""
 
     kind: Literal["type_2"]
-    a1: Annotated[Number, bounded(above=1.0)] = Field(
+    a1: Annotated[Number, bounds(gt=1.0)] = Field(
         default=1.2, description="exponent of the upper membership functions (1)"
     )
-    a2: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
+    a2: Annotated[Number, bounds(gt=0.0, lt=1.0)] = Field(
         default=0.8, description="exponent of the lower membership functions (1)"
     )
     q: Probability = Field(default=0.5, description="weight of the lower membership functions in the output (1)")

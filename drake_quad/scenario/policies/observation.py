@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS, Frame, ObservationSpec, num_observed
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import HalfTurn, PlainMoment
+from drake_quad.scenario.quantities import FixedMoment, HalfTurn
 from drake_quad.signals import Row
 from drake_quad.space.space import Space
 
@@ -34,7 +34,7 @@ class ObservationSettings(Model):
     history: Annotated[int, Field(ge=1, le=100)] = Field(
         default=1, description="number of ticks in an observation, including the present tick"
     )
-    ahead: Annotated[tuple[PlainMoment, ...], Field(strict=False, max_length=50)] = Field(
+    ahead: Annotated[tuple[FixedMoment, ...], Field(strict=False, max_length=50)] = Field(
         default=(),
         description="times after the present (s) at which `reference_ahead` contains the position of the reference,"
         " relative to the vehicle",

@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 
 from drake_quad.control.policy.network import WITH_ALPHA, Activation, Dense, Gru, Network
 from drake_quad.framework.symbols import Matrix
-from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
-from drake_quad.scenario.quantities import PlainPositive
+from drake_quad.scenario.quantities import FixedPositive
 
 # Number of rows of a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
 Rows = Annotated[int, Field(ge=1, le=4096)]
@@ -96,7 +96,7 @@ class TrainedNetwork(Model):
     )
     offset: _Numbers | None = Field(default=None, description="number that is subtracted from each row of the input")
     scale: _Numbers | None = Field(default=None, description="factor by which each row of the input is then multiplied")
-    limit: PlainPositive | None = Field(
+    limit: FixedPositive | None = Field(
         default=None,
         description="largest magnitude of each row of the input after scaling (1); null for no limit",
     )
@@ -119,24 +119,24 @@ class TrainedNetwork(Model):
     @model_validator(mode="after")
     def _fits(self) -> "TrainedNetwork":
         """Raise an error if successive layers do not match, or the number of weights and biases is wrong."""
-        for place, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
+        for index, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
             if after.inputs != before.outputs:
                 demand = f"must be {before.outputs}, the number of outputs of the preceding layer"
-                raise self.field_error(demand, "layers", place, "inputs")
+                raise self.field_error(demand, "layers", index, "inputs")
         count = sum(layer.num_numbers for layer in self.layers)
         if count * _DTYPES[self.precision].itemsize > MAX_NETWORK_BYTES:
-            most = MAX_NETWORK_BYTES // _DTYPES[self.precision].itemsize
+            max_count = MAX_NETWORK_BYTES // _DTYPES[self.precision].itemsize
             raise self.field_error(
-                f"must have at most {most} numbers in {self.precision} precision, not {count}", "layers"
+                f"must have at most {max_count} numbers in {self.precision} precision, not {count}", "layers"
             )
         try:
             numbers = self._array()
         except (binascii.Error, ValueError):
-            raise refused("must be numbers in base 64", path=("numbers",)) from None
+            raise validation_error("must be numbers in base 64", path=("numbers",)) from None
         if len(numbers) != count:
-            raise refused(f"must have {count} numbers for these layers, not {len(numbers)}", path=("numbers",))
+            raise validation_error(f"must have {count} numbers for these layers, not {len(numbers)}", path=("numbers",))
         if not np.isfinite(numbers).all():
-            raise refused("must be finite", path=("numbers",))
+            raise validation_error("must be finite", path=("numbers",))
         for name in ("offset", "scale"):
             rows = getattr(self, name)
             if rows is not None and len(rows) != self.layers[0].inputs:

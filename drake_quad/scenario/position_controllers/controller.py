@@ -52,7 +52,7 @@ class PositionController(Model):
         """
         return systems["position"]
 
-    def plain(self) -> Any:
+    def without_estimator(self) -> Any:
         """Return the PD or PID controller for which the gains of this controller are designed.
 
         Raises:

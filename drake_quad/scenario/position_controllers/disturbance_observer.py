@@ -10,7 +10,7 @@ from drake_quad.control.disturbance.laws import KalmanLaw, KalmanMemory
 from drake_quad.scenario.plausible import PLAUSIBLE_POSITION_NOISE
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.scenario.position_controllers.estimating import EstimatingPosition
-from drake_quad.scenario.quantities import PlainPositive, PlainPositives, PlainSpans
+from drake_quad.scenario.quantities import FixedPositive, FixedPositives, FixedSpans
 
 
 @POSITION_CONTROLLERS.member
@@ -18,11 +18,11 @@ class ObserverPosition(EstimatingPosition):
     """PD with a Kalman filter that estimates the disturbing acceleration from measured positions."""
 
     kind: Literal["disturbance_observer"]  # type: ignore[assignment]
-    position_noise: Annotated[PlainPositive, PLAUSIBLE_POSITION_NOISE] = Field(
+    position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(
         description="standard deviation of the measured position (m)"
     )
-    deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
-    time_constant: PlainSpans = Field(
+    deviation: FixedPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
+    time_constant: FixedSpans = Field(
         description="correlation time of the disturbance on X, Y, Z (s); long for a disturbance like a random walk"
     )
 
@@ -31,7 +31,9 @@ class ObserverPosition(EstimatingPosition):
         statistics = self.deviation[axis], self.time_constant[axis], self.position_noise
         if not any(np.ndim(number) for number in statistics):
             return _kalman_filter(*statistics, period)
-        laws = [_kalman_filter(*map(float, own), period) for own in np.broadcast(*statistics)]
+        laws = [
+            _kalman_filter(*map(float, statistics_of_axis), period) for statistics_of_axis in np.broadcast(*statistics)
+        ]
         time_constant: Any = np.array([law.time_constant for law in laws])
         return KalmanLaw(time_constant, KalmanMemory(*np.transpose([law.gain for law in laws])))
 

@@ -6,9 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorParameters
 from drake_quad.control.disturbance.response import AxisCommand
-from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorParameters
 from drake_quad.framework.recipe import Recipe
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.distributions import Model
@@ -20,7 +20,7 @@ from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import Row
 
 
-class BelievedResponse(Model):
+class ModelledResponse(Model):
     """Model of the vehicle's response to commands in a disturbance estimator."""
 
     kind: str
@@ -42,7 +42,7 @@ class BelievedResponse(Model):
         return {"period": setting.tick, "delay_ticks": self.delay_ticks}
 
 
-class CommandedResponse(BelievedResponse):
+class CommandedResponse(ModelledResponse):
     """Model in which the vehicle follows the commanded acceleration with a lag."""
 
     kind: Literal["commanded"]
@@ -59,11 +59,11 @@ class CommandedResponse(BelievedResponse):
         """Return the recipe for a `DisturbanceEstimator`."""
         fed_forward = self.lag if self.feed_forward_lag is None else self.feed_forward_lag
         lags = tuple([AxisCommand(*lags) for lags in zip(self.lag, fed_forward, strict=True)])
-        numbers = EstimatorNumbers(laws, lags, limit, _start(setting))
-        return Recipe(DisturbanceEstimator, self._structure(setting), numbers)
+        parameters = EstimatorParameters(laws, lags, limit, _start(setting))
+        return Recipe(DisturbanceEstimator, self._structure(setting), parameters)
 
 
-class TiltResponse(BelievedResponse):
+class TiltResponse(ModelledResponse):
     """Model in which the thrust follows its command with a lag and has the direction of the measured attitude."""
 
     kind: Literal["tilt"]
@@ -71,8 +71,8 @@ class TiltResponse(BelievedResponse):
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:
         """Return the recipe for a `TiltDisturbanceEstimator`."""
-        numbers = TiltEstimatorNumbers(laws, self.lag, setting.believed.gravity, limit, _start(setting))
-        return Recipe(TiltDisturbanceEstimator, self._structure(setting), numbers)
+        parameters = TiltEstimatorParameters(laws, self.lag, setting.nominal.gravity, limit, _start(setting))
+        return Recipe(TiltDisturbanceEstimator, self._structure(setting), parameters)
 
 
 class EstimatingPosition(PdPosition):
@@ -105,7 +105,7 @@ class EstimatingPosition(PdPosition):
         laws = tuple([self.law(axis, setting.tick) for axis in range(3)])
         return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}
 
-    def plain(self) -> PdPosition:
+    def without_estimator(self) -> PdPosition:
         """Return the PD without the estimate."""
         fields = {name: getattr(self, name) for name in PdPosition.model_fields if name != "kind"}
         return PdPosition(kind="pd", **fields)

@@ -49,6 +49,6 @@ class PdPosition(PositionController):
             takes_correction=takes_correction,
         )
 
-    def plain(self) -> "PdPosition":
+    def without_estimator(self) -> "PdPosition":
         """Return the controller itself."""
         return self

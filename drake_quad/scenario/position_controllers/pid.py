@@ -27,7 +27,7 @@ class PidPosition(PdPosition):
     has_integral: ClassVar = True
 
     @classmethod
-    def around(cls, pd: PdPosition) -> "PidPosition":
+    def from_pd(cls, pd: PdPosition) -> "PidPosition":
         """Return a PID with the fields of a PD and integral gains of 0; a PID is returned unchanged."""
         if isinstance(pd, PidPosition):
             return pd

@@ -24,5 +24,5 @@ class CircleRoute(MovingRoute):
     def plan(self, space: Space | None) -> Planned:
         """Return the plan of the laps."""
         geometry = circle(radius=self.radius, height=self.height, laps=self.laps)
-        plan = self.stretched(geometry, math.sqrt(self.top_acceleration * self.radius))
+        plan = self.scaled_in_time(geometry, math.sqrt(self.top_acceleration * self.radius))
         return Planned(dataclasses.replace(plan, laps=(*plan.leg_times, plan.duration)))

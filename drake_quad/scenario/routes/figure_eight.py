@@ -9,7 +9,7 @@ from drake_quad.reference.laps import path_of_laps
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
-from drake_quad.scenario.distributions import refused
+from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.quantities import Number, Positive
 from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, split_three_laps
 from drake_quad.space.space import Space
@@ -37,7 +37,7 @@ class FigureEightRoute(MovingRoute):
     def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
         radius = info.data.get("radius")
         if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
-            raise refused(f"must be larger than the radius, {radius}")
+            raise validation_error(f"must be larger than the radius, {radius}")
         return offset
 
     def plan(self, space: Space | None) -> Planned:
@@ -45,7 +45,7 @@ class FigureEightRoute(MovingRoute):
         geometry = figure_eight(
             lower_height=self.lower_height, upper_height=self.upper_height, radius=self.radius, offset=self.offset
         )
-        return Planned(self.stretched(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
+        return Planned(self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
 
     def _in_laps(self, geometry: Route) -> Plan:
         """Return a plan with laps after the climb from the ground, with the times of a plan through three laps."""
@@ -55,7 +55,7 @@ class FigureEightRoute(MovingRoute):
         durations = split_three_laps(np.diff(times), len(lap) - 1)
         path, laps = path_of_laps(geometry.waypoints, durations, self.laps, lead=1)
         factor = stretch_factor(path, self.limits())
-        path, laps = path.stretched(factor), tuple([factor * time for time in laps])
+        path, laps = path.scaled_in_time(factor), tuple([factor * time for time in laps])
         rise, *others = geometry.legs
         legs = [leg._replace(first=leg.first + i * (len(lap) - 1)) for i in range(self.laps) for leg in others]
         return Plan(path, self.yaw_of(path), (rise, *legs), laps)

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.quantities import Direction, PlainSpan, Position
+from drake_quad.scenario.quantities import Direction, FixedSpan, Position
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
@@ -17,7 +17,7 @@ class HoverRoute(MissionRoute):
     kind: Literal["hover"]
     position: Position = Field(default=(0.0, 0.0, 1.0), description="position of the hover, in W (m)")
     yaw: Direction = Field(default=0.0, description="constant yaw of the reference (rad)")
-    duration: PlainSpan = Field(default=10.0, description="duration of the hover (s)")
+    duration: FixedSpan = Field(default=10.0, description="duration of the hover (s)")
 
     def known_end(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""

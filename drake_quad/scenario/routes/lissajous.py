@@ -7,7 +7,7 @@ from pydantic import Field
 
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.quantities import PlainDirection, PlainDirections, PlainSpan, Point
+from drake_quad.scenario.quantities import FixedDirection, FixedDirections, FixedSpan, Point
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MissionRoute, Planned
 from drake_quad.space.space import Space
 
@@ -27,10 +27,10 @@ class LissajousRoute(MissionRoute):
     turns: Annotated[tuple[_Turns, _Turns, _Turns], Field(strict=False)] = Field(
         default=(1, 1, 2), description="number of periods of the sine along X, Y, Z in a lap (1)"
     )
-    phase: PlainDirections = Field(default=(0.0, 0.0, 0.0), description="phase of the sine along X, Y, Z (rad)")
-    period: PlainSpan = Field(description="duration of a lap (s)")
+    phase: FixedDirections = Field(default=(0.0, 0.0, 0.0), description="phase of the sine along X, Y, Z (rad)")
+    period: FixedSpan = Field(description="duration of a lap (s)")
     laps: Laps = Field(default=2, description="number of laps")
-    yaw: PlainDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
+    yaw: FixedDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
 
     def known_end(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
@@ -41,4 +41,4 @@ class LissajousRoute(MissionRoute):
         names = ("centre", "amplitude", "turns", "phase", "period", "laps")
         laps = tuple(np.linspace(0.0, self.laps * self.period, self.laps + 1).tolist())
         path = lissajous(**{name: getattr(self, name) for name in names})
-        return Planned(Plan.facing(path, self.yaw, laps=laps))
+        return Planned(Plan.with_constant_yaw(path, self.yaw, laps=laps))

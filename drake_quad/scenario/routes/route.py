@@ -96,8 +96,8 @@ class MovingRoute(MissionRoute):
     def limits(self) -> PathLimits:
         """Return the limits of the path."""
         # A limit of null, which some routes allow, is omitted.
-        given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
-        return PathLimits(**{name: limit for name, limit in given.items() if limit is not None})
+        specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
+        return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 
     def yaw_of(self, path: PolynomialPath) -> PolynomialPath:
         """Return the yaw of the reference along a path."""
@@ -105,7 +105,7 @@ class MovingRoute(MissionRoute):
             yaw_along(path) if self.heading == "along_path" else constant_yaw(path.times[0], path.times[-1], self.yaw)
         )
 
-    def stretched(self, geometry: Route, cruise_speed: float) -> Plan:
+    def scaled_in_time(self, geometry: Route, cruise_speed: float) -> Plan:
         """Return the plan through given waypoints, scaled in time until it meets one of the limits exactly.
 
         Args:
@@ -114,7 +114,7 @@ class MovingRoute(MissionRoute):
         """
         times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=self.top_acceleration)
         path = minimum_snap(geometry.waypoints, times)
-        path = path.stretched(stretch_factor(path, self.limits()))
+        path = path.scaled_in_time(stretch_factor(path, self.limits()))
         return Plan(path, self.yaw_of(path), geometry.legs)
 
 

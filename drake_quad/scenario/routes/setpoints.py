@@ -9,12 +9,12 @@ from pydantic import Field, model_validator
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.scenario.distributions import Real
-from drake_quad.scenario.limits import SHORTEST
-from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainSpan, radians_demand
+from drake_quad.scenario.limits import MIN_DURATION
+from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedSpan, radians_demand
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-Setpoint = Annotated[tuple[PlainMoment, Real, Real, Real, Real], Field(strict=False)]
+Setpoint = Annotated[tuple[FixedMoment, Real, Real, Real, Real], Field(strict=False)]
 
 
 @ROUTES.member
@@ -29,7 +29,7 @@ class SetpointsRoute(MissionRoute):
     setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
         description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times increase and begin with 0"
     )
-    last_hold: PlainSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
+    last_hold: FixedSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
 
     @model_validator(mode="after")
     def _increasing(self) -> "SetpointsRoute":
@@ -37,8 +37,8 @@ class SetpointsRoute(MissionRoute):
         if times[0] != 0.0:
             raise self.field_error("must be 0", "setpoints", 0, 0)
         for i, (now, then) in enumerate(itertools.pairwise(times)):
-            if not then - now >= SHORTEST:
-                raise self.field_error(f"must be at least {SHORTEST} s later than {now}", "setpoints", i + 1, 0)
+            if not then - now >= MIN_DURATION:
+                raise self.field_error(f"must be at least {MIN_DURATION} s later than {now}", "setpoints", i + 1, 0)
         return self
 
     @model_validator(mode="after")

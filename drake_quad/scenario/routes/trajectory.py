@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 from drake_quad.reference.pieces import POWERS, plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, hermite_path, power_basis
-from drake_quad.scenario.distributions import Model, Real, omits_defaults, refused
-from drake_quad.scenario.limits import MAX_WAYPOINTS, SHORTEST
-from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainPositive, PlainSpan, Point, radians_demand
+from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
+from drake_quad.scenario.limits import MAX_WAYPOINTS, MIN_DURATION
+from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedPositive, FixedSpan, Point, radians_demand
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
@@ -28,7 +28,7 @@ _JOINT = np.array([1.0, 0.0])
 class Knot(Model):
     """Position and derivatives of a trajectory at one time."""
 
-    time: PlainMoment = Field(description="time of the knot (s)")
+    time: FixedMoment = Field(description="time of the knot (s)")
     position: Point = Field(description="position in W (m)")
     velocity: Point = Field(default=(0.0, 0.0, 0.0), description="velocity in W (m/s)")
     acceleration: Point = Field(default=(0.0, 0.0, 0.0), description="acceleration in W (m/s²)")
@@ -38,7 +38,7 @@ class Knot(Model):
 class YawKnot(Model):
     """Yaw of a trajectory at one time."""
 
-    time: PlainMoment = Field(description="time of the knot (s)")
+    time: FixedMoment = Field(description="time of the knot (s)")
     yaw: Real = Field(description="yaw (rad)")
     yaw_rate: Real = Field(default=0.0, description="rate of the yaw (rad/s)")
 
@@ -49,7 +49,7 @@ _Coefficients = Annotated[tuple[Real, ...], Field(strict=False, min_length=1, ma
 class Piece(Model):
     """Piece of a trajectory: polynomials c_0 + c_1 t + ... + c_7 t⁷ in the time t since its beginning."""
 
-    duration: PlainSpan = Field(description="duration of the piece (s)")
+    duration: FixedSpan = Field(description="duration of the piece (s)")
     x: _Coefficients = Field(description="coefficients of X in W, c_0 first (m, s)")
     y: _Coefficients = Field(description="coefficients of Y in W, c_0 first (m, s)")
     z: _Coefficients = Field(description="coefficients of Z in W, c_0 first (m, s)")
@@ -88,7 +88,7 @@ class TrajectoryRoute(MissionRoute):
     origin: Point = Field(
         default=(0.0, 0.0, 0.0), description="position of the origin of the trajectory's coordinates, in W (m)"
     )
-    time_scale: PlainPositive = Field(
+    time_scale: FixedPositive = Field(
         default=1.0, description="factor by which all times of the trajectory are multiplied (1)"
     )
 
@@ -97,8 +97,8 @@ class TrajectoryRoute(MissionRoute):
     @model_validator(mode="after")
     def _one_form(self) -> "TrajectoryRoute":
         if (self.knots is None) == (self.pieces is None):
-            given = "neither" if self.knots is None else "both"
-            raise refused(f"must have either knots or pieces, not {given}")
+            specified = "neither" if self.knots is None else "both"
+            raise validation_error(f"must have either knots or pieces, not {specified}")
         if self.pieces is not None and self.yaw_knots is not None:
             raise self.field_error("must be left out, since pieces contain the yaw", "yaw_knots")
         return self
@@ -120,8 +120,8 @@ class TrajectoryRoute(MissionRoute):
         times = {"knots": [knot.time for knot in knots], "yaw_knots": [knot.time for knot in yaw_knots]}
         for field, instants in times.items():
             for i, (now, then) in enumerate(itertools.pairwise(instants)):
-                if not then - now >= SHORTEST:
-                    raise self.field_error(f"must be at least {SHORTEST} s later than {now}", field, i + 1, "time")
+                if not then - now >= MIN_DURATION:
+                    raise self.field_error(f"must be at least {MIN_DURATION} s later than {now}", field, i + 1, "time")
         if self.yaw_knots is not None:
             for end, index in ((0, 0), (-1, len(self.yaw_knots) - 1)):
                 time = knots[end].time
@@ -147,7 +147,9 @@ class TrajectoryRoute(MissionRoute):
                 if not jump <= limit:
                     quantity = "yaw" if name == "yaw" else "velocity" if order else "position"
                     jumps = f"its {quantity} jumps by {jump:.3g} {unit}, more than {limit:.2g}"
-                    raise refused(f"must continue from the end of the preceding piece: {jumps}", path=("pieces", i))
+                    raise validation_error(
+                        f"must continue from the end of the preceding piece: {jumps}", path=("pieces", i)
+                    )
         return self
 
     def known_end(self) -> KnownEnd:
@@ -169,7 +171,7 @@ class TrajectoryRoute(MissionRoute):
         path = hermite_path(times, np.array(derivatives))
         path.coefficients[:, 0] += self.origin
         if self.yaw_knots is None:
-            return Planned(Plan.facing(path._replace(times=self.time_scale * times)))
+            return Planned(Plan.with_constant_yaw(path._replace(times=self.time_scale * times)))
         yaw_times = np.array([knot.time for knot in self.yaw_knots])
         yaw = hermite_path(yaw_times, np.array([[[knot.yaw], [knot.yaw_rate]] for knot in self.yaw_knots]))
         scaled = [part._replace(times=self.time_scale * part.times) for part in (path, yaw)]

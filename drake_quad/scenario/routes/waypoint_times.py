@@ -8,9 +8,9 @@ from pydantic import Field, field_validator
 
 from drake_quad.reference import planner
 from drake_quad.reference.planner import Timing
-from drake_quad.scenario.distributions import Model, Real, refused
-from drake_quad.scenario.limits import LONGEST, SHORTEST
-from drake_quad.scenario.quantities import PlainSpan
+from drake_quad.scenario.distributions import Model, Real, validation_error
+from drake_quad.scenario.limits import MAX_DURATION, MIN_DURATION
+from drake_quad.scenario.quantities import FixedSpan
 from drake_quad.scenario.routes.route import KnownEnd
 
 
@@ -32,7 +32,7 @@ class WaypointTimes(Model):
         """Return the method as a record of the planner."""
 
 
-class Given(WaypointTimes):
+class FixedWaypointTimes(WaypointTimes):
     """Given times of all waypoints. A plain list of times is short for this mapping."""
 
     kind: Literal["given"]
@@ -44,12 +44,14 @@ class Given(WaypointTimes):
     @classmethod
     def _increasing(cls, times: tuple[float, ...]) -> tuple[float, ...]:
         if times[0] < 0.0:
-            raise refused("must not be negative")
+            raise validation_error("must not be negative")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
-            if not then - now >= SHORTEST:
-                raise refused(f"must increase by at least {SHORTEST} s from one to the next, but time {i + 1} does not")
-        if times[-1] > LONGEST:
-            raise refused(f"must not exceed {LONGEST} s")
+            if not then - now >= MIN_DURATION:
+                raise validation_error(
+                    f"must increase by at least {MIN_DURATION} s from one to the next, but time {i + 1} does not"
+                )
+        if times[-1] > MAX_DURATION:
+            raise validation_error(f"must not exceed {MAX_DURATION} s")
         return times
 
     def known_end(self, laps: int) -> KnownEnd | None:
@@ -58,7 +60,7 @@ class Given(WaypointTimes):
 
     def timing(self) -> Timing:
         """Return the method as a record of the planner."""
-        return planner.GivenTimes(self.times)
+        return planner.FixedTimes(self.times)
 
 
 class HeuristicTimes(WaypointTimes):
@@ -69,14 +71,14 @@ class HeuristicTimes(WaypointTimes):
 
     def timing(self) -> Timing:
         """Return the method as a record of the planner."""
-        return planner.Heuristic()
+        return planner.HeuristicTiming()
 
 
-class LeastSnapTimes(WaypointTimes):
+class MinimumSnapTimes(WaypointTimes):
     """Times that minimise the snap of the path for a given total time."""
 
     kind: Literal["least_snap"]
-    duration: PlainSpan = Field(description="total time (s)")
+    duration: FixedSpan = Field(description="total time (s)")
 
     def known_end(self, laps: int) -> KnownEnd | None:
         """Return the field of the duration, and the duration, s."""
@@ -84,10 +86,10 @@ class LeastSnapTimes(WaypointTimes):
 
     def timing(self) -> Timing:
         """Return the method as a record of the planner."""
-        return planner.LeastSnap(self.duration)
+        return planner.MinimumSnapTiming(self.duration)
 
 
-class ShortestTimes(WaypointTimes):
+class MinimumTimes(WaypointTimes):
     """Times with the shortest total for which the minimum-snap path satisfies the limits, a local optimum."""
 
     chooses_total: ClassVar = True
@@ -95,7 +97,7 @@ class ShortestTimes(WaypointTimes):
 
     def timing(self) -> Timing:
         """Return the method as a record of the planner."""
-        return planner.Shortest()
+        return planner.MinimumTimeTiming()
 
 
-Times = Annotated[Given | HeuristicTimes | LeastSnapTimes | ShortestTimes, Field(discriminator="kind")]
+Times = Annotated[FixedWaypointTimes | HeuristicTimes | MinimumSnapTimes | MinimumTimes, Field(discriminator="kind")]

@@ -19,13 +19,13 @@ from drake_quad.reference.regions import Box, Corridor, Sphere, intersection_of
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.time_allocation import stretch_factor
 from drake_quad.reference.yaw import yaw_through
-from drake_quad.scenario.distributions import Model, Real, refused
+from drake_quad.scenario.distributions import Model, Real, validation_error
 from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, split_three_laps
-from drake_quad.scenario.routes.waypoint_times import Given, LeastSnapTimes, ShortestTimes, Times
+from drake_quad.scenario.routes.waypoint_times import FixedWaypointTimes, MinimumSnapTimes, MinimumTimes, Times
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
@@ -58,16 +58,16 @@ class Waypoint(Model):
         return {"point": data} if isinstance(data, list | tuple) else data
 
     @model_validator(mode="after")
-    def _one_place(self) -> "Waypoint":
-        given = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
-        if len(given) != 1:
-            given_text = " and ".join(given) or "none"
-            raise refused(f"must have one of point, box and sphere, not {given_text}")
+    def _one_region(self) -> "Waypoint":
+        specified = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
+        if len(specified) != 1:
+            specified_text = " and ".join(specified) or "none"
+            raise validation_error(f"must have one of point, box and sphere, not {specified_text}")
         if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
-            raise refused("must not have stop together with a velocity, acceleration or jerk")
+            raise validation_error("must not have stop together with a velocity, acceleration or jerk")
         return self
 
-    def place(self) -> Box | Sphere:
+    def region(self) -> Box | Sphere:
         """Return the point or region as a record of the planner."""
         if self.box is not None:
             return self.box.box()
@@ -85,7 +85,7 @@ class WaypointRoute(MovingRoute):
         description="points or regions to pass, in order; segment i leads from waypoint i to waypoint i + 1, from 0 on"
     )
     times: Times = Field(
-        default=ShortestTimes(kind="shortest"),
+        default=MinimumTimes(kind="shortest"),
         description="times at which the waypoints are passed, or the method to choose them",
     )
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
@@ -120,7 +120,7 @@ class WaypointRoute(MovingRoute):
     @model_validator(mode="after")
     def _consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
-        if isinstance(self.times, Given) and len(self.times.times) != count:
+        if isinstance(self.times, FixedWaypointTimes) and len(self.times.times) != count:
             raise self.field_error(f"must have one time for each of the {count} waypoints", "times")
         if self.corridors is not None and len(self.corridors) != count - 1:
             demand = f"must have one corridor or null for each of the {count - 1} segments"
@@ -169,7 +169,7 @@ class WaypointRoute(MovingRoute):
         for name in ("corridors", "space"):
             if getattr(self, name) is not None:
                 raise self.field_error("must be left out: it cannot be combined with laps", name)
-        if isinstance(self.times, LeastSnapTimes):
+        if isinstance(self.times, MinimumSnapTimes):
             raise self.field_error("must be given, heuristic or shortest if there are laps", "times", "kind")
         return self
 
@@ -201,7 +201,7 @@ class WaypointRoute(MovingRoute):
                 if value is not None:
                     derivatives[i, row] = value
         return PathProblem(
-            [waypoint.place() for waypoint in waypoints],
+            [waypoint.region() for waypoint in waypoints],
             derivatives=derivatives,
             corridors=self._corridors() * laps,
             limits=self.limits(),
@@ -209,8 +209,8 @@ class WaypointRoute(MovingRoute):
 
     def _corridors(self) -> list[Corridor | None]:
         """Return the intersection of corridor and space for each segment; None for a segment without either."""
-        given = self.corridors or (None,) * (len(self.waypoints) - 1)
-        corridors = [None if corridor is None else corridor.region() for corridor in given]
+        corridor_settings = self.corridors or (None,) * (len(self.waypoints) - 1)
+        corridors = [None if corridor is None else corridor.region() for corridor in corridor_settings]
         if self.space is None:
             return corridors
         space = self.space.box()
@@ -233,8 +233,8 @@ class WaypointRoute(MovingRoute):
 
     def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
         """Return the times (waypoints,) at which the waypoints are passed, s."""
-        own = path if way is None else path._replace(times=path.times[way.waypoints])
-        return passing_times(self.problem(self.laps), own)
+        flown_path = path if way is None else path._replace(times=path.times[way.waypoints])
+        return passing_times(self.problem(self.laps), flown_path)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
         """Return the path, the start and end times of its laps, s, and its way around obstacles.
@@ -250,10 +250,10 @@ class WaypointRoute(MovingRoute):
                 return plan_path(self.problem(), self.times.timing()), (), None
             path, way = self._around(space)
             return path, (), way
-        given = isinstance(self.times, Given)
-        problem = self.problem() if given else without_repeats(self.problem(3))
-        path = plan_path(problem.without_limits() if given else problem, self.times.timing())
-        if given:
+        is_fixed = isinstance(self.times, FixedWaypointTimes)
+        problem = self.problem() if is_fixed else without_repeats(self.problem(3))
+        path = plan_path(problem.without_limits() if is_fixed else problem, self.times.timing())
+        if is_fixed:
             durations, points = LapDurations(*[path.durations] * 3), path.waypoints
         else:
             segments = (len(path.times) - 1) // 3
@@ -265,14 +265,14 @@ class WaypointRoute(MovingRoute):
         stops[:-1] |= staying
         stops[1:] |= staying
         stops[[0, -1]] = stops[0] or stops[-1]
-        flown, laps = path_of_laps(points, durations, self.laps, stops=stops)
-        factor = stretch_factor(flown, problem.limits) if problem.limits.by_order else 0.0
-        if given:
+        all_laps, laps = path_of_laps(points, durations, self.laps, stops=stops)
+        factor = stretch_factor(all_laps, problem.limits) if problem.limits.by_order else 0.0
+        if is_fixed:
             if factor > 1.0 + 1e-9:
                 raise InputError(f"multiply route.times by {factor:.3g}: with laps, the path exceeds its limits")
             start = float(path.times[0])
-            return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
-        return flown.stretched(factor), tuple([factor * time for time in laps]), None
+            return all_laps._replace(times=all_laps.times + start), tuple([start + time for time in laps]), None
+        return all_laps.scaled_in_time(factor), tuple([factor * time for time in laps]), None
 
     def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
         """Return a path with the clearance of a space and within its bounds, and its way around obstacles.
@@ -284,7 +284,7 @@ class WaypointRoute(MovingRoute):
         from drake_quad.space.around import check_waypoint_clearance, direct_route, plan_around, with_bounds
 
         problem, timing = self.problem(), self.times.timing()
-        if not isinstance(self.times, Given):
+        if not isinstance(self.times, FixedWaypointTimes):
             problem = without_repeats(problem)
         bounded = with_bounds(problem, space.bounds)
         check_waypoint_clearance(space, problem)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.framework.records import record_like
-from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerNumbers
+from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, Plausible, not_in_g
 from drake_quad.scenario.quantities import NonNegative, Position, field_of
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
@@ -22,10 +22,10 @@ class AccelerometerSettings(SensorSettings):
 
     kind: Literal["accelerometer"]
     position: Annotated[Position, PLAUSIBLE_SIZE] = field_of(
-        AccelerometerNumbers, "position", "x, y and z in B relative to the origin of `layout`, like `centre_of_mass`"
+        AccelerometerParameters, "position", "x, y and z in B relative to the origin of `layout`, like `centre_of_mass`"
     )
     bias: Annotated[Position, _PLAUSIBLE_BIAS] = field_of(
-        AccelerometerNumbers, "bias", "constant error along x, y and z"
+        AccelerometerParameters, "bias", "constant error along x, y and z"
     )
     noise_density: Annotated[NonNegative, _PLAUSIBLE_DENSITY] = Field(
         default=0.0,
@@ -35,11 +35,11 @@ class AccelerometerSettings(SensorSettings):
     law: ClassVar = ACCELEROMETER
     noise: ClassVar = ("noise_density",)
 
-    def numbers(self, vehicle: Any) -> AccelerometerNumbers:
-        """Return the numbers of the accelerometer, with its position relative to the centre of mass."""
+    def parameters(self, vehicle: Any) -> AccelerometerParameters:
+        """Return the parameters of the accelerometer, with its position relative to the centre of mass."""
         (x, y, z), (centre_x, centre_y) = self.position, vehicle.centre_of_mass
         return record_like(
-            AccelerometerNumbers,
+            AccelerometerParameters,
             self,
             position=(x - centre_x, y - centre_y, z),
             gravity=vehicle.gravity,

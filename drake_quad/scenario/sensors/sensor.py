@@ -12,7 +12,7 @@ from pydantic import Field
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.sensors.sensor import Sensor, SensorLaw
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Period, Ticks, any_nonzero, largest_ticks
+from drake_quad.scenario.quantities import Period, Ticks, any_nonzero, max_ticks
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import SIGNALS
 
@@ -34,7 +34,7 @@ class SensorSettings(Model):
     noise: ClassVar[tuple[str, ...]]
 
     @abstractmethod
-    def numbers(self, vehicle: Any) -> Any:
+    def parameters(self, vehicle: Any) -> Any:
         """Return the parameters of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
@@ -49,9 +49,9 @@ class SensorSettings(Model):
             "law": self.law,
             "period": self.period,
             "noisy": any(any_nonzero(getattr(self, name), getattr(fleet, name)) for name in self.noise),
-            "longest_latency": largest_ticks(self.latency_samples, fleet.latency_samples),
+            "longest_latency": max_ticks(self.latency_samples, fleet.latency_samples),
         }
-        return Recipe(Sensor, structure, fleet.numbers(vehicle))
+        return Recipe(Sensor, structure, fleet.parameters(vehicle))
 
 
 class _SensorUnion(OpenUnion):

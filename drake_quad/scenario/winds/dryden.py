@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
-from drake_quad.scenario.quantities import Direction, NonNegative, Number, bounded
+from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceParameters
+from drake_quad.scenario.quantities import Direction, NonNegative, Number, bounds
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, speed
 from drake_quad.signals import VelocityW
 
@@ -23,10 +23,10 @@ class DrydenSource(WindSource):
     intensity: NonNegative = Field(
         default=1.0, description="factor (1) by which the standard deviations of the level are multiplied"
     )
-    height: Annotated[Number, bounded(least=3.048, most=304.8)] = Field(
+    height: Annotated[Number, bounds(ge=3.048, le=304.8)] = Field(
         default=6.096, description="height for which length scales and standard deviations are computed (m)"
     )
-    airspeed: Annotated[Number, bounded(least=1.0)] | None = Field(
+    airspeed: Annotated[Number, bounds(ge=1.0)] | None = Field(
         default=None,
         description="speed at which the turbulence passes the vehicle (m/s); if not given, the larger of 1 m/s and the"
         " speed of the steady wind",
@@ -37,7 +37,7 @@ class DrydenSource(WindSource):
         " not given",
     )
     strength_fields: ClassVar = ("intensity",)
-    depends_on_place: ClassVar = False
+    depends_on_position: ClassVar = False
     depends_on_time: ClassVar = False
 
     def max_speed(self) -> VelocityW:
@@ -57,4 +57,4 @@ class DrydenSource(WindSource):
             airspeed=speed(mean) if self.airspeed is None else self.airspeed,
         )
         heading = np.arctan2(mean.y, mean.x) if self.heading is None else self.heading
-        return Recipe(DrydenTurbulence, {"period": surroundings.period}, TurbulenceNumbers(turbulence, heading))
+        return Recipe(DrydenTurbulence, {"period": surroundings.period}, TurbulenceParameters(turbulence, heading))

@@ -7,8 +7,8 @@ from pydantic import Field, field_validator
 
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
-from drake_quad.scenario.distributions import refused
-from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.distributions import validation_error
+from drake_quad.scenario.limits import MIN_MAGNITUDE
 from drake_quad.scenario.plausible import PLAUSIBLE_SHARE, Plausible, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
@@ -32,14 +32,14 @@ class FanSource(WindSource):
         default=0.22, description="standard deviation of the air velocity on each axis, relative to the mean speed (1)"
     )
     strength_fields: ClassVar = ("flow",)
-    depends_on_place: ClassVar = True
+    depends_on_position: ClassVar = True
     depends_on_time: ClassVar = False
 
     @field_validator("direction")
     @classmethod
     def _has_direction(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise refused(f"must have a component whose magnitude is always larger than {SMALLEST}")
+            raise validation_error(f"must have a component whose magnitude is always larger than {MIN_MAGNITUDE}")
         return direction
 
     def jets(self) -> tuple[Jet, ...]:
@@ -68,4 +68,4 @@ class FanSource(WindSource):
     @classmethod
     def recipes(cls, sources: Sequence[Any], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipe for a single system that computes the wind of all fans."""
-        return {"fans": sources[0].recipe(surroundings)._replace(numbers=jets(sources))}
+        return {"fans": sources[0].recipe(surroundings)._replace(parameters=jets(sources))}

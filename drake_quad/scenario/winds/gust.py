@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.quantities import Moment, Span
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
@@ -25,14 +25,14 @@ class GustSource(BlowingSource):
         description="time at the peak velocity (s); if not given, the gust never falls, as in MIL-F-8785C, and becomes"
         " a steady wind",
     )
-    depends_on_place: ClassVar = False
+    depends_on_position: ClassVar = False
     depends_on_time: ClassVar = True
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for a `Gust`."""
         hold_time = math.inf if self.hold_time is None else self.hold_time
-        numbers = GustNumbers(self.full_velocity(), self.start, self.rise_time, hold_time)
-        return Recipe(Gust, {"period": surroundings.period}, numbers)
+        parameters = GustParameters(self.full_velocity(), self.start, self.rise_time, hold_time)
+        return Recipe(Gust, {"period": surroundings.period}, parameters)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as a gust that begins after the flight."""

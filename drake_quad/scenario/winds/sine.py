@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.framework.recipe import Recipe
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
+from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.scenario.quantities import Direction, Positive
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
@@ -17,10 +17,10 @@ class SineSource(BlowingSource):
     kind: Literal["sine"]
     frequency: Positive = Field(description="angular frequency (rad/s)")
     phase: Direction = Field(default=0.0, description="phase at time zero (rad)")
-    depends_on_place: ClassVar = False
+    depends_on_position: ClassVar = False
     depends_on_time: ClassVar = True
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
         """Return the recipe for a `SineWind`."""
-        numbers = SineNumbers(self.full_velocity(), self.frequency, self.phase)
-        return Recipe(SineWind, {"period": surroundings.period}, numbers)
+        parameters = SineParameters(self.full_velocity(), self.frequency, self.phase)
+        return Recipe(SineWind, {"period": surroundings.period}, parameters)

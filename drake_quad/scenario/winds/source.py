@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Jet
-from drake_quad.scenario.distributions import Model, refused
+from drake_quad.scenario.distributions import Model, validation_error
 from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import Direction, NonNegative, Position
 from drake_quad.scenario.unions import OpenUnion
@@ -36,12 +36,12 @@ class WindSource(Model):
     """Source of wind. In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
-        depends_on_place: True if the mean wind depends on the position.
+        depends_on_position: True if the mean wind depends on the position.
         depends_on_time: True if the mean wind changes during a flight.
     """
 
     kind: str
-    depends_on_place: ClassVar[bool]
+    depends_on_position: ClassVar[bool]
     depends_on_time: ClassVar[bool]
 
     def steady_wind(self) -> Wind:
@@ -101,10 +101,10 @@ class BlowingSource(WindSource):
 
     @model_validator(mode="after")
     def _one_motion(self) -> "BlowingSource":
-        given = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
-        if given not in (["velocity"], ["speed", "heading"]):
-            given_text = " and ".join(given) or "none of them"
-            raise refused(f"must have either a velocity or both speed and heading, not {given_text}")
+        specified = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
+        if specified not in (["velocity"], ["speed", "heading"]):
+            specified_text = " and ".join(specified) or "none of them"
+            raise validation_error(f"must have either a velocity or both speed and heading, not {specified_text}")
         return self
 
     def full_velocity(self) -> Wind:

@@ -16,7 +16,7 @@ class SteadySource(BlowingSource):
     """Wind that depends on neither position nor time; the full wind blows from the start of the flight on."""
 
     kind: Literal["steady"]
-    depends_on_place: ClassVar = False
+    depends_on_position: ClassVar = False
     depends_on_time: ClassVar = False
 
     def steady_wind(self) -> Wind:

@@ -39,7 +39,7 @@ def page_data(
     duration = max(float(flight.time[-1]) for flight in flights)
     step = max(_MIN_STEP, duration / _MAX_INSTANTS)
     times = np.arange(0.0, duration + 1e-9, step)
-    sizes = [Frame.of(flight.scenario.vehicle).reach for flight in flights]
+    sizes = [Frame.of(flight.scenario.vehicle).max_rotor_distance for flight in flights]
     marks = _marks(room)
     data = {
         "duration": duration,
@@ -75,7 +75,7 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
     (speed,) = quantiles_over_flights(speeds, (0.5,))
     curve: dict[str, Any] = {
         "crashes": [round(float(f.metrics.crash_time), 3) for f in crashed],
-        "into": [f.touched for f in crashed],
+        "into": [f.obstacle_hit for f in crashed],
         "error": _rounded(middle),
         "speed": _rounded(speed),
     }

@@ -73,22 +73,22 @@ def local_meshcat() -> Meshcat:
     return meshcat
 
 
-def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> SceneRoom:
+def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_positions: np.ndarray) -> SceneRoom:
     """Draw floor, grid, room, path of the reference, obstacles and fans, and aim the camera at them.
 
     Args:
         meshcat: server that shows the scene.
         scenario: scenario of the flight.
         plan: plan of the reference.
-        flown: positions of the vehicles, (n, 3), m; empty if they are not known yet.
+        visited_positions: positions of the vehicles, (n, 3), m; empty if they are not known yet.
 
     Returns:
         The room around the flight.
     """
     path = reference_points(plan)
-    margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).reach
+    margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).max_rotor_distance
     limits = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
-    nearby = np.vstack([path, np.clip(flown, *limits)])
+    nearby = np.vstack([path, np.clip(visited_positions, *limits)])
     low, high = nearby.min(axis=0) - margin, nearby.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
     outlets = [np.array(jet.outlet) for jet in fans]

@@ -20,7 +20,7 @@ from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
 # Smallest distance from the middle of a vehicle to its rotors, m, for which motors and arms are drawn in full size. The
 # value is the distance of the paper's vehicle. The parts of smaller vehicles are scaled down.
-_FULL_SIZE_REACH = 0.17
+_FULL_SIZE_ROTOR_DISTANCE = 0.17
 # Radius of an 8-inch propeller, m, as on the vehicle of the paper. Smaller propellers are drawn if rotors are close to
 # each other.
 _MAX_PROPELLER_RADIUS = 0.1
@@ -38,7 +38,7 @@ TRAIL_PIECE_DURATION = 0.25
 _TRAIL_RADIUS = 0.018
 ERROR_COLORS = colormaps["viridis"]
 # Rotors whose x is at least this fraction of the x of the foremost rotor have arms in the colour of the front.
-_MIN_FRONT_SHARE = 0.5
+_MIN_FRONT_FRACTION = 0.5
 # Largest radius of a propeller, relative to the smallest distance between two rotors. Propellers touch at 0.5.
 _MAX_RADIUS_RATIO = 0.48
 
@@ -62,7 +62,7 @@ class Frame(NamedTuple):
         return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property
-    def reach(self) -> float:
+    def max_rotor_distance(self) -> float:
         """Horizontal distance of the farthest rotor from the middle, m."""
         return max(float(np.hypot(rotor.x, rotor.y)) for rotor in self.rotors)
 
@@ -121,7 +121,7 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
 
 def part_scale(rotors: Rotors) -> float:
     """Return the scale at which motors, arms and trail of a vehicle are drawn, at most 1."""
-    return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_SIZE_REACH, 1.0)
+    return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_SIZE_ROTOR_DISTANCE, 1.0)
 
 
 @functools.cache
@@ -150,7 +150,7 @@ def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> Non
         _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color, size)
     for number, (rotor, position) in enumerate(zip(rotors, _rotor_positions(rotors), strict=True), start=1):
         foot = position - [0.0, 0.0, height]
-        in_front = rotor.x > 0.0 and rotor.x >= _MIN_FRONT_SHARE * foremost
+        in_front = rotor.x > 0.0 and rotor.x >= _MIN_FRONT_FRACTION * foremost
         _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color, size)
         if in_front:
             meshcat.SetObject(f"{path}/nose_{number}", Sphere(size * 0.022), rgba(ORANGE))

@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_quad import simulate
-from drake_quad.control.fuzzy.adaptation import AdaptationRates, adapted, membership_slopes, output_gradient
+from drake_quad.control.fuzzy.adaptation import (
+    AdaptationRates,
+    adapt_antecedents,
+    membership_derivatives,
+    output_gradient,
+)
 from drake_quad.control.fuzzy.inference import (
     Antecedents,
     CircularSets,
@@ -15,11 +20,11 @@ from drake_quad.control.fuzzy.inference import (
     firing_strengths,
 )
 from drake_quad.control.fuzzy.laws import GradientLaw, LearningLimits
-from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
+from drake_quad.control.fuzzy.set_learning import AdaptationParameters, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
-    LearningNumbers,
-    RulesNumbers,
+    FuzzyRulesParameters,
+    LearningParameters,
     WeightLearning,
     build_fuzzy_network,
 )
@@ -64,13 +69,13 @@ def test_the_gradient_matches_differences_of_the_output(a1):
 
 def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
     for exponent in (0.3, 0.8, 1.0, 1.4, 3.0):
-        slopes = np.array([membership_slopes(u, exponent) for u in (0.0, 1e-12, 0.999999, -0.999999)])
+        slopes = np.array([membership_derivatives(u, exponent) for u in (0.0, 1e-12, 0.999999, -0.999999)])
         by_distance, by_exponent = slopes.T
         assert (by_distance >= -10.0).all()
         assert (by_distance <= 0.0).all()
         assert (np.abs(by_exponent) < 1.0).all()
-        assert membership_slopes(1.2, exponent) == membership_slopes(-1.0, exponent) == (0.0, 0.0)
-    np.testing.assert_allclose([membership_slopes(u, 1.0)[0] for u in (0.0, 0.5, 0.9)], -1.0, rtol=1e-12)
+        assert membership_derivatives(1.2, exponent) == membership_derivatives(-1.0, exponent) == (0.0, 0.0)
+    np.testing.assert_allclose([membership_derivatives(u, 1.0)[0] for u in (0.0, 0.5, 0.9)], -1.0, rtol=1e-12)
 
 
 @settings(max_examples=100, deadline=None)
@@ -80,7 +85,7 @@ def test_sets_stay_valid_for_any_learning_signal(seed, size):
     for _ in range(5):
         values, weights = rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=24).tolist()
         gradient = output_gradient(values, sets, weights)
-        sets = adapted(
+        sets = adapt_antecedents(
             sets, gradient, rng.normal() * size, AdaptationRates(1.0, 1.0, 1.0), initial=INITIAL, parts=ALL_PARTS
         )
         assert sets.a1 > 1.0 > sets.a2 > 0.0
@@ -102,7 +107,7 @@ def test_sets_stay_valid_for_any_learning_signal(seed, size):
 def test_only_the_selected_parts_learn(part):
     gradient = output_gradient([0.2, 0.3, -0.1], INITIAL, np.arange(24.0).tolist())
     rates = AdaptationRates(0.5, 0.3, 0.2)
-    after = adapted(INITIAL, gradient, 0.001, rates, initial=INITIAL, parts=(part,))
+    after = adapt_antecedents(INITIAL, gradient, 0.001, rates, initial=INITIAL, parts=(part,))
     changed = {
         "exponents": after[:3] != INITIAL[:3],
         "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS, strict=True)),
@@ -120,9 +125,9 @@ def test_only_the_selected_parts_learn(part):
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
     """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
     sets = (INITIAL._replace(inputs=SETS[:2]), INITIAL._replace(a1=1.2, inputs=SETS[:2]))
-    learning = LearningNumbers(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
-    numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
-    system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, numbers=numbers)
+    learning = LearningParameters(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
+    parameters = AdaptationParameters(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
+    system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, parameters=parameters)
     rng, context = np.random.default_rng(2), system.CreateDefaultContext()
     rows = {"error": 3, "error_rate": 3, "pd": 3, "disturbance": 3, "weights": 24}
     given = {name: 0.4 * rng.normal(size=(count, 2)) for name, count in rows.items()}
@@ -141,18 +146,20 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
             step = 0.02 * signal if abs(signal) >= 0.05 else 0.0
             weights = given["weights"][12 * index : 12 * (index + 1), vehicle].tolist()
             gradient = output_gradient((float(e), float(rate)), initial, weights)
-            expected.append(adapted(initial, gradient, step, numbers.rates, initial=initial, parts=ALL_PARTS))
+            expected.append(
+                adapt_antecedents(initial, gradient, step, parameters.rates, initial=initial, parts=ALL_PARTS)
+            )
         np.testing.assert_allclose(final[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
 
 
 def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     """The corrections of both networks are equal for the same weights and inputs."""
-    sets, numbers = INITIAL._replace(inputs=SETS[:2]), LearningNumbers(1.7, GradientLaw(0.4), initial_weight=0.3)
+    sets, parameters = INITIAL._replace(inputs=SETS[:2]), LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3)
 
     def command(**more):
         network = build_fuzzy_network(
-            rules=FuzzyRules(adaptive=bool(more), numbers=RulesNumbers((sets,))),
-            learning=WeightLearning(num_rules=12, numbers=numbers),
+            rules=FuzzyRules(adaptive=bool(more), parameters=FuzzyRulesParameters((sets,))),
+            learning=WeightLearning(num_rules=12, parameters=parameters),
             **more,
         )
         context = network.CreateDefaultContext()
@@ -163,7 +170,7 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
         learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", weights)
         return network.GetOutputPort("correction").Eval(context)
 
-    adaptive = SetLearning(numbers=AdaptationNumbers((sets, sets), learning=numbers))
+    adaptive = SetLearning(parameters=AdaptationParameters((sets, sets), learning=parameters))
     np.testing.assert_array_equal(command(sets=adaptive), command())
 
 
@@ -174,19 +181,19 @@ def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
     adaptive = simulate(asymmetric("pd_t2fnn", *own, rates), sample=0, compiled=True)
-    numbers = adaptive["antecedents"]
-    assert numbers.shape[1] == 3 * 19
-    is_moved = np.ptp(numbers, axis=0) > 0.0
+    parameters = adaptive["antecedents"]
+    assert parameters.shape[1] == 3 * 19
+    is_moved = np.ptp(parameters, axis=0) > 0.0
     assert 20 < is_moved.sum() < 60
     assert adaptive.metrics.rmse <= 1.02 * plain.metrics.rmse
     assert "antecedents" not in plain.signals
 
 
 def test_membership_derivatives_agree_with_the_membership():
-    """`membership_slopes` returns the derivatives of `elliptic_membership` with respect to its two arguments."""
+    """`membership_derivatives` returns the derivatives of `elliptic_membership` with respect to its two arguments."""
     for exponent in (0.7, 1.3):
         for u in (0.1, 0.5, 0.9):
-            by_distance, by_exponent = membership_slopes(u, exponent)
+            by_distance, by_exponent = membership_derivatives(u, exponent)
             difference = elliptic_membership(u + 1e-6, exponent) - elliptic_membership(u - 1e-6, exponent)
             assert by_distance == pytest.approx(difference / 2e-6, rel=1e-6)
             difference = elliptic_membership(u, exponent + 1e-6) - elliptic_membership(u, exponent - 1e-6)

@@ -9,7 +9,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.inputs import extrapolated, input_values, route_phase, signals_of
+from drake_quad.control.fuzzy.inputs import extrapolate_position, input_values, route_phase, signals_of
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
@@ -68,7 +68,7 @@ def test_firing_strengths_of_four_inputs_are_products_of_memberships():
 
 def test_the_extrapolated_position_follows_the_velocity():
     """Attitude, velocity and body rates remain unchanged."""
-    now, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolated(SIGNALS["measurement"], 0.2))
+    now, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolate_position(SIGNALS["measurement"], 0.2))
     np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
     np.testing.assert_array_equal(ahead[3:], now[3:])
 

@@ -9,7 +9,7 @@ import scipy
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
-from drake_quad.control.fuzzy.systems import LearningNumbers, WeightLearning
+from drake_quad.control.fuzzy.systems import LearningParameters, WeightLearning
 
 H = 0.02  # s, step of the learning law
 
@@ -19,7 +19,7 @@ class Learner:
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
         # With a slope λ of zero, the learning signal s_p is the rate of the error.
-        numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
+        parameters = LearningParameters(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
             num_vehicles=n,
@@ -27,7 +27,7 @@ class Learner:
             num_rules=num_rules,
             learns_from=self.learns_from,
             period=period,
-            numbers=numbers,
+            parameters=parameters,
         )
         self.law, self.n = law, n
         self.begin()

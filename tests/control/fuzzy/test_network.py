@@ -12,8 +12,8 @@ from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_st
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, SignLaw
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
-    LearningNumbers,
-    RulesNumbers,
+    FuzzyRulesParameters,
+    LearningParameters,
     WeightLearning,
     build_fuzzy_network,
 )
@@ -83,9 +83,11 @@ def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator
     """
     rng = np.random.default_rng(3)
     inputs, sets = smooth_inputs(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
-    numbers = LearningNumbers(slope=1.7, law=law, initial_weight=0.2)
-    learning = WeightLearning(axes=axes, learns_from=learns_from, numbers=numbers)
-    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=RulesNumbers((sets,))), learning=learning)
+    parameters = LearningParameters(slope=1.7, law=law, initial_weight=0.2)
+    learning = WeightLearning(axes=axes, learns_from=learns_from, parameters=parameters)
+    network = build_fuzzy_network(
+        rules=FuzzyRules(axes=axes, parameters=FuzzyRulesParameters((sets,))), learning=learning
+    )
     if not has_estimator:
         del inputs["disturbance"]
     _, corrections = simulated(network, inputs, 80)
@@ -98,7 +100,7 @@ def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator
             assert corrections[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
             d = float(inputs["disturbance"].value(tick * H)[i, 0]) if has_estimator else 0.0
             signal = rate + 1.7 * e if learns_from == "surface" else pd - d
-            weights, memory = law.learned(weights, memory, firing, signal, H)
+            weights, memory = law.step(weights, memory, firing, signal, H)
     others = [i for i in range(3) if "xyz"[i] not in axes]
     np.testing.assert_array_equal(corrections[:, others], 0.0)
 
@@ -114,9 +116,9 @@ def test_each_vehicle_of_a_fleet_learns_like_a_single_vehicle():
     def network(pick, count):
         sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), (FuzzySets(pick(scale)), FuzzySets(0.7)))
         law = CovarianceLaw(pick(rows["gain"]), 30.0)
-        learning = WeightLearning(num_vehicles=count, numbers=LearningNumbers(slope=pick(slope), law=law))
+        learning = WeightLearning(num_vehicles=count, parameters=LearningParameters(slope=pick(slope), law=law))
         return build_fuzzy_network(
-            rules=FuzzyRules(num_vehicles=count, numbers=RulesNumbers((sets,))), learning=learning
+            rules=FuzzyRules(num_vehicles=count, parameters=FuzzyRulesParameters((sets,))), learning=learning
         )
 
     _, fleet = simulated(network(lambda row: row, n), inputs, 60, n)
@@ -136,7 +138,7 @@ def test_each_vehicle_of_a_fleet_learns_like_a_single_vehicle():
 def test_a_reset_acts_at_the_first_tick_at_or_after_its_time(reset_time, tick):
     """Learning at this tick already uses the initial covariance."""
     inputs, law = smooth_inputs(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
-    learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), numbers=LearningNumbers(law=law))
+    learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), parameters=LearningParameters(law=law))
     network = build_fuzzy_network(rules=FuzzyRules(axes=("x", "z")), learning=learning)
     # The learning of the last of these ticks is still pending.
     simulator, _ = simulated(network, inputs, tick + 1)
@@ -166,7 +168,7 @@ def test_the_error_grows_with_the_opposite_sign_of_eq_14():
             e, rate = -x, -v
             firing = firing_strengths((e, rate), sets)
             u = 1.4 * e + 1.4 * rate - sign * float(np.dot(firing, weights))
-            weights, memory = law.learned(weights, memory, firing, rate + 2.1 * e, H)
+            weights, memory = law.step(weights, memory, firing, rate + 2.1 * e, H)
             x, v = x + H * v, v + H * (u + 0.5)
         errors[sign] = abs(x)
     assert errors[1.0] < 0.05 < 0.5 / 1.4 < errors[-1.0]

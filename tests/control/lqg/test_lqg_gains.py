@@ -9,17 +9,17 @@ from drake_quad.control.lqg.chains import (
     Disturbances,
     SecondOrderResponse,
     attitude_model,
-    sampled,
-    sampled_noise,
+    discretise,
+    discretise_noise,
     torque_model,
     vertical_model,
 )
 from drake_quad.control.lqg.design import (
     Timing,
+    augment_with_delay,
     axis_loop,
     kalman_gain,
     regulator_gain,
-    with_commands_under_way,
 )
 
 DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNoise(12.0, 20.0), 2.0)
@@ -36,7 +36,7 @@ TICK = 0.02  # s, control tick
 
 @for_each_model
 def test_a_sampled_model_matches_scipy(model):
-    A, B = sampled(model.A, model.B, TICK)
+    A, B = discretise(model.A, model.B, TICK)
     expected, forced, *_ = scipy.signal.cont2discrete((model.A, model.B, model.C, np.zeros((len(model.C), 1))), TICK)
     np.testing.assert_allclose(A, expected, atol=1e-12)
     np.testing.assert_allclose(B, forced, atol=1e-12)
@@ -45,17 +45,17 @@ def test_a_sampled_model_matches_scipy(model):
 @for_each_model
 def test_sampled_noise_is_the_integral_of_propagated_white_noise(model):
     nodes, weights = np.polynomial.legendre.leggauss(20)
-    parts = [sampled(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
+    parts = [discretise(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
     expected = sum(0.5 * TICK * w * part @ model.Q @ part.T for w, part in zip(weights, parts, strict=True))
-    np.testing.assert_allclose(sampled_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(discretise_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_noise_of_modes_that_decay_within_a_period_is_stationary():
     """The time constant of the fast mode is a thousandth of the period."""
     A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
     P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
-    transition, _ = sampled(A, np.zeros((2, 1)), 0.5)
-    np.testing.assert_allclose(sampled_noise(A, Q, 0.5), P - transition @ P @ transition.T, rtol=1e-9)
+    transition, _ = discretise(A, np.zeros((2, 1)), 0.5)
+    np.testing.assert_allclose(discretise_noise(A, Q, 0.5), P - transition @ P @ transition.T, rtol=1e-9)
 
 
 @for_each_model
@@ -64,9 +64,9 @@ def test_coloured_noises_have_their_deviation_and_time_constant(model):
     names = [*model.kind._fields]
     noisy = [i for i, name in enumerate(names) if name in ("first", "second", "second_rate", "bias")]
     A = model.A[np.ix_(noisy, noisy)]
-    Q = sampled_noise(A, np.diag(np.diag(model.Q)[noisy]), H)
-    P = scipy.linalg.solve_discrete_lyapunov(sampled(A, np.zeros((len(A), 1)), H)[0], Q)
-    later = sampled(A, np.zeros((len(A), 1)), 0.2)[0] @ P
+    Q = discretise_noise(A, np.diag(np.diag(model.Q)[noisy]), H)
+    P = scipy.linalg.solve_discrete_lyapunov(discretise(A, np.zeros((len(A), 1)), H)[0], Q)
+    later = discretise(A, np.zeros((len(A), 1)), 0.2)[0] @ P
     decays = {"first": np.exp(-0.2 / 0.25), "second": (1.0 + 0.2 / 0.6) * np.exp(-0.2 / 0.6), "bias": np.exp(-0.01)}
     deviations = {"first": 0.3, "second": 0.8, "bias": 12.0}
     for index, i in enumerate(noisy):
@@ -79,12 +79,12 @@ def test_coloured_noises_have_their_deviation_and_time_constant(model):
 def test_gains_match_python_control(model):
     import control
 
-    A, _ = sampled(model.A, model.B, H)
-    Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 1e-3])[: len(model.C), : len(model.C)]
+    A, _ = discretise(model.A, model.B, H)
+    Q, R = discretise_noise(model.A, model.Q, H), np.diag([1e-6, 1e-3])[: len(model.C), : len(model.C)]
     # dlqe returns the prediction gain: A times the correction gain.
     expected, *_ = control.dlqe(A, np.eye(len(A)), model.C, Q, R)
     np.testing.assert_allclose(A @ kalman_gain(A, model.C, Q, R), expected, rtol=1e-6)
-    over_tick = with_commands_under_way(*sampled(model.A, model.B, TICK), 2)
+    over_tick = augment_with_delay(*discretise(model.A, model.B, TICK), 2)
     weight = np.diag(np.arange(1.0, len(over_tick[0]) + 1.0))
     expected, *_ = control.dlqr(*over_tick, weight, [[0.3]])
     gain, _ = regulator_gain(*over_tick, weight, np.eye(1) * 0.3)
@@ -94,8 +94,8 @@ def test_gains_match_python_control(model):
 def test_the_filter_has_the_smallest_variance():
     """If the gain is changed by 5 % in either direction, the error variance is larger."""
     model = MODELS["torque"]
-    A, _ = sampled(model.A, model.B, H)
-    Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 2e-3])
+    A, _ = discretise(model.A, model.B, H)
+    Q, R = discretise_noise(model.A, model.Q, H), np.diag([1e-6, 2e-3])
     L = kalman_gain(A, model.C, Q, R)
 
     def variance(gain):
@@ -109,8 +109,8 @@ def test_the_filter_has_the_smallest_variance():
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_commands_on_the_link_act_after_the_delay(delay):
     model = MODELS["vertical"]
-    A, B = sampled(model.A, model.B, TICK)
-    whole = with_commands_under_way(A, B, delay)
+    A, B = discretise(model.A, model.B, TICK)
+    whole = augment_with_delay(A, B, delay)
     commands = np.random.default_rng(0).normal(size=12)
     x, z = np.zeros((len(A), 1)), np.zeros((len(A) + delay, 1))
     for tick, u in enumerate(commands):

@@ -16,11 +16,11 @@ from drake_quad.control.lqg.laws import (
     disturbance_of,
     error_of,
     error_rate_of,
-    estimated,
-    filter_after,
+    estimator_step,
+    filter_step,
     next_sent,
     outer_feedback,
-    regulated,
+    regulator_output,
     target_for,
     wrench_for,
 )
@@ -65,7 +65,7 @@ def rotation(state):
 
 def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_attitude():
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
-    estimate = estimated(MEASUREMENT, before, sent, None, TORQUE_LQG, H, True)
+    estimate = estimator_step(MEASUREMENT, before, sent, None, TORQUE_LQG, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
     for axis, measured, s, u in zip(
@@ -85,18 +85,18 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
 def test_a_repeated_frame_is_ignored():
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
     lost = before._replace(last_x=MEASUREMENT.x)
-    estimate = estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
+    estimate = estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
     x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
     # Without lost frames, cameras may still measure the same position twice.
-    assert estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimated(
+    assert estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimator_step(
         MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )
 
 
 def test_the_filter_starts_at_rest_at_the_measured_position():
     first = running_filter(TorqueChain)._replace(has_started=0.0)
-    after = filter_after(MEASUREMENT, first, sent_commands(2, SNAP), None, TORQUE_LQG, H, True)
+    after = filter_step(MEASUREMENT, first, sent_commands(2, SNAP), None, TORQUE_LQG, H, True)
     assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
@@ -106,7 +106,7 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
 def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
     before, sent, known = running_filter(TorqueChain), sent_commands(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
-        estimated(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)
+        estimator_step(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)
     )
     for axis in "xyz":
         change = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
@@ -129,28 +129,28 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
     return e
 
 
-UNLIMITED_THRUST = NOMINAL_THRUST._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
+UNLIMITED_THRUST = NOMINAL_THRUST._replace(tan_max_tilt=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
 def test_the_snap_command_contains_state_feedback_and_feedforward_with_lead():
-    numbers = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST, torques=TORQUE_LQG.torques._replace(max_snap=1e6))
+    parameters = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST, torques=TORQUE_LQG.torques._replace(max_snap=1e6))
     estimate, sent = running_filter(TorqueChain).estimate, sent_commands(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
-    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
+    output = regulator_output(estimate, REFERENCE, JERK, SNAP, sent, correction, None, parameters, TICK)
     for axis, forward in (
         ("x", SNAP.x + 0.09 * (SNAP.x - 0.8) / TICK),
         ("y", SNAP.y + 0.09 * (SNAP.y + 1.0) / TICK),
         ("z", REFERENCE.a_z - 0.1 + 0.07 * JERK.z),
     ):
-        loop = numbers.vertical if axis == "z" else numbers.lateral
+        loop = parameters.vertical if axis == "z" else parameters.lateral
         e = expected_deviation(getattr(estimate, axis), axis, getattr(correction, axis))
         pending = [getattr(each, axis) for each in sent.deviations]
         feedback = np.dot(loop.K, e) + np.dot(loop.K_pending, pending)
         assert getattr(output.command, axis) == pytest.approx(forward - feedback)
         assert getattr(output.deviation, axis) == pytest.approx(-feedback)
     # The acceleration is the command of an outer loop: the PD plus the compensation of the disturbance.
-    pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), numbers)
-    K = numbers.lateral.K
+    pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), parameters)
+    K = parameters.lateral.K
     compensation = (
         K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate
     ) / 1.8
@@ -158,23 +158,23 @@ def test_the_snap_command_contains_state_feedback_and_feedforward_with_lead():
     assert output.acceleration.z == output.command.z
 
 
-@pytest.mark.parametrize("numbers", [TORQUE_LQG, TARGET_LQG])
-def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(numbers):
-    for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
+@pytest.mark.parametrize("parameters", [TORQUE_LQG, TARGET_LQG])
+def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(parameters):
+    for i, loop in enumerate((parameters.lateral, parameters.lateral, parameters.vertical)):
         error, rate = np.zeros(3), np.zeros(3)
         error[i], rate[i] = 0.3, -0.7
-        feedback = outer_feedback(PositionError(*error), PositionErrorRate(*rate), numbers)
+        feedback = outer_feedback(PositionError(*error), PositionErrorRate(*rate), parameters)
         expected = np.zeros(3)
         expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer
         np.testing.assert_allclose(feedback, expected, rtol=1e-12)
 
 
 def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
-    numbers = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
+    parameters = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
-    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
+    output = regulator_output(estimate, REFERENCE, JERK, SNAP, sent, None, None, parameters, TICK)
     e = expected_deviation(estimate.y, "y")
-    feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
+    feedback = np.dot(parameters.lateral.K, e) + parameters.lateral.K_pending[0] * sent.deviations[0].y
     assert output.command.y == pytest.approx(REFERENCE.a_y + 0.2 * JERK.y + 0.03 * SNAP.y - feedback)
     assert output.acceleration[:2] == output.command[:2]
 
@@ -182,22 +182,22 @@ def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
 def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     """The horizontal part is shortened in its own direction. Deviations are computed from the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
-    attitude = regulated(
+    attitude = regulator_output(
         running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, TARGET_LQG, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     limited, desired = (
-        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (TARGET_LQG, free)
+        regulator_output(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (TARGET_LQG, free)
     )
     assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
-    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
+    low = regulator_output(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
     narrow = TORQUE_LQG._replace(torques=TORQUE_LQG.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
-    torques = regulated(
+    torques = regulator_output(
         running_filter(TorqueChain).estimate, farther, JERK, SNAP, sent_commands(2, SNAP), None, None, narrow, TICK
     )
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
@@ -207,7 +207,7 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
 
 def test_sent_commands_advance_at_each_tick():
     sent = sent_commands(2, SNAP)
-    requested = regulated(
+    requested = regulator_output(
         running_filter(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, TORQUE_LQG, TICK
     )
     after = next_sent(requested, SNAP, sent)
@@ -242,14 +242,14 @@ def test_the_wrench_for_a_vehicle_on_its_path_follows_from_flatness():
     """The controller neglects the gyroscopic torque, which is zero for equal moments of inertia."""
     demand, measured, estimate = vehicle_on_path(TorqueChain)
     equal_inertia = TORQUE_LQG.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
-    numbers = TORQUE_LQG._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
+    parameters = TORQUE_LQG._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
     requested = undisturbed_output(SNAP.x, SNAP.y, REFERENCE.a_z)
-    wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
+    wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, parameters)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
     yaw = 3.1 * (REFERENCE.yaw_rate - measured.r) + SNAP.yaw
     assert wrench.tau_z == pytest.approx(0.01 * yaw)
     turned = wrench_for(
-        requested, estimate, measured._replace(yaw=measured.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers
+        requested, estimate, measured._replace(yaw=measured.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, parameters
     )
     assert turned == pytest.approx(wrench)
 
@@ -265,12 +265,12 @@ def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     correction = Acceleration(0.2, -0.3, 0.1)
-    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
+    output = regulator_output(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     disturbance = estimate.z.first + estimate.z.second
     assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
     # The value stays within the limits of the thrust, so no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
-    limited = regulated(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
+    limited = regulator_output(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert limited.upward == pytest.approx(2.0 / 0.68)
 
 
@@ -301,7 +301,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     # The measured attitude causes no innovation, but the velocity follows the thrust.
     sent = sent_commands(1, None)._replace(upward=9.81 + REFERENCE.a_z)
     before = KalmanState(estimate, 1.0, 0.0), KalmanState(changed_estimate, 1.0, 0.0)
-    plain, changed = (estimated(measured, each, sent, None, free, H, True) for each in before)
+    plain, changed = (estimator_step(measured, each, sent, None, free, H, True) for each in before)
     assert changed.x[2:] == plain.x[2:]
     sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)
     assert changed.x.velocity - plain.x.velocity == pytest.approx(H * sideways)

@@ -10,12 +10,12 @@ from drake_quad.control.lqg.chains import (
     Disturbances,
     SecondOrderResponse,
     attitude_model,
-    sampled,
+    discretise,
     torque_model,
     vertical_model,
 )
-from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of, with_commands_under_way
-from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.design import Timing, augment_with_delay, axis_loop, regulator_of
+from drake_quad.control.lqg.laws import LqgParameters, TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.mpc.constraints import (
     Corridor,
     Horizon,
@@ -34,9 +34,9 @@ NUM_INSTANTS = 12  # times in the preview
 NOW = 3  # index of the preview time at which the horizon begins
 WEIGHT = {"lateral": 2e-6, "vertical": 3e-4}
 ATTITUDE_WEIGHT = 2e-3
-THRUST = ThrustNumbers(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
-TORQUES = TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
-TARGET = TargetNumbers(0.2, 0.03)
+THRUST = ThrustParameters(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
+TORQUES = TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
+TARGET = TargetParameters(0.2, 0.03)
 BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
     "torques": torque_model(0.045, BELIEF),
@@ -58,7 +58,7 @@ def horizon_of(kind, corridor=CORRIDOR):
     lateral = axis_loop(MODELS[kind], TIMING, noise=np.array([0.001, 0.02]), command_weight=lateral_weight(kind))
     vertical = axis_loop(MODELS["height"], TIMING, noise=np.array([0.001]), command_weight=WEIGHT["vertical"])
     parts = (TORQUES, None) if kind == "torques" else (None, TARGET)
-    return Horizon(LqgNumbers(lateral, vertical, THRUST, *parts), preview, corridor, TILT_WEIGHT, NUM_TICKS, 0.02)
+    return Horizon(LqgParameters(lateral, vertical, THRUST, *parts), preview, corridor, TILT_WEIGHT, NUM_TICKS, 0.02)
 
 
 def lateral_weight(kind):
@@ -69,7 +69,7 @@ class ExplicitAxis:
     """One axis, simulated tick by tick, with the cost-to-go after the horizon."""
 
     def __init__(self, model, command_weight):
-        self.A, B = with_commands_under_way(*sampled(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
+        self.A, B = augment_with_delay(*discretise(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
         self.b, self.rho = B[:, 0], command_weight
         Q = np.zeros_like(self.A)
         Q[0, 0] = 1.0
@@ -233,9 +233,9 @@ def test_a_limit_beyond_the_horizon_has_no_influence():
     spike[9] = 30.0
     preview = calm._replace(snap=calm.snap._replace(x=spike), before=calm.before._replace(x=spike))
     regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
-    limited = still.numbers._replace(torques=TORQUES._replace(max_snap=20.0))
+    limited = still.parameters._replace(torques=TORQUES._replace(max_snap=20.0))
     programme = Programme(
-        list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
+        list(horizontal_constraints(regulator, still._replace(preview=preview, parameters=limited))), regulator.weight
     )
     n = len(regulator.K)
     perturbations = [

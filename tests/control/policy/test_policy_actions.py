@@ -13,8 +13,8 @@ from drake_quad.control.policy.actions import (
     ThrustRange,
     commanded_acceleration,
     commanded_attitude,
-    rates_from_the_ground,
-    rates_on_board,
+    offboard_rate_command,
+    onboard_rate_command,
     wrench_of_speeds,
 )
 from drake_quad.geometry.per_axis import PerAngle
@@ -45,8 +45,8 @@ def test_an_acceleration_along_a_heading_is_rotated_into_the_world_frame(frame, 
 
 def test_the_thrust_of_an_action_ranges_from_the_smallest_to_the_largest():
     for action, thrust in ((-1.0, 2.0), (0.0, 7.0), (1.0, 12.0), (3.0, 12.0), (-3.0, 2.0)):
-        assert rates_on_board((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
-        assert rates_from_the_ground((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
+        assert onboard_rate_command((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
+        assert offboard_rate_command((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
         assert commanded_attitude((action, 0.0, 0.0, 0.0), REFERENCE, AttitudeScale(THRUST, 0.5, 0.2))[0] == (thrust,)
 
 
@@ -60,15 +60,15 @@ def test_the_yaw_of_an_action_is_relative_to_the_reference():
 
 
 def test_rates_for_an_autopilot_command_no_attitude():
-    assert rates_on_board((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
-    assert rates_on_board(SATURATED_ACTIONS[0], RATES) == rates_on_board(SATURATED_ACTIONS[1], RATES)
+    assert onboard_rate_command((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
+    assert onboard_rate_command(SATURATED_ACTIONS[0], RATES) == onboard_rate_command(SATURATED_ACTIONS[1], RATES)
 
 
 def test_the_rate_loop_on_the_ground_makes_body_rates_a_first_order_lag():
     """The torque follows from Euler's equations with ω̇ = k (ω_r - ω), for any present rates."""
     rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
     measured = State(*[0.0] * 9, *rates)
-    wrench = rates_from_the_ground((0.0, 0.2, -0.5, 1.0), measured, RATES)
+    wrench = offboard_rate_command((0.0, 0.2, -0.5, 1.0), measured, RATES)
     slope = (np.array(wrench[1:]) - np.cross(rates, inertia * rates)) / inertia
     np.testing.assert_allclose(slope, np.array(RATES.gains) * (np.array([1.0, -2.0, 2.0]) - rates))
 

@@ -9,7 +9,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from drake_quad.control.policy.observation import (
     OBSERVABLE_SIGNALS,
     Frame,
-    ObservationNumbers,
+    ObservationParameters,
     ObservationSpec,
     num_observed,
     observed,
@@ -27,9 +27,17 @@ ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
 
 def observed_signal(name, frame="world", turn=0.0):
     spec = ObservationSpec((name,), frame, 1, turn)
-    numbers = ObservationNumbers(200.0, ACTION)
+    parameters = ObservationParameters(200.0, ACTION)
     rows = observed(
-        STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, numbers, lambda x, y, z: x + 10.0 * y - z, spec
+        STATE,
+        REFERENCE,
+        REFERENCE_AHEAD,
+        ROTOR_SPEEDS,
+        WIND,
+        ACTION,
+        parameters,
+        lambda x, y, z: x + 10.0 * y - z,
+        spec,
     )
     assert len(rows) == num_observed(spec, num_actions=3, num_ahead=2)
     return np.array(rows)
@@ -98,9 +106,9 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     )
     names = tuple([name for name in OBSERVABLE_SIGNALS if name not in ("position", "attitude", "clearance")])
     spec = ObservationSpec(names, "reference_heading", 1, 0.6)
-    numbers = ObservationNumbers(200.0, ACTION)
+    parameters = ObservationParameters(200.0, ACTION)
     rows = [
-        observed(*given, ROTOR_SPEEDS, present_wind, ACTION, numbers, None, spec)
+        observed(*given, ROTOR_SPEEDS, present_wind, ACTION, parameters, None, spec)
         for given, present_wind in (((STATE, REFERENCE, REFERENCE_AHEAD), WIND), ((state, reference, ahead), wind))
     ]
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
@@ -119,7 +127,7 @@ def test_signals_have_the_order_of_the_specification():
     names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
     rows = observed(
-        STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec
+        STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, ObservationParameters(200.0, ACTION), max, spec
     )
     parts = [observed_signal(name) for name in names]
     parts[names.index("clearance")] = [1.1]

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.control.policy.network import Dense, Gru, Network, evaluate_network
-from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec
+from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec
 from drake_quad.control.policy.systems import Observation, Policy
 from drake_quad.framework.symbols import Matrix
 
@@ -35,7 +35,7 @@ def test_the_history_contains_earlier_observations_and_actions(history):
     initial = (0.25, -0.5)
     builder = DiagramBuilder()
     observation = builder.AddSystem(
-        Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, initial), period=0.02)
+        Observation(spec=spec, num_actions=2, parameters=ObservationParameters(1.0, initial), period=0.02)
     )
     network = network_of(5 * history, 2)
     policy = builder.AddSystem(Policy(network=network, period=0.02))
@@ -74,7 +74,7 @@ def context_at(source, time):
 @pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
 def test_an_observation_has_inputs_only_for_its_signals(signals):
     spec = ObservationSpec(signals, "world", 1)
-    observation = Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, (0.0, 0.0)))
+    observation = Observation(spec=spec, num_actions=2, parameters=ObservationParameters(1.0, (0.0, 0.0)))
     for name in ("wind", "rotor_speed"):
         assert observation.HasInputPort(name) is (name in signals)
     assert not observation.HasInputPort("reference_ahead")

@@ -19,7 +19,7 @@ from drake_quad.laboratory.wind.dryden import (
     PerDirection,
     SampledTurbulence,
     Turbulence,
-    TurbulenceNumbers,
+    TurbulenceParameters,
     next_filter_state,
     stationary_state,
     turbulent_velocity,
@@ -33,7 +33,7 @@ NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, air
 
 def matrices(turbulence, period):
     """Return A, B and C of the whole filter, from the steps and outputs for unit vectors."""
-    sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
+    sampled = SampledTurbulence.of(TurbulenceParameters(turbulence), period)
     unit_states, zero_state = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
     A = np.column_stack([next_filter_state(column, zero_state, sampled) for column in unit_states])
     B = np.column_stack([next_filter_state(zero_state, column, sampled) for column in unit_states])
@@ -75,7 +75,7 @@ def test_a_long_record_has_the_given_standard_deviation(period, duration):
     """The standard deviation is taken over 3,000 vehicles and the whole record."""
     n = 3000
     builder = DiagramBuilder()
-    turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
+    turbulence = DrydenTurbulence(num_vehicles=n, period=period, parameters=TurbulenceParameters(NEAR_GROUND))
     system = builder.AddNamedSystem("dryden", turbulence)
     feed_noise(builder, system, StreamKind.WIND, Samples(4, range(n)))
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=20 * period)
@@ -98,16 +98,16 @@ def test_turbulence_is_along_and_across_the_heading_and_upwards():
         [0, 0, 1],
     )
     f_factor, g_factor = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
-    initial_shares = [1.0, f_factor + 0.5 * g_factor, f_factor + 0.5 * g_factor, 0.5 * g_factor, 0.5 * g_factor]
+    initial_fractions = [1.0, f_factor + 0.5 * g_factor, f_factor + 0.5 * g_factor, 0.5 * g_factor, 0.5 * g_factor]
     turbulence = NEAR_GROUND._replace(deviation=PerDirection(1.3, 0.9, 0.6))
-    system = DrydenTurbulence(period=period, numbers=TurbulenceNumbers(turbulence, heading))
+    system = DrydenTurbulence(period=period, parameters=TurbulenceParameters(turbulence, heading))
     A, B, C = matrices(turbulence, period)
     for number, (axis, direction) in enumerate(((0, along), (1, across), (2, up), (1, across), (2, up))):
         simulator = Simulator(system)
         context = simulator.get_mutable_context()
         noise = system.get_input_port().FixValue(context, np.eye(5)[number])
         simulator.Initialize()
-        expected = turbulence.deviation[axis] * initial_shares[number] * np.array(direction)
+        expected = turbulence.deviation[axis] * initial_fractions[number] * np.array(direction)
         np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
         state = np.array(system.get_state(context, "filter"))
         simulator.AdvanceTo(period)
@@ -122,7 +122,7 @@ def test_turbulence_is_along_and_across_the_heading_and_upwards():
 def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
     turbulence = Turbulence(PerDirection(1.0, 2.0, 3.0), PerDirection(6.0, 6.0, 4.0), 10.0)
     period, count, ticks = 0.01, 200, 2**15
-    sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
+    sampled = SampledTurbulence.of(TurbulenceParameters(turbulence), period)
     rng = np.random.default_rng(0)
     state = stationary_state(FilterState(*rng.standard_normal((5, count))))
     record = np.empty((ticks, 3, count))

@@ -106,7 +106,7 @@ def wind_at(state, *jets, n, duration, seed=0):
     """Return (3, n, ticks) winds of n vehicles at rest."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("state", ConstantVectorSource(np.repeat(state, n)))
-    fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, numbers=jets))
+    fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, parameters=jets))
     builder.Connect(source.get_output_port(), fans.GetInputPort("state"))
     feed_noise(builder, fans, StreamKind.WIND, Samples(seed, range(n)))
     log = LogVectorOutput(fans.get_output_port(), builder, publish_period=0.01)
@@ -148,8 +148,8 @@ def test_sources_that_depend_on_position_add_up():
     """Two sources with one jet each, without turbulence, agree with one source of both jets."""
     jets = JET._replace(turbulence=0.0), JET._replace(turbulence=0.0, direction=Direction(0.0, 0.8, 0.6))
     separate_sources, common_source = (
-        {f"fan_{i}": Fans(numbers=(jet,)) for i, jet in enumerate(jets)},
-        {"fans": Fans(numbers=jets)},
+        {f"fan_{i}": Fans(parameters=(jet,)) for i, jet in enumerate(jets)},
+        {"fans": Fans(parameters=jets)},
     )
     winds = []
     for sources in (separate_sources, common_source):

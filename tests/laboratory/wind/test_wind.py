@@ -13,13 +13,13 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
-from drake_quad.laboratory.wind.gust import Gust, GustNumbers
-from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
 MASS = 0.68  # kg
 G = 9.81  # m/s²
@@ -28,7 +28,7 @@ G = 9.81  # m/s²
 def test_drag_balances_the_weight_at_terminal_velocity():
     """With idle rotors, the drag is c₁ v + c₂ v² = m g - 4 b ω²."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
-    vehicle = Quadrotor(numbers=QuadrotorNumbers(parameters))
+    vehicle = Quadrotor(parameters=QuadrotorConfig(parameters))
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.zeros(4))
@@ -65,8 +65,8 @@ def test_the_velocity_of_a_vehicle_in_a_gust_agrees_with_the_closed_form():
     c, height, rise = 0.3, 4.0, 1.5
     parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
-    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(numbers=QuadrotorNumbers(parameters)))
-    gust = builder.AddNamedSystem("gust", Gust(numbers=GustNumbers(Wind(height, 0.0, 0.0), 0.5, rise)))
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(parameters=QuadrotorConfig(parameters)))
+    gust = builder.AddNamedSystem("gust", Gust(parameters=GustParameters(Wind(height, 0.0, 0.0), 0.5, rise)))
     builder.Connect(gust.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
     builder.ExportInput(vehicle.GetInputPort("rotor_speed_command"), "command")
     diagram = builder.Build()
@@ -96,16 +96,18 @@ def test_the_velocity_of_a_vehicle_in_a_gust_agrees_with_the_closed_form():
 @pytest.mark.parametrize("n", [1, 3])
 def test_a_sine_is_sampled_at_the_middle_of_a_step(n):
     offsets = np.arange(float(n)) if n > 1 else 0.0
-    numbers = SineNumbers(Wind(-2.4 + offsets, 0.5, 0.1), 1.3, 0.2 + offsets)
-    wind = SineWind(num_vehicles=n, period=0.02, numbers=numbers)
+    config = SineParameters(Wind(-2.4 + offsets, 0.5, 0.1), 1.3, 0.2 + offsets)
+    wind = SineWind(num_vehicles=n, period=0.02, parameters=config)
     simulator = Simulator(wind)
     for tick in (0, 1, 57):
         simulator.AdvanceTo(0.02 * tick)
         simulator.AdvancePendingEvents()
         velocity = wind.get_output_port().Eval(simulator.get_context()).reshape(3, n)
-        share = np.sin(1.3 * (0.02 * tick + 0.01) + 0.2 + offsets)
+        fraction = np.sin(1.3 * (0.02 * tick + 0.01) + 0.2 + offsets)
         np.testing.assert_allclose(
-            velocity, share * np.array([-2.4 + offsets, 0.5 + 0 * offsets, 0.1 + 0 * offsets]).reshape(3, n), rtol=1e-12
+            velocity,
+            fraction * np.array([-2.4 + offsets, 0.5 + 0 * offsets, 0.1 + 0 * offsets]).reshape(3, n),
+            rtol=1e-12,
         )
 
 
@@ -140,7 +142,7 @@ def test_turbulence_follows_the_steady_wind_by_default(diagrams):
 
 
 def test_steady_wind_is_constant_and_can_differ_between_vehicles():
-    system = SteadyWind(num_vehicles=2, numbers=Wind(0.7, np.array([-0.5, 1.5]), 0.3))
+    system = SteadyWind(num_vehicles=2, parameters=Wind(0.7, np.array([-0.5, 1.5]), 0.3))
     context = system.CreateDefaultContext()
     for time in (0.0, 100.0):
         context.SetTime(time)
@@ -207,7 +209,7 @@ def test_a_user_s_wind_is_added_to_the_scenario_s_wind_in_single_flights_and_fle
     np.testing.assert_allclose(wind.x[5:], 1.0, atol=1e-12)
     assert wind.y[5:].max() > 0.5
     own = UserSystems(wind=lambda num_vehicles: UserJets([jet], num_vehicles))
-    fleet = StudyFleet(scenario, plan_route(scenario), 2, own=own)
+    fleet = StudyFleet(scenario, plan_route(scenario), 2, user_systems=own)
     # The second flight reuses the context of the first.
     for _ in range(2):
         assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)

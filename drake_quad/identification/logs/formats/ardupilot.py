@@ -41,7 +41,7 @@ _OTHER_FRAMES = {
 }
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the messages that a mapping uses, of the first instance of each sensor.
 
     Field names have the form `ATT.Roll`. Values are multiplied by the multiplier of their type.
@@ -71,13 +71,13 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         }
 
     formats, offsets = log.read_by_library("an ArduPilot log", formats_and_offsets)
-    name, mapping = given or load_mapping("ardupilot")
+    name, mapping = user_mapping or load_mapping("ardupilot")
     parameters = _parameters(log, formats, offsets)
     frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
     remarks = [*log.remarks]
     if frame in _OTHER_FRAMES:
         other = _OTHER_FRAMES[frame]
-        if given is None:
+        if user_mapping is None:
             raise InputError(
                 f"{log.mark}: is a log of {other}, not of a quadrotor; to read it, give a mapping from columns to"
                 " signals"

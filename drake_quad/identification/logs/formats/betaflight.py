@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
@@ -22,7 +22,7 @@ _MICROSECOND = 1e-6
 _MAX_INTERVAL = 10_000
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the longest flight of a log. Each arming of the vehicle begins a flight.
 
     Raises:
@@ -56,7 +56,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
             fields[name] = (fields[name] - low) / (high - low)
         elif name.startswith("accSmooth["):
             fields[name] = fields[name] / gravity
-    return LogContent([Table("", time, fields)], given or load_mapping("betaflight"), remarks)
+    return LogContent([Table("", time, fields)], user_mapping or load_mapping("betaflight"), remarks)
 
 
 def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
@@ -69,7 +69,7 @@ def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
             raise ValueError(f"its header has an invalid {name}: {config[name]}")
     numbers = [*config["motorOutput"], config["acc_1G"]]
     if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
-        values = listed([str(each) for each in numbers])
+        values = join_names([str(each) for each in numbers])
         raise ValueError(f"its header has invalid values of motorOutput and acc_1G: {values}")
     flight.parse_data()
     return flight

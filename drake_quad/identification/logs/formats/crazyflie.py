@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
@@ -75,7 +75,7 @@ class _Header:
             return text.decode("ascii")
         except UnicodeDecodeError:
             raise InputError(
-                f"{self._log.mark}: is not a Crazyflie log, or damaged: {shown(text)} in its header is not a name"
+                f"{self._log.mark}: is not a Crazyflie log, or damaged: {short_repr(text)} in its header is not a name"
             ) from None
 
     def truncated(self) -> InputError:
@@ -83,7 +83,7 @@ class _Header:
         return InputError(f"{self._log.mark}: is truncated: the header of a Crazyflie log is incomplete")
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the variables of each event type.
 
     A variable whose name contains no dot belongs to the event itself, and gets the name of the event as a prefix.
@@ -117,7 +117,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
             f"{log.mark}: contains no complete record of {' or '.join(each.name for each in event_types.values())}"
             + "".join(f"; {remark}" for remark in remarks)
         )
-    return LogContent(tables, given or load_mapping("crazyflie"), remarks)
+    return LogContent(tables, user_mapping or load_mapping("crazyflie"), remarks)
 
 
 def _event_type(header: _Header, log: LogFile, name: str, clock: str) -> _EventType:
@@ -127,8 +127,8 @@ def _event_type(header: _Header, log: LogFile, name: str, clock: str) -> _EventT
         variable, bracket, letter = header.text().removesuffix(")").rpartition("(")
         if not bracket or letter not in _TYPES:
             raise InputError(
-                f"{log.mark}: the variable {shown(variable or letter)} in its header has the unknown type"
-                f" {shown(letter)}; known types are {' '.join(_TYPES)}"
+                f"{log.mark}: the variable {short_repr(variable or letter)} in its header has the unknown type"
+                f" {short_repr(letter)}; known types are {' '.join(_TYPES)}"
             )
         variables.append(variable if "." in variable else f"{name}.{variable}")
         formats.append(_TYPES[letter])

@@ -29,7 +29,7 @@ _MAX_NAME_LENGTH = 64
 _COLUMN_PATTERN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the blocks whose checksum is correct.
 
     Raises:
@@ -58,7 +58,9 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         raise InputError(f"{log.mark}: is a Crazyflie log without a complete block of records")
     records = np.concatenate(blocks)
     columns = {name: records[str(i)] for i, name in enumerate(names) if i}
-    return LogContent([Table("", records["0"] * _TICK_PERIOD, columns)], given or load_mapping("crazyflie"), remarks)
+    return LogContent(
+        [Table("", records["0"] * _TICK_PERIOD, columns)], user_mapping or load_mapping("crazyflie"), remarks
+    )
 
 
 def _blocks(data: bytes, offset: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:

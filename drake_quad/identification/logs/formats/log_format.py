@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from drake_quad.errors import InputError, listed, shown
+from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping, load_mapping, shipped_mappings
 from drake_quad.identification.logs.source import LogFile
@@ -46,23 +46,24 @@ FORMATS: list[LogFormat] = []
 
 
 def best_mapping(
-    log: LogFile, given: NamedMapping | None, columns_of: Callable[[Mapping], Sequence[str]]
+    log: LogFile, user_mapping: NamedMapping | None, columns_of: Callable[[Mapping], Sequence[str]]
 ) -> tuple[NamedMapping, Sequence[str]]:
     """Return the mapping for a log with one table, and the columns of the log, which depend on its delimiter.
 
     Args:
         log: content of the file.
-        given: name and mapping that the user selected; if None, the shipped mapping that uses most of the columns.
+        user_mapping: name and mapping that the user selected; if None, the shipped mapping that uses most of the
+            columns.
         columns_of: function that returns the names of the columns, given a mapping.
 
     Raises:
         InputError: if no mapping fits.
     """
-    candidates = [given] if given else [load_mapping(name) for name in shipped_mappings()]
+    candidates = [user_mapping] if user_mapping else [load_mapping(name) for name in shipped_mappings()]
     best: tuple[NamedMapping, Sequence[str]] | None = None
     max_known = 0
     for name, mapping in candidates:
-        if mapping.time is None or (given is None and mapping.by_name):
+        if mapping.time is None or (user_mapping is None and mapping.by_name):
             continue
         columns = columns_of(mapping)
         if mapping.fits(set(columns)):
@@ -73,17 +74,17 @@ def best_mapping(
                 best, max_known = ((name, mapping), columns), len(known_columns)
     if best is not None:
         return best
-    columns = [shown(each) for each in columns_of(candidates[0][1])]
-    if given is None:
+    columns = [short_repr(each) for each in columns_of(candidates[0][1])]
+    if user_mapping is None:
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns,"
-            f" {listed(columns, 12)}; write a mapping as shown in the how-to guide on identification"
+            f" {join_names(columns, 12)}; write a mapping as shown in the how-to guide on identification"
         )
-    name, mapping = given
+    name, mapping = user_mapping
     if mapping.time is None:
         raise InputError(f"{log.mark}: the mapping {name} must state the time column to read a log with one table")
     missing = sorted(mapping.names - set(columns_of(mapping)))
     raise InputError(
-        f"{log.mark}: does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it"
-        f" has {listed(columns, 12)}"
+        f"{log.mark}: does not fit the mapping {name}: there is no"
+        f" {join_names([short_repr(each) for each in missing], 4)}; it has {join_names(columns, 12)}"
     )

@@ -29,7 +29,7 @@ _MAX_DEPTH = 8
 _MAX_COMPONENTS = 16
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the variables that have as many samples as the time column of the mapping.
 
     Raises:
@@ -47,7 +47,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     for name, values in variables.items():
         if values.ndim == 2:
             names += [f"{name}[{i}]" for i in range(min(values.shape)) if min(values.shape) <= _MAX_COMPONENTS]
-    (name, mapping), _ = best_mapping(log, given, lambda _: names)
+    (name, mapping), _ = best_mapping(log, user_mapping, lambda _: names)
     assert mapping.time is not None
     time = variables.get(mapping.time.column)
     if time is None or time.ndim != 1 or not lengths:

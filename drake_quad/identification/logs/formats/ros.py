@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, join_names
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import FORMATS, LogContent, LogFormat, NamedMapping
 from drake_quad.identification.logs.mapping import load_mapping
@@ -109,13 +109,15 @@ def _stamp(message: Any) -> int:
         return 0
 
 
-def _content(log: LogFile, given: NamedMapping | None, format_name: str, messages: Iterator[_Message]) -> LogContent:
+def _content(
+    log: LogFile, user_mapping: NamedMapping | None, format_name: str, messages: Iterator[_Message]
+) -> LogContent:
     """Read the fields that a mapping uses.
 
     Raises:
         InputError: if the mapping uses none of the topics, or the first message cannot be read.
     """
-    name, mapping = given or load_mapping("ros")
+    name, mapping = user_mapping or load_mapping("ros")
     needed: dict[str, list[str]] = {}
     for each in sorted(mapping.names):
         topic, _, field = each.partition(".")
@@ -144,11 +146,11 @@ def _content(log: LogFile, given: NamedMapping | None, format_name: str, message
             raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
         remarks.append(f"the log is truncated or damaged; it is read up to this error: {reason_of(error)}")
     if undecoded:
-        remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
+        remarks.append(f"the messages of {join_names(sorted(undecoded))} cannot be decoded")
     if not topics:
         raise InputError(
             f"{log.mark}: is {format_name} without any topic of the mapping {name}; its topics are"
-            f" {listed(sorted(unread | undecoded)) or 'none'}"
+            f" {join_names(sorted(unread | undecoded)) or 'none'}"
         )
     return _tables(topics, (name, mapping), remarks, sorted(unread))
 
@@ -200,7 +202,7 @@ def _full(kind: str) -> str:
     return kind if "/msg/" in kind else kind.replace("/", "/msg/")
 
 
-def _read_bag_1(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read_bag_1(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read a ROS 1 bag."""
     rosbag1 = log.library("rosbags.rosbag1", "ros")
     typesys = log.library("rosbags.typesys", "ros")
@@ -213,11 +215,13 @@ def _read_bag_1(log: LogFile, given: NamedMapping | None) -> LogContent:
                 decode = functools.partial(decoder, data, connection.msgtype)
                 yield _Message(connection.topic, _short(connection.msgtype), time, decode)
 
-    content: LogContent = log.read_from_disk(".bag", lambda path: _content(log, given, "a ROS 1 bag", messages(path)))
+    content: LogContent = log.read_from_disk(
+        ".bag", lambda path: _content(log, user_mapping, "a ROS 1 bag", messages(path))
+    )
     return content
 
 
-def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read_bag_2(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the SQLite file of a ROS 2 bag."""
     typesys = log.library("rosbags.typesys", "ros")
 
@@ -235,10 +239,10 @@ def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
             for topic, kind, time, raw in bag.execute(f"{query} ORDER BY m.timestamp"):
                 yield _Message(topic, _short(kind), time, functools.partial(decoder, raw, kind))
 
-    return _content(log, given, "a ROS 2 bag", messages())
+    return _content(log, user_mapping, "a ROS 2 bag", messages())
 
 
-def _read_mcap(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read_mcap(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read an MCAP file with messages of ROS 2, ROS 1 or JSON."""
     mcap = log.library("mcap.reader", "mcap")
     typesys = log.library("rosbags.typesys", "ros")
@@ -259,7 +263,7 @@ def _read_mcap(log: LogFile, given: NamedMapping | None) -> LogContent:
                 decode = functools.partial(decoders[channel.id], message.data, kind)
             yield _Message(channel.topic, _short(kind), message.log_time, decode)
 
-    return _content(log, given, "an MCAP file", messages())
+    return _content(log, user_mapping, "an MCAP file", messages())
 
 
 FORMATS += [

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.formats.log_format import LogContent, NamedMapping, best_mapping
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
-from drake_quad.written_numbers import parse_float
+from drake_quad.number_parsing import parse_float
 
 # Largest size of a CSV file. Its cells take ten times as much memory as the file.
 MAX_BYTES = 50_000_000
@@ -25,18 +25,18 @@ def is_text(log: LogFile) -> bool:
     return bool(_text_end(log.data))
 
 
-def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
+def read_table(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the columns of a CSV file that a mapping uses.
 
     Args:
         log: content of the file.
-        given: name and mapping; if None, the shipped mapping that uses most of the columns.
+        user_mapping: name and mapping; if None, the shipped mapping that uses most of the columns.
 
     Raises:
         InputError: if the file is too large, no mapping fits, or a cell is not a number.
     """
     text, unread = _text(log)
-    (name, mapping), names = best_mapping(log, given, lambda mapping: _header(log, text, mapping.delimiter))
+    (name, mapping), names = best_mapping(log, user_mapping, lambda mapping: _header(log, text, mapping.delimiter))
     header, rows, lines, remarks = _rows(log, text, mapping.delimiter)
     sources = mapping.available_sources(set(names))
     widths = {
@@ -133,7 +133,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
         row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
     expected = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
     mark = log.mark._replace(line=lines[row])
-    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {expected}")
+    raise InputError(f"{mark}: {short_repr(name)} is {short_repr(cells[row])}, but must be {expected}")
 
 
 def _vector(cell: str, width: int) -> list[float]:

@@ -45,7 +45,7 @@ class _BoundedReader(io.BytesIO):
         return super().read(size)
 
 
-def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
+def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     """Read the first instance of the topics that a mapping uses.
 
     Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
@@ -55,13 +55,13 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
 
     Args:
         log: content of the file.
-        given: name of a mapping, and the mapping from fields to signals. If None, the log of a vehicle that is not a
-            quadrotor is rejected; otherwise a remark states the type of the vehicle.
+        user_mapping: name of a mapping, and the mapping from fields to signals. If None, the log of a vehicle that is
+            not a quadrotor is rejected; otherwise a remark states the type of the vehicle.
 
     Raises:
         InputError: if pyulog is not installed or cannot read the log, or the logged vehicle is not a quadrotor.
     """
-    name, mapping = given or load_mapping("px4")
+    name, mapping = user_mapping or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
     remarks = [*log.remarks, *chain.remarks]
@@ -80,7 +80,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     }
     parameters = parsed.initial_parameters
     other_type = other_vehicle(parameters, first_instances.get("vehicle_status"))
-    if other_type and given is None:
+    if other_type and user_mapping is None:
         raise InputError(
             f"{log.mark}: is a log of {other_type}, not of a quadrotor; to read it, give a mapping from columns to"
             " signals"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, SharedNumbers
+from drake_quad.compilation.shared_values import TIME_VALUE, SharedValues, SharedValueSource
 from drake_quad.framework.formulas import TickOf
 
 
@@ -12,26 +12,26 @@ def no_value(path, output, time):
 
 
 def test_a_number_that_is_requested_twice_has_one_column():
-    shared = SharedNumbers()
+    shared = SharedValues()
     ticks = TickOf(0.02)
     places = [
-        shared.column(0, TIME_NUMBER),
-        shared.column(1, TIME_NUMBER),
+        shared.column(0, TIME_VALUE),
+        shared.column(1, TIME_VALUE),
         shared.column(0, ticks),
         shared.second(0, ticks),
         shared.column(0, TickOf(0.04)),
     ]
     assert places == [0, 1, 2, 3, 4]
-    assert shared.column(1, TIME_NUMBER) == 1
+    assert shared.column(1, TIME_VALUE) == 1
     assert shared.column(0, TickOf(0.02)) == 2
     assert shared.second(0, TickOf(0.02)) == 3
     assert shared.width == 5
 
 
 def test_times_and_ticks_are_those_of_each_event_and_instant():
-    shared = SharedNumbers()
+    shared = SharedValues()
     ticks = TickOf(0.02)
-    columns = [shared.column(1, TIME_NUMBER), shared.column(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
+    columns = [shared.column(1, TIME_VALUE), shared.column(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
     assert columns == [0, 1, 2, 3]
     times = np.array([[0.0, 0.02], [0.06, 0.08], [0.08, 0.1]])
     np.testing.assert_array_equal(
@@ -40,10 +40,10 @@ def test_times_and_ticks_are_those_of_each_event_and_instant():
 
 
 def test_a_source_is_evaluated_once_for_all_its_elements():
-    shared = SharedNumbers()
+    shared = SharedValues()
     for element in (2, 0):
-        shared.column(1, NumberSource("reference", 0, element))
-    shared.column(0, NumberSource("reference", 0, 1))
+        shared.column(1, SharedValueSource("reference", 0, element))
+    shared.column(0, SharedValueSource("reference", 0, 1))
     asked = []
 
     def values(path, output, time):
@@ -57,4 +57,4 @@ def test_a_source_is_evaluated_once_for_all_its_elements():
 
 @pytest.mark.parametrize("events", [0, 2])
 def test_a_table_without_numbers_has_a_row_for_each_event(events):
-    assert SharedNumbers().table(np.zeros((events, 1)), no_value).shape == (events, 1)
+    assert SharedValues().table(np.zeros((events, 1)), no_value).shape == (events, 1)

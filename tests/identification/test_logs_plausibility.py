@@ -5,7 +5,7 @@ import pytest
 import scipy.constants as known
 
 from drake_quad.identification.logs.conversion import Table, _Clocks
-from drake_quad.identification.logs.doubts import doubts, jumps
+from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
 from drake_quad.identification.logs.record import QUANTITIES
 from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
@@ -66,7 +66,7 @@ def path(count=400, period=0.01):
 def test_a_jump_is_a_step_that_no_vehicle_can_fly(period, size, said, axis):
     time, place = path(period=period)
     place[200:, axis] += size
-    found = list(jumps(7.0 + time, place))
+    found = list(position_jumps(7.0 + time, place))
     assert bool(found) == said
     if said:
         assert found[0].startswith(f"position jumps once, by up to {size:.2g} m at {time[200]:.4g} s:")
@@ -76,7 +76,7 @@ def test_the_largest_of_several_jumps_is_reported():
     time, place = path()
     for row, size in ((100, 0.2), (200, 0.5), (300, -0.3)):
         place[row:, 1] += size
-    (sentence,) = jumps(time, place)
+    (sentence,) = position_jumps(time, place)
     assert sentence.startswith("position jumps 3 times, by up to 0.5 m at 2 s:")
 
 
@@ -88,11 +88,11 @@ def test_a_jump_exceeds_the_noise_by_a_factor_of_eight():
     steps = np.diff(noisy, axis=0)
     apart = np.linalg.norm(np.diff(steps, axis=0), axis=1)
     median = np.median(np.minimum(apart[:-1], apart[1:]))
-    assert not list(jumps(time, noisy))
+    assert not list(position_jumps(time, noisy))
     for factor, said in ((6.0, False), (11.0, True)):
         jumping = noisy.copy()
         jumping[2000:, 0] += factor * median
-        assert bool(list(jumps(time, jumping))) == said
+        assert bool(list(position_jumps(time, jumping))) == said
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(7.9, False), (8.1, True)])
@@ -102,7 +102,7 @@ def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, said):
     place[:, 0] = 0.02 * (np.arange(len(time)) % 2)
     # This step differs from its neighbours by 2 cm + 2 cm + the added jump.
     place[201:, 0] += (ratio - 1.0) * 0.04
-    found = list(jumps(time, place))
+    found = list(position_jumps(time, place))
     assert bool(found) == said
     if said:
         assert found[0].startswith("position jumps once, by up to 0.32 m at 2.01 s:")
@@ -113,7 +113,7 @@ def test_too_few_positions_show_no_jump(count):
     """A jump needs a step on each side."""
     time, place = path(count=count)
     place[2:, 0] += 9.0
-    assert not list(jumps(time, place))
+    assert not list(position_jumps(time, place))
 
 
 def test_signals_that_are_zero_throughout_are_reported():
@@ -122,16 +122,18 @@ def test_signals_that_are_zero_throughout_are_reported():
     names = ("position", "velocity", "attitude", "body_rates", "specific_force")
     for name in names:
         signals = dict.fromkeys(names, place) | {name: nothing}
-        assert next(doubts(signals, time)).startswith(f"{name} is zero throughout")
+        assert next(implausible_signals(signals, time)).startswith(f"{name} is zero throughout")
     both = {"velocity": nothing, "attitude": nothing, "thrust_share": nothing}
-    assert list(doubts(both, time)) == ["velocity and attitude are zero throughout: they may not have been measured"]
+    assert list(implausible_signals(both, time)) == [
+        "velocity and attitude are zero throughout: they may not have been measured"
+    ]
 
 
 @pytest.mark.parametrize(("height", "said"), [(0.24, True), (0.26, False), (-0.24, True), (-0.26, False)])
 def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
     time, place = path()
     place[:, 2] = np.linspace(0.0, height, len(time))
-    assert bool(list(doubts({"position": place}, time))) == said
+    assert bool(list(implausible_signals({"position": place}, time))) == said
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,7 @@ def test_a_reference_is_out_of_reach_beyond_two_metres_and_the_extent_of_the_fli
     place[:, 0] = np.linspace(0.0, moves, len(time))
     reference = place.copy()
     reference[150:, 1] += away
-    found = list(doubts({"position": place, "reference_position": reference}, time))
+    found = list(implausible_signals({"position": place, "reference_position": reference}, time))
     assert bool(found) == said
     if said:
         reach = max(2.0, moves)
@@ -151,9 +153,9 @@ def test_a_reference_is_out_of_reach_beyond_two_metres_and_the_extent_of_the_fli
         )
 
 
-@pytest.mark.parametrize(("share", "said"), [(0.045, False), (0.055, True)])
-def test_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(share, said):
-    time = np.cumsum(1.0 + share * np.where(np.arange(1000) % 2, 1.0, -1.0))
+@pytest.mark.parametrize(("fraction", "said"), [(0.045, False), (0.055, True)])
+def test_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(fraction, said):
+    time = np.cumsum(1.0 + fraction * np.where(np.arange(1000) % 2, 1.0, -1.0))
     median = np.median(np.diff(time))
     assert bool(list(timing_remarks(time))) == (np.std(np.diff(time)) > 0.05 * median) == said
 

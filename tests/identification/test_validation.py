@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.flown_again.comparison import (
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation.comparison import (
     AXES,
-    ErrorFigures,
+    ErrorStatistics,
     LogComparison,
     compare_with_log,
+    flights_to_compare,
     on_route,
-    side_by_side,
 )
-from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation.reference import LoggedReference, logged_reference
 
 ROUTE = (
     "route={kind: waypoints, waypoints: [[0, 0, 1], [0.6, 0.2, 1.2], [0, 0.5, 1], [0, 0, 1]], times: [0, 1.5, 3, 4.5],"
@@ -62,21 +62,21 @@ def flown(scenario):
 
 def test_error_figures_are_computed_per_axis_and_for_the_distance():
     """Errors of 3 along x and 4 along y are a distance of 5. The largest error omits the largest 5 % of the samples."""
-    figures = ErrorFigures.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
+    figures = ErrorStatistics.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
     np.testing.assert_allclose(figures.rmse, [3.0, 4.0, 0.0, 5.0])
     np.testing.assert_allclose(figures.mean, [0.0, 4.0, 0.0, 5.0])
     np.testing.assert_allclose(figures.largest, [3.0, 4.0, 0.0, 5.0])
     steps = np.zeros((101, 3))
     steps[:, 2] = -np.arange(101.0)
-    np.testing.assert_allclose(ErrorFigures.of(steps).largest, [0.0, 0.0, 95.0, 95.0])
+    np.testing.assert_allclose(ErrorStatistics.of(steps).largest, [0.0, 0.0, 95.0, 95.0])
 
 
 def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
     """The errors differ only because of the error of the fitted reference, whose acceleration is fed forward."""
     found = compare_with_log(flown, scenario, samples=1, rest=REST)
-    assert found.predicted.shape == (1, *found.flown.shape)
-    assert np.abs(found.flown).max() > 0.02
-    np.testing.assert_allclose(found.predicted[0], found.flown, atol=1e-3)
+    assert found.predicted.shape == (1, *found.logged_error.shape)
+    assert np.abs(found.logged_error).max() > 0.02
+    np.testing.assert_allclose(found.predicted[0], found.logged_error, atol=1e-3)
 
 
 def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
@@ -91,7 +91,7 @@ def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_s
 
 
 def test_samples_equal_those_of_a_study_for_any_size_of_the_fleet(uncertain, flown, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.flown_again.comparison._FLEET_SIZE", 3)
+    monkeypatch.setattr("drake_quad.identification.validation.comparison._FLEET_SIZE", 3)
     told = []
     found = compare_with_log(flown, uncertain, samples=7, rest=REST, progress=lambda *done: told.append(done))
     assert told == [(3, 7), (6, 7), (7, 7)]
@@ -141,13 +141,13 @@ def test_a_crash_is_an_infinite_error():
 
 def test_the_typical_sample_has_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
-    assert comparison_of(np.zeros((2, 3)), errors).typical_sample() == 4
+    assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
     # For an even number of samples, it has the smaller of the two middle errors.
-    assert comparison_of(np.zeros((2, 3)), errors[:4]).typical_sample() == 3
-    assert comparison_of(np.zeros((2, 3)), errors[:1]).typical_sample() == 0
+    assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
+    assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
     # The error is the distance over all axes. Of equal samples, the first is chosen.
     sideways = errors * [1.0, 0.0, 0.0]
-    np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).typical_sample(), 0)
+    np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).median_sample(), 0)
 
 
 def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
@@ -163,14 +163,14 @@ def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
 
 def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown):
     found = compare_with_log(flown, uncertain, samples=3, rest=REST)
-    flights = side_by_side(found)
+    flights = flights_to_compare(found)
     assert list(flights) == ["flown", "predicted"]
     log, predicted = flights.values()
     np.testing.assert_array_equal(log["state"][:, :3], flown.position[: len(log.time)])
     np.testing.assert_array_equal(log["state"][:, 3:6], flown.attitude[: len(log.time)])
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
     # The predicted flight is the typical sample. Both flights show measured states and the same reference.
-    flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
+    flight = simulate(found.scenario, sample=found.median_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
     np.testing.assert_allclose(log["reference"][:, 3:6], flown.reference_velocity[: len(log.time)], atol=1e-2)
@@ -187,14 +187,14 @@ def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, flown
     """Logged rotor speeds are shown unchanged."""
     bare = replace(flown, attitude=None, body_rates=None)
     found = compare_with_log(bare, uncertain, samples=1, rest=REST)
-    state = side_by_side(found)["flown"]["state"]
+    state = flights_to_compare(found)["flown"]["state"]
     np.testing.assert_array_equal(state[:, :3], flown.position)
     np.testing.assert_array_equal(state[:, 6:9], flown.velocity)
     assert not state[:, 3:6].any()
     assert not state[:, 9:].any()
     speeds = np.tile([201.0, 202.0, 203.0, 204.0], (len(flown.time), 1))
     turning = replace(found, record=replace(bare, rotor_speed=speeds))
-    np.testing.assert_array_equal(side_by_side(turning)["flown"]["rotor_speed"], speeds)
+    np.testing.assert_array_equal(flights_to_compare(turning)["flown"]["rotor_speed"], speeds)
 
 
 def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, flown):
@@ -204,7 +204,7 @@ def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, f
         fragile = scenario.model_copy(update={"crash": limits, "vehicle": unlike(scenario.vehicle)})
         found = compare_with_log(flown, fragile, samples=1, rest=REST)
         assert found.crashes == 1
-        flights = side_by_side(found)
+        flights = flights_to_compare(found)
         assert list(flights) == there
         np.testing.assert_array_equal(flights["flown"]["state"][:, :3], flown.position)
 

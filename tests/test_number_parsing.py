@@ -10,9 +10,9 @@ from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.errors import InputError
 from drake_quad.files import read_table
 from drake_quad.identification.logs.reading import read_log
+from drake_quad.number_parsing import parse_float, parse_int
 from drake_quad.scenario.files.loading import load_mission
 from drake_quad.scenario.files.mesh_file import mesh_points
-from drake_quad.written_numbers import parse_float, parse_int
 
 INVALID_NUMBERS = ["1_0", "١", "１", "1_0.5"]
 PACKAGE = Path(__file__).parent.parent / "drake_quad"

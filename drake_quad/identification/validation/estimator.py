@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.result import Spread
 from drake_quad.scenario.models import Scenario
@@ -108,7 +108,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     Raises:
         InputError: if a signal is not logged, the log is too short, or the vehicle hovers.
     """
-    to_body = rotations(record.of("attitude")).inv()
+    to_body = rotations_of(record.of("attitude")).inv()
     velocity = record.of("velocity")
     wind = np.asarray(steady_wind(scenario.laboratory.wind), dtype=float) if record.wind is None else record.wind
     weight = np.array([0.0, 0.0, scenario.vehicle.gravity])

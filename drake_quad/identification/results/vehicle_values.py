@@ -8,7 +8,7 @@ from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.scenario.effects.effect import EFFECTS
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
-from drake_quad.scenario.paths import leaves, replaced
+from drake_quad.scenario.paths import leaves, map_leaves
 
 _SPEED_FACTOR = 2.0  # factor of the maximum rotor speed, so that this does not limit the identified thrust curve
 
@@ -52,7 +52,7 @@ def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
     """Return the scenario with new values of parameters, by their names in `Estimates`, and with their effects."""
     extended = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
-    result: Scenario = replaced(extended, lambda path, old: values.get(path, old))
+    result: Scenario = map_leaves(extended, lambda path, old: values.get(path, old))
     return result
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from drake_quad.framework.formulas import TickOf
 
 
-class NumberSource(NamedTuple):
+class SharedValueSource(NamedTuple):
     """Element of an output port that depends only on time.
 
     Attributes:
@@ -29,23 +29,23 @@ class _Second(NamedTuple):
 
 
 # Types of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
-_SharedNumber = str | TickOf | _Second | NumberSource
-TIME_NUMBER = "time"
+_SharedValue = str | TickOf | _Second | SharedValueSource
+TIME_VALUE = "time"
 """Shared number that is the time of the instant, s."""
 
 
-class SharedNumbers:
+class SharedValues:
     """Columns of a table of shared numbers, with a row for each event and a column for each number of each instant."""
 
     def __init__(self) -> None:
-        self._columns: dict[tuple[int, _SharedNumber], int] = {}
+        self._columns: dict[tuple[int, _SharedValue], int] = {}
 
     @property
     def width(self) -> int:
         """Number of columns."""
         return len(self._columns)
 
-    def column(self, instant: int, number: _SharedNumber) -> int:
+    def column(self, instant: int, number: _SharedValue) -> int:
         """Return the index of the column of a number; the column is added if it does not exist.
 
         Args:
@@ -70,7 +70,7 @@ class SharedNumbers:
         port_values: dict[tuple[int, str, int], np.ndarray] = {}
         for (instant, number), column in self._columns.items():
             event_times = times[:, instant]
-            if isinstance(number, NumberSource):
+            if isinstance(number, SharedValueSource):
                 key = instant, number.path, number.output
                 if key not in port_values:
                     port = number.path, number.output

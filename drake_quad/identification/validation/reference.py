@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, power_basis
-from drake_quad.scenario.limits import SHORTEST
+from drake_quad.scenario.limits import MIN_DURATION
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
@@ -27,12 +27,12 @@ _MAX_ACCELERATION = 5.0 * 9.81
 # gap.
 _SNAP_WEIGHT = 1e-9
 # Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
-_ACCELERATION_SHARE = 0.5
+_ACCELERATION_FRACTION = 0.5
 # Largest distance between reference and vehicle at the lift-off, m, for a route that begins on the reference. If the
 # distance is larger, the reference has jumped to the height of the flight.
 _MAX_LIFT_OFF_DISTANCE = 0.25
 _REST_WEIGHT = 1e3  # weight of the derivatives at the first knot, if the path starts at rest
-_LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
+_LIFT_OFF_STEP = 2.0 * MIN_DURATION  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
 
 class LoggedReference(NamedTuple):
@@ -106,7 +106,7 @@ def logged_reference(
     if record.reference_velocity is None and lift_off is not None and _is_far(record, lift_off):
         return _setpoint_reference(record, rest, lift_off)
     begin = 0.0 if lift_off is None else float(record.time[lift_off])
-    flight = record.part(slice(lift_off, None))
+    flight = record.subset(slice(lift_off, None))
     flight = _as_logged(replace(flight, time=flight.time - begin))
     try:
         path, deviation, velocity_deviation = _smooth_path(flight, tolerance, begin)
@@ -119,7 +119,7 @@ def logged_reference(
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
     elif np.linalg.norm(knots[0].velocity) > tolerance:
         raise InputError(
-            f"the reference of the log {shown(record.name)} already moves at its first sample; rest must be"
+            f"the reference of the log {short_repr(record.name)} already moves at its first sample; rest must be"
             " larger than 0"
         )
     route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flight, rest))
@@ -152,14 +152,14 @@ def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[
     else:
         worst = int(np.argmax(distance))
         raise InputError(
-            f"no smooth path fits the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm: the"
-            f" best fit is off by {1e3 * distance[worst]:.1f} mm at {begin + time[worst]:.3f} s; a possible cause is a"
-            " jump of the reference"
+            f"no smooth path fits the reference of the log {short_repr(record.name)} to within {1e3 * tolerance:g} mm:"
+            f" the best fit is off by {1e3 * distance[worst]:.1f} mm at {begin + time[worst]:.3f} s; a possible cause"
+            " is a jump of the reference"
         )
     max_acceleration = _max_acceleration(path)
     if slow and max_acceleration > _MAX_ACCELERATION:
         raise InputError(
-            f"the reference of the log {shown(record.name)} cannot be flown: between samples that are"
+            f"the reference of the log {short_repr(record.name)} cannot be flown: between samples that are"
             f" {record.reference_period:.2g} s apart, it accelerates with {max_acceleration:.0f} m/s²; a possible cause"
             " is a jump of the reference"
         )
@@ -216,7 +216,7 @@ def _as_logged(record: FlightRecord) -> FlightRecord:
     begin, duration = record.time[first], ends - record.time[first]
     periods = np.maximum(np.rint(duration / record.reference_period), 1.0)
     number = np.floor((record.time - begin[run]) / duration[run] * periods[run] + 1e-6)
-    return record.part(np.append(True, (np.diff(run) > 0) | (np.diff(number) > 0.0)))
+    return record.subset(np.append(True, (np.diff(run) > 0) | (np.diff(number) > 0.0)))
 
 
 def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
@@ -307,7 +307,7 @@ def _knots(path: PolynomialPath) -> list[Knot]:
 
 def _approach(first: Knot, rest: float) -> list[Knot]:
     """Return two knots at rest from which the vehicle accelerates to the first knot of a path."""
-    duration = _ACCELERATION_SHARE * rest
+    duration = _ACCELERATION_FRACTION * rest
     position = tuple((np.array(first.position) - 0.5 * duration * np.array(first.velocity)).tolist())
     return [Knot(time=0.0, position=position), Knot(time=rest - duration, position=position)]
 

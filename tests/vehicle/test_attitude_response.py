@@ -14,20 +14,20 @@ from drake_quad.vehicle.aerodynamics import (
     QuadraticDrag,
     RotorAerodynamics,
 )
+from drake_quad.vehicle.attitude_response import (
+    ATTITUDE_RESPONSE_EFFECTS,
+    AttitudeResponse,
+    AttitudeResponseConfig,
+    AttitudeResponseQuadrotor,
+    DampingRatios,
+    NaturalFrequencies,
+)
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motors import SpinDown, ThrustCurve
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.responding import (
-    RESPONDING_EFFECTS,
-    AttitudeResponse,
-    DampingRatios,
-    NaturalFrequencies,
-    RespondingNumbers,
-    RespondingQuadrotor,
-)
+from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
 OMEGA = np.array([6.8, 6.1, 3.0])
@@ -36,9 +36,9 @@ RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 
 
-def responding_vehicle(parameters=QuadrotorParameters(), start=Place(), faults=RotorFaults(), **structure):
-    return RespondingQuadrotor(
-        numbers=RespondingNumbers(QuadrotorNumbers(parameters, faults, start), RESPONSE), **structure
+def attitude_response_vehicle(parameters=QuadrotorParameters(), start=HoverPose(), faults=RotorFaults(), **structure):
+    return AttitudeResponseQuadrotor(
+        parameters=AttitudeResponseConfig(QuadrotorConfig(parameters, faults, start), RESPONSE), **structure
     )
 
 
@@ -67,13 +67,13 @@ def lag_response(omega, zeta, target, start, end):
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
     """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target have no effect."""
-    vehicle = responding_vehicle(start=Place(yaw=3.0), time_step=time_step)
+    vehicle = attitude_response_vehicle(start=HoverPose(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = context_after(vehicle, end, TARGET._replace(yaw=-3.0))
         state = vehicle.GetOutputPort("state").Eval(context)
         targets = [0.3, -0.2, 2.0 * np.pi - 3.0]
         angles, rates = zip(
-            *(lag_response(*numbers, end) for numbers in zip(OMEGA, ZETA, targets, [0.0, 0.0, 3.0], strict=True)),
+            *(lag_response(*config, end) for config in zip(OMEGA, ZETA, targets, [0.0, 0.0, 3.0], strict=True)),
             strict=True,
         )
         np.testing.assert_allclose(state[3:6], angles, atol=2e-6)
@@ -84,10 +84,10 @@ def test_each_angle_follows_its_command_with_its_own_lag(time_step):
 
 
 def test_with_small_angles_body_rates_equal_the_rates_of_the_angles():
-    vehicle = responding_vehicle(kinematics="small_angle")
+    vehicle = attitude_response_vehicle(kinematics="small_angle")
     state = vehicle.GetOutputPort("state").Eval(context_after(vehicle, 0.2))
-    numbers = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
-    np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in numbers], atol=2e-5)
+    config = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
+    np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in config], atol=2e-5)
 
 
 def test_the_translation_of_a_responding_vehicle_agrees_with_a_quadrotor(asymmetric_vehicle):
@@ -97,7 +97,7 @@ def test_the_translation_of_a_responding_vehicle_agrees_with_a_quadrotor(asymmet
     )
     level = AttitudeTarget(*[0.0] * 7)
     outputs = []
-    for vehicle in (responding_vehicle(equal_rotors), Quadrotor(numbers=QuadrotorNumbers(equal_rotors))):
+    for vehicle in (attitude_response_vehicle(equal_rotors), Quadrotor(parameters=QuadrotorConfig(equal_rotors))):
         context = context_after(vehicle, 1.0, level, 220.0, wind=[3.0, -2.0, 1.0])
         outputs.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
     for actual, expected in zip(*outputs, strict=True):
@@ -116,12 +116,12 @@ def test_effects_on_the_translation_of_a_responding_vehicle_agree_with_a_quadrot
         thrust_curve=ThrustCurve(0.1, 1.0, 2.8),
         loads=(RotorAerodynamics(0.01, 0.05, 2e-5, 1e-5),),
     )
-    assert effects.names == RESPONDING_EFFECTS
-    numbers = QuadrotorNumbers(start=Place(0.3, 0.2, 0.25), effects=effects)
+    assert effects.names == ATTITUDE_RESPONSE_EFFECTS
+    config = QuadrotorConfig(start=HoverPose(0.3, 0.2, 0.25), effects=effects)
     structure = {"time_step": time_step, "effects": effects.names}
     vehicles = (
-        RespondingQuadrotor(numbers=RespondingNumbers(numbers, RESPONSE), **structure),
-        Quadrotor(numbers=numbers, **structure),
+        AttitudeResponseQuadrotor(parameters=AttitudeResponseConfig(config, RESPONSE), **structure),
+        Quadrotor(parameters=config, **structure),
     )
     outputs = []
     for vehicle in vehicles:
@@ -144,14 +144,14 @@ def test_effects_on_the_translation_of_a_responding_vehicle_agree_with_a_quadrot
 
 def test_an_unsupported_effect_is_rejected():
     effects = Effects(battery=Battery(12.6, 10.2, 1.0, 0.04, 0.6))
-    numbers = RespondingNumbers(QuadrotorNumbers(effects=effects), RESPONSE)
+    config = AttitudeResponseConfig(QuadrotorConfig(effects=effects), RESPONSE)
     with pytest.raises(ValueError, match="does not support these effects: battery"):
-        RespondingQuadrotor(numbers=numbers, effects=("battery",))
+        AttitudeResponseQuadrotor(parameters=config, effects=("battery",))
 
 
 def test_only_the_sum_of_the_rotor_thrusts_acts_on_the_vehicle(asymmetric_vehicle):
     """Different rotors and a displaced centre of mass do not rotate the vehicle."""
-    vehicle = responding_vehicle(asymmetric_vehicle)
+    vehicle = attitude_response_vehicle(asymmetric_vehicle)
     context = context_after(vehicle, 0.5, AttitudeTarget(*[0.0] * 7))
     state = vehicle.GetOutputPort("state").Eval(context)
     np.testing.assert_array_equal(state[[3, 4, 5, 9, 10, 11]], 0.0)
@@ -163,7 +163,7 @@ def test_only_the_sum_of_the_rotor_thrusts_acts_on_the_vehicle(asymmetric_vehicl
 
 def test_a_crashed_vehicle_stops():
     for time_step in (0.01, 0.0):
-        vehicle = responding_vehicle(start=Place(1.0, 2.0, 3.0, 0.4), time_step=time_step)
+        vehicle = attitude_response_vehicle(start=HoverPose(1.0, 2.0, 3.0, 0.4), time_step=time_step)
         context = context_after(vehicle, 0.3, crashed=[1.0])
         initial_context = vehicle.CreateDefaultContext()
         for name in ("state", "rotor_speed"):
@@ -173,7 +173,7 @@ def test_a_crashed_vehicle_stops():
 
 def test_battery_sag_reduces_the_rotor_speeds():
     """After one second, the rotors turn at 90 % of the commanded speed."""
-    vehicle = responding_vehicle(faulty=True, faults=RotorFaults(battery_sag=0.1))
+    vehicle = attitude_response_vehicle(faulty=True, faults=RotorFaults(battery_sag=0.1))
     context = context_after(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)
-    assert "faults" not in responding_vehicle().parameters
+    assert "faults" not in attitude_response_vehicle().parameters

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.flown_again.comparison import compare_with_log
-from drake_quad.identification.flown_again.flown_part import FlownPart, flown_part
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation.comparison import compare_with_log
+from drake_quad.identification.validation.free_flight import FreeFlight, free_flight
 
 TIME = 0.01 * np.arange(1000)
 # The vehicle is in the air from 2 to 8 s, above a ground at 0.3 m.
@@ -30,7 +30,7 @@ def record_of(height=HEIGHT, reference=REFERENCE, command=WORKING):
 
 def test_in_free_flight_vehicle_and_reference_are_25_centimetres_above_the_ground():
     """The vehicle climbs through 0.55 m at 2.25 s, and its reference descends through 0.55 m at 7.55 s."""
-    part = flown_part(record_of())
+    part = free_flight(record_of())
     np.testing.assert_allclose([0.01 * part.first, 0.01 * part.end], [2.25, 7.55], atol=0.011)
     # The vehicle leaves the ground at 2 s.
     assert 0.01 * part.lift_off == pytest.approx(2.0, abs=0.011)
@@ -38,15 +38,15 @@ def test_in_free_flight_vehicle_and_reference_are_25_centimetres_above_the_groun
 
 @pytest.mark.parametrize("command", [None, np.full(1000, 0.6), np.zeros(1000)])
 def test_a_log_whose_rotors_work_at_both_ends_is_in_the_air_throughout(command):
-    assert flown_part(record_of(command=command)) == FlownPart(0, 1000, None)
+    assert free_flight(record_of(command=command)) == FreeFlight(0, 1000, None)
 
 
 def test_a_log_may_begin_or_end_in_the_air():
-    whole = flown_part(record_of())
-    landing = flown_part(record_of(HEIGHT[400:], REFERENCE[400:], WORKING[400:]))
-    assert landing == FlownPart(0, whole.end - 400, None)
-    take_off = flown_part(record_of(HEIGHT[:500], REFERENCE[:500], WORKING[:500]))
-    assert take_off == FlownPart(whole.first, 500, whole.lift_off)
+    whole = free_flight(record_of())
+    landing = free_flight(record_of(HEIGHT[400:], REFERENCE[400:], WORKING[400:]))
+    assert landing == FreeFlight(0, whole.end - 400, None)
+    take_off = free_flight(record_of(HEIGHT[:500], REFERENCE[:500], WORKING[:500]))
+    assert take_off == FreeFlight(whole.first, 500, whole.lift_off)
 
 
 @pytest.mark.parametrize("height", [np.full(1000, 0.3), 0.3 + 0.2 * (HEIGHT - 0.3)])
@@ -54,7 +54,7 @@ def test_a_vehicle_that_never_flies_is_refused(height):
     with pytest.raises(
         InputError, match="the vehicle of the log 'log' does not fly: .* never more than 0.25 m above the ground"
     ):
-        flown_part(record_of(height))
+        free_flight(record_of(height))
 
 
 def test_two_samples_are_the_shortest_flight():
@@ -63,33 +63,33 @@ def test_two_samples_are_the_shortest_flight():
     for count in (1, 2):
         height[300 : 300 + count] = 0.56
         if count == 2:
-            assert flown_part(record_of(height, height)) == FlownPart(300, 302, 200)
+            assert free_flight(record_of(height, height)) == FreeFlight(300, 302, 200)
         else:
             with pytest.raises(InputError, match="does not fly"):
-                flown_part(record_of(height, height))
+                free_flight(record_of(height, height))
 
 
-@pytest.mark.parametrize("share", [0.49, 0.51])
-def test_rotors_idle_below_half_of_the_median_command_of_the_samples_in_which_they_turn(share):
+@pytest.mark.parametrize("fraction", [0.49, 0.51])
+def test_rotors_idle_below_half_of_the_median_command_of_the_samples_in_which_they_turn(fraction):
     """The rotors stand still for most of this log."""
     command = np.where((TIME > 1.0) & (TIME < 5.0), 0.6, 0.0)
-    command[[0, -1]] = share * 0.6
-    part = flown_part(record_of(command=command))
-    assert (part == FlownPart(0, 1000, None)) == (share > 0.5)
+    command[[0, -1]] = fraction * 0.6
+    part = free_flight(record_of(command=command))
+    assert (part == FreeFlight(0, 1000, None)) == (fraction > 0.5)
 
 
 def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
     height = HEIGHT.copy()
     height[150:200] = 0.3029
-    assert flown_part(record_of(height)).lift_off >= 199
+    assert free_flight(record_of(height)).lift_off >= 199
     height[150:201] = 0.3031
-    assert flown_part(record_of(height)).lift_off == 149
+    assert free_flight(record_of(height)).lift_off == 149
 
 
 def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
     """The rotors idle for a second, in which the estimate of the height rises by 2 cm; it stays there until 2 s."""
     drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
-    found = flown_part(record_of(HEIGHT + drifted))
+    found = free_flight(record_of(HEIGHT + drifted))
     assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)
 
 
@@ -129,12 +129,12 @@ def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
     scenario, record = take_off
     found = compare_with_log(record, scenario, samples=1)
     assert 1.0 < found.time[0] < 1.6
-    assert np.abs(found.flown).max() > 0.4
-    rmse = found.predicted_figures().rmse[0]
-    np.testing.assert_allclose(rmse[:2], found.flown_figures.rmse[:2], rtol=0.01)
+    assert np.abs(found.logged_error).max() > 0.4
+    rmse = found.predicted_statistics().rmse[0]
+    np.testing.assert_allclose(rmse[:2], found.logged_statistics.rmse[:2], rtol=0.01)
     # If the prediction did not start at the vehicle's position, the error along z would be 2 cm.
-    np.testing.assert_allclose(rmse[2], found.flown_figures.rmse[2], rtol=0.4)
-    np.testing.assert_allclose(found.predicted[0][-100:], found.flown[-100:], atol=5e-3)
+    np.testing.assert_allclose(rmse[2], found.logged_statistics.rmse[2], rtol=0.4)
+    np.testing.assert_allclose(found.predicted[0][-100:], found.logged_error[-100:], atol=5e-3)
 
 
 @pytest.mark.slow
@@ -154,9 +154,9 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
     fast, found = (compare_with_log(each, scenario, samples=1) for each in (record, slow))
     assert len(found.time) > 0.9 * len(fast.time)
     at = np.searchsorted(fast.time, found.time)
-    np.testing.assert_allclose(found.flown, fast.flown[at], atol=4e-3)
+    np.testing.assert_allclose(found.logged_error, fast.logged_error[at], atol=4e-3)
     np.testing.assert_allclose(
-        found.predicted_figures().rmse[0, -1], fast.predicted_figures().rmse[0, -1], rtol=0.1, atol=1e-3
+        found.predicted_statistics().rmse[0, -1], fast.predicted_statistics().rmse[0, -1], rtol=0.1, atol=1e-3
     )
 
 
@@ -174,4 +174,4 @@ def test_a_landing_does_not_count(take_off):
     )
     found = compare_with_log(landed, scenario, samples=1)
     assert found.time[-1] == record.time[-1]
-    np.testing.assert_array_equal(found.flown, compare_with_log(record, scenario, samples=1).flown)
+    np.testing.assert_array_equal(found.logged_error, compare_with_log(record, scenario, samples=1).logged_error)

@@ -58,7 +58,7 @@ class Runs(NamedTuple):
     mean: float
 
 
-class PrintedLine(NamedTuple):
+class PublishedRow(NamedTuple):
     """Printed values of a cell.
 
     Attributes:
@@ -72,13 +72,13 @@ class PrintedLine(NamedTuple):
     effort_y: Runs
 
 
-def printed_table() -> dict[Cell, PrintedLine]:
+def published_table() -> dict[Cell, PublishedRow]:
     """Return the printed values by cell."""
     lines = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
         cell = Cell(_WINDS[row["wind"]], _CONTROLLERS[row["controller"], row["a1"]])
-        lines[cell] = PrintedLine(*(_runs(row, name) for name in ("rmse_m", "effort_x", "effort_y")))
+        lines[cell] = PublishedRow(*(_runs(row, name) for name in ("rmse_m", "effort_x", "effort_y")))
     return lines
 
 

@@ -42,11 +42,11 @@ from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.motion import RotorState, accelerations, rotor_state, rotor_states_over_step
 from drake_quad.vehicle.motors import rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, initial_state
+from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorConfig, initial_state
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
-RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
+ATTITUDE_RESPONSE_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
 """Names of the supported effects. The other effects act on the attitude, whose response already includes them."""
 
 
@@ -78,7 +78,7 @@ class AttitudeResponse(NamedTuple):
     damping: DampingRatios
 
 
-class RespondingNumbers(NamedTuple):
+class AttitudeResponseConfig(NamedTuple):
     """Parameters that can differ between the vehicles of a fleet.
 
     Attributes:
@@ -86,11 +86,11 @@ class RespondingNumbers(NamedTuple):
         response: response of the attitude.
     """
 
-    vehicle: QuadrotorNumbers
+    vehicle: QuadrotorConfig
     response: AttitudeResponse
 
 
-class RespondingBody(NamedTuple):
+class AttitudeResponseBody(NamedTuple):
     """Position, attitude, velocity and rates of roll, pitch and yaw."""
 
     x: PositionW
@@ -107,10 +107,10 @@ class RespondingBody(NamedTuple):
     yaw_rate: AngleRate
 
 
-class RespondingState(NamedTuple):
+class AttitudeResponseState(NamedTuple):
     """State of the body and of the rotors, or its time derivative."""
 
-    body: RespondingBody
+    body: AttitudeResponseBody
     rotors: RotorSpeed
 
 
@@ -135,7 +135,7 @@ _BODY_ACCELERATIONS: dict[str, Callable[[Attitude, Attitude, Attitude], AngularA
 }
 
 
-def state_of(body: RespondingBody, body_rates: BodyRatesOf) -> State:
+def state_of(body: AttitudeResponseBody, body_rates: BodyRatesOf) -> State:
     """Return the state of the vehicle, with body rates in place of the rates of the angles.
 
     Args:
@@ -152,15 +152,15 @@ def _angle_acceleration(error: Row, rate: Row, natural_frequency: Row, damping: 
     return natural_frequency * (natural_frequency * error - 2.0 * damping * rate)
 
 
-def body_slope(
-    body: RespondingBody,
+def body_derivatives(
+    body: AttitudeResponseBody,
     rotors: RotorState,
     target: AttitudeTarget,
     wind: Wind,
     parameters: QuadrotorParameters,
     response: AttitudeResponse,
     effects: Effects,
-) -> RespondingBody:
+) -> AttitudeResponseBody:
     """Return the time derivative of the body.
 
     Args:
@@ -177,7 +177,7 @@ def body_slope(
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     body_accelerations, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)
     frequency, damping = response
-    return RespondingBody(
+    return AttitudeResponseBody(
         body.v_x,
         body.v_y,
         body.v_z,
@@ -193,8 +193,8 @@ def body_slope(
     )
 
 
-def responding_step(
-    body: RespondingBody,
+def attitude_response_step(
+    body: AttitudeResponseBody,
     rotors: RotorSpeed,
     command: RotorSpeed | Throttle,
     target: AttitudeTarget,
@@ -207,7 +207,7 @@ def responding_step(
     time: Row,
     time_step: float,
     kinematics: Kinematics,
-) -> RespondingState:
+) -> AttitudeResponseState:
     """Return the state at the end of a step of the classical fourth-order Runge–Kutta method.
 
     Args:
@@ -231,15 +231,15 @@ def responding_step(
     start, middle, end = rotor_states_over_step(rotors, goal, half, parameters, effects)
     rotors_of_stages = start, middle, middle, end
 
-    def slope(stage: int, at: RespondingBody, _: RespondingBody) -> RespondingBody:
-        return body_slope(at, rotors_of_stages[stage], target, wind, parameters, response, effects)
+    def derivative(stage: int, at: AttitudeResponseBody, _: AttitudeResponseBody) -> AttitudeResponseBody:
+        return body_derivatives(at, rotors_of_stages[stage], target, wind, parameters, response, effects)
 
-    after = RespondingState(runge_kutta_step(body, slope, time_step).end, end.speed)
-    return unless_crashed(crashed, RespondingState(body, rotors), after)
+    after = AttitudeResponseState(runge_kutta_step(body, derivative, time_step).end, end.speed)
+    return unless_crashed(crashed, AttitudeResponseState(body, rotors), after)
 
 
-def responding_slope(
-    state: RespondingState,
+def attitude_response_derivatives(
+    state: AttitudeResponseState,
     command: RotorSpeed | Throttle,
     target: AttitudeTarget,
     wind: Wind,
@@ -250,54 +250,54 @@ def responding_slope(
     effects: Effects,
     time: Row,
     kinematics: Kinematics,
-) -> RespondingState:
-    """Return the time derivative of the state; the arguments are as in `responding_step`."""
+) -> AttitudeResponseState:
+    """Return the time derivative of the state; the arguments are as in `attitude_response_step`."""
     now = VehicleState(state_of(state.body, _BODY_RATES[kinematics]), state.rotors)
     goal = rotor_target(now, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, goal, parameters, effects)
-    slope = RespondingState(
-        body_slope(state.body, rotors, target, wind, parameters, response, effects),
+    derivative = AttitudeResponseState(
+        body_derivatives(state.body, rotors, target, wind, parameters, response, effects),
         rotor_accelerations(state.rotors, goal, parameters, effects.spin_down),
     )
-    return unless_crashed(crashed, zeros_like(slope), slope)
+    return unless_crashed(crashed, zeros_like(derivative), derivative)
 
 
-def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `responding_slope`."""
+def acceleration_of(state: AttitudeResponseState, *others: Any) -> VehicleAcceleration:
+    """Return the acceleration of the vehicle, zero after a crash; see `attitude_response_derivatives`."""
     *_, kinematics = others
-    slope, body = responding_slope(state, *others).body, state.body
+    derivative, body = attitude_response_derivatives(state, *others).body, state.body
     # The angle rates are read from the state derivative, which is zero for a crashed vehicle.
     angular = _BODY_ACCELERATIONS[kinematics](
-        Attitude(slope.roll_rate, slope.pitch_rate, slope.yaw_rate),
-        Attitude(slope.roll, slope.pitch, slope.yaw),
+        Attitude(derivative.roll_rate, derivative.pitch_rate, derivative.yaw_rate),
+        Attitude(derivative.roll, derivative.pitch, derivative.yaw),
         Attitude(body.roll, body.pitch, body.yaw),
     )
-    return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, *angular)
+    return VehicleAcceleration(derivative.v_x, derivative.v_y, derivative.v_z, *angular)
 
 
-def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
+def stepping_acceleration(body: AttitudeResponseBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
     """Return the acceleration of a vehicle with a discrete state, like `acceleration_of`."""
-    return acceleration_of(RespondingState(body, rotors), *others)
+    return acceleration_of(AttitudeResponseState(body, rotors), *others)
 
 
-def _initial_state(numbers: RespondingNumbers) -> RespondingState:
+def _initial_state(config: AttitudeResponseConfig) -> AttitudeResponseState:
     """Return the state of a vehicle at time 0."""
-    vehicle = numbers.vehicle
+    vehicle = config.vehicle
     body, rotors, _, _ = initial_state(vehicle.parameters, vehicle.start, vehicle.effects, vehicle.motion)
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, p, q, r = body
     roll_rate, pitch_rate, yaw_rate = RIGID_KINEMATICS.angle_rates(BodyRates(p, q, r), Attitude(roll, pitch, yaw))
-    return RespondingState(
-        RespondingBody(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, roll_rate, pitch_rate, yaw_rate), rotors
+    return AttitudeResponseState(
+        AttitudeResponseBody(x, y, z, roll, pitch, yaw, v_x, v_y, v_z, roll_rate, pitch_rate, yaw_rate), rotors
     )
 
 
-def _state_output(state: RespondingState, body_rates: BodyRatesOf) -> State:
+def _state_output(state: AttitudeResponseState, body_rates: BodyRatesOf) -> State:
     """Return the output `state` of a vehicle with a continuous state."""
     return state_of(state.body, body_rates)
 
 
 @fleet_system(float, AutoDiffXd)
-class RespondingQuadrotor(FleetSystem):
+class AttitudeResponseQuadrotor(FleetSystem):
     """Quadrotor with autopilot, or a fleet of them, whose attitude follows its command with a second-order response.
 
     .. pydrake_system::
@@ -318,17 +318,17 @@ class RespondingQuadrotor(FleetSystem):
     and the body rates in the target have no effect. Only the total thrust of the rotors is used. Inertia has no effect.
 
     Ports, time steps, faults and inputs that are not connected are treated as in a `Quadrotor`. The discrete state
-    consists of the groups `state`, a `RespondingBody`, and `rotor_speed`. The continuous state is a `RespondingState`.
-    The parameters of the context are `parameters` and `response`, for vehicles with faults also `faults`, and for
-    vehicles with effects also `effects`.
+    consists of the groups `state`, an `AttitudeResponseBody`, and `rotor_speed`. The continuous state is an
+    `AttitudeResponseState`. The parameters of the context are `parameters` and `response`, for vehicles with faults
+    also `faults`, and for vehicles with effects also `effects`.
 
     Args:
         num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" to use the rates of the angles as body rates.
         faulty: True if rotors may have faults.
-        effects: names of the effects that are switched on, a subset of `RESPONDING_EFFECTS`.
-        numbers: parameters of the vehicles.
+        effects: names of the effects that are switched on, a subset of `ATTITUDE_RESPONSE_EFFECTS`.
+        parameters: parameters of the vehicles.
 
     Raises:
         ValueError: if an effect has no parameters or is not supported.
@@ -341,37 +341,37 @@ class RespondingQuadrotor(FleetSystem):
         kinematics: Kinematics = "exact",
         faulty: bool = False,
         effects: tuple[str, ...] = (),
-        numbers: RespondingNumbers,
+        parameters: AttitudeResponseConfig,
     ) -> None:
         """Declare ports, states and parameters."""
-        unknown = set(effects).difference(RESPONDING_EFFECTS)
+        unknown = set(effects).difference(ATTITUDE_RESPONSE_EFFECTS)
         if unknown:
             raise ValueError(f"a RespondingQuadrotor does not support these effects: {', '.join(sorted(unknown))}")
         self.time_step = time_step
-        parameters = self.parameter("parameters", lambda numbers: numbers.vehicle.parameters)
-        response = self.parameter("response", lambda numbers: numbers.response)
-        faults = self.parameter("faults", lambda numbers: numbers.vehicle.faults) if faulty else None
+        vehicle = self.parameter("parameters", lambda parameters: parameters.vehicle.parameters)
+        response = self.parameter("response", lambda parameters: parameters.response)
+        faults = self.parameter("faults", lambda parameters: parameters.vehicle.faults) if faulty else None
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         target = self.input("attitude_target")
         inputs = command, target, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
-        effect_numbers: Any = NO_EFFECTS
+        effect_parameters: Any = NO_EFFECTS
         if effects:
-            effect_numbers = self.parameter("effects", lambda numbers: numbers.vehicle.effects.only(effects))
-        constants = parameters, response, faults, effect_numbers, TIME if faulty else 0.0
+            effect_parameters = self.parameter("effects", lambda parameters: parameters.vehicle.effects.only(effects))
+        constants = vehicle, response, faults, effect_parameters, TIME if faulty else 0.0
         body_rates = _BODY_RATES[kinematics]
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: _initial_state(numbers).body)
-            rotors = self.state("rotor_speed", lambda numbers: _initial_state(numbers).rotors)
+            body = self.state("state", lambda parameters: _initial_state(parameters).body)
+            rotors = self.state("rotor_speed", lambda parameters: _initial_state(parameters).rotors)
             arguments = body, rotors, *inputs, *constants, time_step, kinematics
             self.update(
-                time_step, responding_step, *arguments, writes=[body, rotors], unrestricted=True, at_start=False
+                time_step, attitude_response_step, *arguments, writes=[body, rotors], unrestricted=True, at_start=False
             )
             self.output("state", state_of, body, body_rates)
             self.state_output(rotors)
             self.output("acceleration", stepping_acceleration, body, rotors, *inputs, *constants, kinematics)
         else:
             state = self.continuous_state(_initial_state)
-            self.derivative(responding_slope, state, *inputs, *constants, kinematics)
+            self.derivative(attitude_response_derivatives, state, *inputs, *constants, kinematics)
             self.output("state", _state_output, state, body_rates)
             self.output("rotor_speed", getattr, state, "rotors")
             self.output("acceleration", acceleration_of, state, *inputs, *constants, kinematics)

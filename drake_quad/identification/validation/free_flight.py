@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.windows import effort
+from drake_quad.identification.windows import commanded_effort
 
 # Rotors idle if the ratio of their command to its median is smaller than this.
 _IDLE_RATIO = 0.5
@@ -17,7 +17,7 @@ _MIN_HEIGHT = 0.25
 _LIFT_OFF_HEIGHT = 0.003
 
 
-class FlownPart(NamedTuple):
+class FreeFlight(NamedTuple):
     """Samples of a log in free flight.
 
     Attributes:
@@ -31,7 +31,7 @@ class FlownPart(NamedTuple):
     lift_off: int | None
 
 
-def flown_part(record: FlightRecord) -> FlownPart:
+def free_flight(record: FlightRecord) -> FreeFlight:
     """Return the part of a log in which both the vehicle and its reference are in free flight.
 
     A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
@@ -48,24 +48,24 @@ def flown_part(record: FlightRecord) -> FlownPart:
     Raises:
         InputError: if a signal is not logged, or the vehicle never flies.
     """
-    count, command = len(record.time), effort(record)
+    count, command = len(record.time), commanded_effort(record)
     if command is None or not (command > 0.0).any():
-        return FlownPart(0, count, None)
+        return FreeFlight(0, count, None)
     idle = command < _IDLE_RATIO * np.median(command[command > 0.0])
     if not (idle[0] or idle[-1]):
-        return FlownPart(0, count, None)
+        return FreeFlight(0, count, None)
     height = record.of("position")[:, 2]
     ground = float(height[0] if idle[0] else height[-1])
     lowest = np.minimum(height, record.of("reference_position")[:, 2])
     flying = np.flatnonzero(lowest > ground + _MIN_HEIGHT)
     if len(flying) < 2:
         raise InputError(
-            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never more than"
+            f"the vehicle of the log {short_repr(record.name)} does not fly: it and its reference are never more than"
             f" {_MIN_HEIGHT:g} m above the ground at the same time"
         )
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
-        return FlownPart(0, end, None)
+        return FreeFlight(0, end, None)
     last_idle = int(np.flatnonzero(idle[:first])[-1])
     on_ground = np.flatnonzero(height[:first] < height[last_idle] + _LIFT_OFF_HEIGHT)
-    return FlownPart(first, end if idle[-1] else count, int(on_ground[-1]))
+    return FreeFlight(first, end if idle[-1] else count, int(on_ground[-1]))

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import InputError, shortened, shown
+from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS
-from drake_quad.scenario.paths import joined, steps_of
+from drake_quad.scenario.paths import join_path, steps_of
 
 # Largest number of characters of a field's path in a message. The longest path has seventy characters.
 _MAX_PATH_CHARACTERS = 80
 
 
-def given_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
+def override_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
     """Yield a document for each field of a mapping from paths to values.
 
     Args:
@@ -29,7 +29,7 @@ def given_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
         InputError: if a key is not a path, or a value has a type that a scenario cannot contain.
     """
     for path, value in fields.items():
-        mark = Mark(f"override {shortened(str(path), _MAX_PATH_CHARACTERS)}", 0)
+        mark = Mark(f"override {shorten_text(str(path), _MAX_PATH_CHARACTERS)}", 0)
         yield _Values(mark, library).mapping({path: value}, "", 1)
 
 
@@ -62,16 +62,17 @@ class _Values:
         if isinstance(value, np.ndarray | np.generic):
             value = value.tolist()
         if isinstance(value, list | tuple):
-            return Tree([self.tree(item, joined(path, i), level + 1) for i, item in enumerate(value)], self._mark)
+            return Tree([self.tree(item, join_path(path, i), level + 1) for i, item in enumerate(value)], self._mark)
         if isinstance(value, PathLike):
             value = fspath(value)
         if not (value is None or isinstance(value, bool | int | float | str)):
             raise InputError(
-                f"{self._mark}: {shown(value)} is a {type(value).__name__}, but must be a number, text, list or mapping"
+                f"{self._mark}: {short_repr(value)} is a {type(value).__name__}, but must be a number, text, list or"
+                " mapping"
             )
         if isinstance(value, str) and len(value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark}: {shown(value)} is too long: a name or value may have at most {MAX_CHARACTERS:,}"
+                f"{self._mark}: {short_repr(value)} is too long: a name or value may have at most {MAX_CHARACTERS:,}"
                 " characters"
             )
         return Tree(value, self._mark)
@@ -82,7 +83,7 @@ class _Values:
         for key, value in fields.items():
             name = str(key) if isinstance(key, int) and not isinstance(key, bool) else key
             if not isinstance(name, str) or not all(name.split(".")) or len(name) > MAX_CHARACTERS:
-                raise InputError(f"{self._mark}: {shown(key)} must be the path of a field, as in vehicle.mass")
+                raise InputError(f"{self._mark}: {short_repr(key)} must be the path of a field, as in vehicle.mass")
             inside = f"{path}.{name}" if path else name
             try:
                 steps = steps_of(inside)[len(path.split(".")) if path else 0 :]

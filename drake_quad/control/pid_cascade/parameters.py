@@ -20,7 +20,7 @@ class PidLoopGains(NamedTuple):
     terms: tuple[Terms, Terms, Terms] | None = None
 
 
-class TiltNumbers(NamedTuple):
+class TiltParameters(NamedTuple):
     """Thrust parameters of a cascade that commands roll and pitch.
 
     Attributes:
@@ -34,7 +34,7 @@ class TiltNumbers(NamedTuple):
     max_thrust: ForceB
 
 
-class AccelerationNumbers(NamedTuple):
+class AccelerationParameters(NamedTuple):
     """Feed-forward and limits of a cascade that commands an acceleration.
 
     Attributes:
@@ -42,7 +42,7 @@ class AccelerationNumbers(NamedTuple):
         max_speed: largest commanded horizontal speed.
         max_ascent: largest commanded velocity upwards.
         max_descent: largest commanded velocity downwards.
-        slope: tangent of the largest tilt.
+        tan_max_tilt: tangent of the largest tilt.
         min_thrust: smallest thrust.
         max_thrust: largest thrust.
         horizontal_margin: horizontal thrust that remains available when the vertical thrust saturates.
@@ -52,13 +52,13 @@ class AccelerationNumbers(NamedTuple):
     max_speed: VelocityW
     max_ascent: VelocityW
     max_descent: VelocityW
-    slope: Number
+    tan_max_tilt: Number
     min_thrust: ForceB
     max_thrust: ForceB
     horizontal_margin: ForceB
 
 
-class CascadeNumbers(NamedTuple):
+class CascadeParameters(NamedTuple):
     """Parameters of a cascade of PIDs.
 
     Attributes:
@@ -77,7 +77,7 @@ class CascadeNumbers(NamedTuple):
     velocity_feed_forward: Number
     mass: Annotated[Row, Quantity("kg")]
     gravity: Annotated[Row, Quantity("m/s²")]
-    command: TiltNumbers | AccelerationNumbers
+    command: TiltParameters | AccelerationParameters
 
 
 class CascadeRules(NamedTuple):
@@ -110,9 +110,9 @@ def _memories(gains: PidLoopGains) -> Memories:
     return first, second, third
 
 
-def empty_memory(numbers: CascadeNumbers) -> CascadeMemory:
+def empty_memory(parameters: CascadeParameters) -> CascadeMemory:
     """Return the state before the first tick."""
-    return CascadeMemory(_memories(numbers.position), _memories(numbers.velocity))
+    return CascadeMemory(_memories(parameters.position), _memories(parameters.velocity))
 
 
 def step_loops(

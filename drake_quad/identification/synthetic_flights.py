@@ -2,7 +2,7 @@
 
 A vehicle with random parameters flies past waypoints with changing yaw. The simulation includes the noise, delays and
 packet losses of a laboratory. As in a laboratory, the log contains the camera measurements and the commands.
-`KNOWN_FLIGHTS` contains six conditions:
+`SYNTHETIC_FLIGHTS` contains six conditions:
 
 - calm: the laboratory of the paper without wind, with rotor speed commands,
 - wind: the same laboratory in low wind that is not logged,
@@ -27,7 +27,7 @@ from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, STATE_ROWS
 from drake_quad.identification.results.estimates import Estimates
-from drake_quad.identification.results.vehicle_numbers import number_of
+from drake_quad.identification.results.vehicle_values import number_of
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget
@@ -43,31 +43,31 @@ _NUM_WAYPOINTS = 41
 _FULL_THRUST = 14.27
 
 
-class KnownFlights(NamedTuple):
+class SyntheticFlights(NamedTuple):
     """Flights under one condition.
 
     Attributes:
         scenario: scenario in `diagrams/`.
         seconds: time from one waypoint to the next, s.
         overrides: overrides of the scenario that set the condition and the distributions of the parameters.
-        believed: overrides of the scenario that set the initial values of the identification.
+        nominal: overrides of the scenario that set the initial values of the identification.
         samples_per_row: number of recorded samples for each row of the log.
     """
 
     scenario: str
     seconds: float
     overrides: tuple[str, ...]
-    believed: tuple[str, ...] = ()
+    nominal: tuple[str, ...] = ()
     samples_per_row: int = 1
 
     def simulated_scenario(self, diagrams: Path, further_overrides: Sequence[str] = ()) -> Scenario:
         """Return the scenario of the simulated flights."""
-        route = f"route={json.dumps(wandering_route(self.seconds))}"
+        route = f"route={json.dumps(random_waypoint_route(self.seconds))}"
         return load_scenario(diagrams / self.scenario, [route, *self.overrides, *further_overrides])
 
     def initial_scenario(self, diagrams: Path) -> Scenario:
         """Return the initial scenario of the identification."""
-        return load_scenario(diagrams / self.scenario, self.believed)
+        return load_scenario(diagrams / self.scenario, self.nominal)
 
 
 class CheckedParameter(NamedTuple):
@@ -101,11 +101,11 @@ _BODY = (
 _ROTORS = (*_BODY, f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}")
 _THROTTLES = "nominal.motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
 
-KNOWN_FLIGHTS = {
-    "calm": KnownFlights("laboratory.yaml:nominal", 1.0, _ROTORS),
-    "wind": KnownFlights("laboratory.yaml:low_wind", 1.0, _ROTORS),
-    "delay": KnownFlights("laboratory.yaml:nominal", 1.0, (*_ROTORS, "laboratory.motion_capture.latency_frames=3")),
-    "autopilot": KnownFlights(
+SYNTHETIC_FLIGHTS = {
+    "calm": SyntheticFlights("laboratory.yaml:nominal", 1.0, _ROTORS),
+    "wind": SyntheticFlights("laboratory.yaml:low_wind", 1.0, _ROTORS),
+    "delay": SyntheticFlights("laboratory.yaml:nominal", 1.0, (*_ROTORS, "laboratory.motion_capture.latency_frames=3")),
+    "autopilot": SyntheticFlights(
         "neural_fly.yaml:still",
         1.25,
         (
@@ -128,7 +128,7 @@ KNOWN_FLIGHTS = {
             "vehicle.rotor_time_constant=0.05",
         ),
     ),
-    "slow_log": KnownFlights(
+    "slow_log": SyntheticFlights(
         "laboratory.yaml:nominal",
         1.0,
         (
@@ -139,7 +139,7 @@ KNOWN_FLIGHTS = {
         ),
         samples_per_row=5,
     ),
-    "battery": KnownFlights(
+    "battery": SyntheticFlights(
         "laboratory.yaml:nominal",
         1.0,
         (
@@ -155,7 +155,7 @@ KNOWN_FLIGHTS = {
 }
 
 
-def wandering_route(seconds: float) -> dict[str, object]:
+def random_waypoint_route(seconds: float) -> dict[str, object]:
     """Return a route past waypoints with changing yaw, in the scenario language.
 
     Args:
@@ -188,19 +188,19 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
     return FlightRecord("flight", flight.time[step], **{name: rows[step] for name, rows in values.items()})
 
 
-def check_flight(flight: Flight, believed: Scenario, samples_per_row: int = 1) -> list[CheckedParameter]:
+def check_flight(flight: Flight, nominal: Scenario, samples_per_row: int = 1) -> list[CheckedParameter]:
     """Identify the vehicle of a simulated flight, and return each identified parameter with its true value.
 
     Args:
         flight: simulated flight.
-        believed: initial scenario of the identification.
+        nominal: initial scenario of the identification.
         samples_per_row: number of recorded samples for each row of the log.
 
     Returns:
         Identified parameters; empty if the log cannot be identified.
     """
     try:
-        identification = identify([record_of(flight, samples_per_row)], believed, held_out_share=0.0)
+        identification = identify([record_of(flight, samples_per_row)], nominal, held_out_fraction=0.0)
     except InputError:
         return []
     parameters = _with_true_values(identification.estimates, flight.scenario)
@@ -210,11 +210,11 @@ def check_flight(flight: Flight, believed: Scenario, samples_per_row: int = 1) -
     return parameters
 
 
-class Task(NamedTuple):
+class CheckTask(NamedTuple):
     """Flights that are simulated together, and identified one by one.
 
     Attributes:
-        flights: name of the condition in `KNOWN_FLIGHTS`.
+        flights: name of the condition in `SYNTHETIC_FLIGHTS`.
         diagrams: folder of the shipped scenarios.
         overrides: further overrides of the simulated scenario.
         samples: sample number of each flight, which determines its random parameters.
@@ -226,13 +226,13 @@ class Task(NamedTuple):
     samples: Sequence[int]
 
 
-def check_batch(task: Task) -> dict[int, list[CheckedParameter]]:
+def check_batch(task: CheckTask) -> dict[int, list[CheckedParameter]]:
     """Return the identified parameters of each flight of a task, by sample number."""
-    known = KNOWN_FLIGHTS[task.flights]
+    known = SYNTHETIC_FLIGHTS[task.flights]
     flights = simulate_samples(known.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
-    believed = known.initial_scenario(task.diagrams)
+    nominal = known.initial_scenario(task.diagrams)
     return {
-        sample: check_flight(flight, believed, known.samples_per_row)
+        sample: check_flight(flight, nominal, known.samples_per_row)
         for sample, flight in zip(task.samples, flights, strict=True)
     }
 

@@ -29,15 +29,15 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.fit import fit
-from drake_quad.identification.logs.attitudes import rotations
+from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prepared_logs import WARM_UP, PreparedLogs, initial_noise, prepare
 from drake_quad.identification.results.estimates import quantile
-from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, held_out, pieces
+from drake_quad.identification.windows import LogWindow, WindowSizes, airborne_mask, held_out_mask, segment_numbers
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 
@@ -135,7 +135,7 @@ class Predictions:
         return errors[is_known] ** 2, blocks
 
 
-def joined(parts: Sequence[Predictions]) -> Predictions:
+def concatenate_predictions(parts: Sequence[Predictions]) -> Predictions:
     """Concatenate the predictions of several logs, for the quantities that all logs contain.
 
     Raises:
@@ -158,9 +158,9 @@ def predict(
     record: FlightRecord,
     vehicles: Mapping[str, Scenario],
     *,
-    believed: Scenario | None = None,
+    nominal: Scenario | None = None,
     horizons: Sequence[float] = HORIZONS,
-    share: float = 1.0,
+    final_fraction: float = 1.0,
 ) -> Predictions:
     """Predict a flight with vehicles and with two predictors without a model, from starts throughout the flight.
 
@@ -169,10 +169,11 @@ def predict(
     Args:
         record: record of the flight.
         vehicles: scenarios of the vehicles, by name.
-        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
+        nominal: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
             vehicle.
         horizons: horizons, s.
-        share: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole time.
+        final_fraction: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole
+            time.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
@@ -180,10 +181,10 @@ def predict(
     """
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
-            f"the log {shown(record.name)} contains no signal that can be predicted: it needs position, velocity,"
+            f"the log {short_repr(record.name)} contains no signal that can be predicted: it needs position, velocity,"
             f" attitude or body_rates, but contains {', '.join(record.names)}"
         )
-    prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
+    prepared = {name: prepare([record], each, nominal)[0] for name, each in vehicles.items()}
     (record,) = next(iter(prepared.values())).records
     measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
     only_vertical = "attitude" not in measured and "body_rates" not in measured
@@ -191,14 +192,14 @@ def predict(
     steps = [round(horizon / record.period) for horizon in horizons]
     if min(np.diff([0, *steps])) < 1:
         raise InputError(
-            f"the log {shown(record.name)} has a sampling period of {record.period:.2g} s, which is too long for"
+            f"the log {short_repr(record.name)} has a sampling period of {record.period:.2g} s, which is too long for"
             f" predictions over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
         )
-    starts = _starts(record, num_past, horizons, share)
+    starts = _starts(record, num_past, horizons, final_fraction)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no airborne stretch of at least {_SETTLING_TIME + min(horizons):.2g} s,"
-            " which a prediction needs"
+            f"the log {short_repr(record.name)} has no airborne stretch of at least"
+            f" {_SETTLING_TIME + min(horizons):.2g} s, which a prediction needs"
         )
     motion = _Motion.at(record, measured, starts, num_past)
     continues = np.stack([_continues(record, starts, step) for step in steps])
@@ -249,7 +250,7 @@ class _Motion(NamedTuple):
         if "body_rates" in ends:
             rates, angular_acceleration, _ = ends["body_rates"]
         elif "attitude" in ends:
-            attitudes = rotations(record.of("attitude"))
+            attitudes = rotations_of(record.of("attitude"))
             rotation_vectors = (attitudes[np.repeat(starts, num_past)].inv() * attitudes[samples.ravel()]).as_rotvec()
             _, rates, angular_acceleration = _parabolas(record, samples, rotation_vectors.reshape(*samples.shape, 3))
         return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular_acceleration)
@@ -261,7 +262,7 @@ class _Motion(NamedTuple):
             (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
         )
         rotation = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular_acceleration * time) * time).T)
-        attitudes = rotations(attitude.T) * rotation
+        attitudes = rotations_of(attitude.T) * rotation
         return np.concatenate(
             [
                 position + velocity * time + 0.5 * acceleration * time**2,
@@ -302,10 +303,10 @@ def _open_loop_states(
     return predicted
 
 
-def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], share: float) -> np.ndarray:
+def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], final_fraction: float) -> np.ndarray:
     """Return the indices (S,) of the samples at which predictions begin."""
-    flying = airborne(record)
-    is_allowed = held_out(flying, share) if share < 1.0 and flying.any() else flying
+    flying = airborne_mask(record)
+    is_allowed = held_out_mask(flying, final_fraction) if final_fraction < 1.0 and flying.any() else flying
     spacing = max(1, round(START_SPACING / record.period))
     min_steps = round(min(horizons) / record.period)
     num_past = max(num_past, round(_SETTLING_TIME / record.period))
@@ -319,7 +320,7 @@ def _continues(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarr
     ends = starts + steps
     is_logged = ends < len(record.time)
     ends = np.minimum(ends, len(record.time) - 1)
-    piece_numbers, num_grounded = pieces(record), np.concatenate([[0], np.cumsum(~airborne(record))])
+    piece_numbers, num_grounded = segment_numbers(record), np.concatenate([[0], np.cumsum(~airborne_mask(record))])
     return np.asarray(
         is_logged & (piece_numbers[starts] == piece_numbers[ends]) & (num_grounded[ends + 1] == num_grounded[starts])
     )
@@ -343,7 +344,7 @@ def _errors(
             if only_vertical:
                 quantity, error = {"position": "height", "velocity": "climb"}[name], np.abs(predicted - actual)[:, 2]
             elif name == "attitude":
-                predicted_rotation, actual_rotation = rotations(predicted), rotations(actual)
+                predicted_rotation, actual_rotation = rotations_of(predicted), rotations_of(actual)
                 quantity, error = name, (predicted_rotation.inv() * actual_rotation).magnitude()
             else:
                 quantity, error = name, np.linalg.norm(predicted - actual, axis=1)

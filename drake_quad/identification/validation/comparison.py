@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
+from drake_quad.errors import InputError, short_repr
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
-from drake_quad.identification.flown_again.flown_part import flown_part
-from drake_quad.identification.flown_again.reference import LoggedReference, is_slow, logged_reference
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.validation.free_flight import free_flight
+from drake_quad.identification.validation.reference import LoggedReference, is_slow, logged_reference
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -32,7 +32,7 @@ _MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by
 _FLEET_SIZE = 32  # number of flights that are simulated together
 
 
-class ErrorFigures(NamedTuple):
+class ErrorStatistics(NamedTuple):
     """Statistics of position errors along x, y and z, and of their norm, m.
 
     Attributes:
@@ -46,7 +46,7 @@ class ErrorFigures(NamedTuple):
     largest: np.ndarray
 
     @classmethod
-    def of(cls, error: np.ndarray) -> "ErrorFigures":
+    def of(cls, error: np.ndarray) -> "ErrorStatistics":
         """Return the statistics of errors (..., samples, 3) in m; NaN if an error is NaN because of a crash."""
         components = np.concatenate([error, np.linalg.norm(error, axis=-1, keepdims=True)], axis=-1)
         return cls(
@@ -67,7 +67,7 @@ class LogComparison:
         plan: plan of the route.
         time: (n,) times of the samples that are compared, on the clock of the log, s.
         target: (n, 3) position of the route at these times, in W, m.
-        flown: (n, 3) position error in the log, reference minus position in W, m.
+        logged_error: (n, 3) position error in the log, reference minus position in W, m.
         predicted: (samples, n, 3) measured position error of each simulated flight in W, m; NaN after a crash.
     """
 
@@ -77,7 +77,7 @@ class LogComparison:
     plan: Plan
     time: np.ndarray
     target: np.ndarray
-    flown: np.ndarray
+    logged_error: np.ndarray
     predicted: np.ndarray
 
     @property
@@ -91,18 +91,18 @@ class LogComparison:
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
-    def flown_figures(self) -> ErrorFigures:
+    def logged_statistics(self) -> ErrorStatistics:
         """Statistics (4,) of the logged errors."""
-        return ErrorFigures.of(self.flown)
+        return ErrorStatistics.of(self.logged_error)
 
-    def predicted_figures(self) -> ErrorFigures:
+    def predicted_statistics(self) -> ErrorStatistics:
         """Return the statistics (samples, 4) of each predicted flight; infinite for a flight with a crash."""
-        figures = ErrorFigures.of(self.predicted)
-        return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
+        figures = ErrorStatistics.of(self.predicted)
+        return ErrorStatistics(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the median of a statistic (given by its name), and the ends of its 95 % interval, each (4,)."""
-        values = getattr(self.predicted_figures(), name)
+        values = getattr(self.predicted_statistics(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
         return median, low, high
@@ -110,12 +110,12 @@ class LogComparison:
     def within(self, name: str) -> np.ndarray:
         """Return a mask (4,) of the columns in which a statistic of the log is inside the predicted interval."""
         _, low, high = self.interval(name)
-        logged = getattr(self.flown_figures, name)
+        logged = getattr(self.logged_statistics, name)
         return np.asarray((logged >= low) & (logged <= high))
 
-    def typical_sample(self) -> int:
+    def median_sample(self) -> int:
         """Return the number of the sample with the median RMSE."""
-        rmse = self.predicted_figures().rmse[:, -1]
+        rmse = self.predicted_statistics().rmse[:, -1]
         return int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
 
 
@@ -134,7 +134,7 @@ def compare_with_log(
     clock of the log. If the reference jumps and the vehicle takes off in the log, the simulation begins at the point
     of the lift-off.
 
-    The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
+    The comparison covers the part of the log in free flight, see `free_flight`. It begins when the reference of the log
     has moved by 1 cm, so that transients of an earlier take-off are excluded. If the reference never moves, the
     comparison covers the whole log. Both errors are computed from measured positions, since a log contains no true
     positions.
@@ -154,17 +154,19 @@ def compare_with_log(
     """
     if scenario.vehicle.time_step == 0.0:
         raise InputError("vehicle.time_step is 0; a comparison with a log needs a time step above 0")
-    flight_part = flown_part(record)
-    record = record.part(slice(flight_part.end))
+    flight_part = free_flight(record)
+    record = record.subset(slice(flight_part.end))
     reference = logged_reference(record, rest=rest, lift_off=flight_part.lift_off)
     first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
     is_compared = (record.time >= max(first_time, -reference.start)) & (record.time <= reference.end)
     if is_compared.sum() < 2:
-        raise InputError(f"the log {shown(record.name)} has fewer than two samples to compare from {first_time:g} s on")
+        raise InputError(
+            f"the log {short_repr(record.name)} has fewer than two samples to compare from {first_time:g} s on"
+        )
     routed_scenario = on_route(scenario, reference)
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
-    target = evaluate(plan.flown_path, times).T
+    target = evaluate(plan.extended_path, times).T
     # Between the samples of a slowly logged reference, only the path gives the position of the reference.
     logged_target = target if is_slow(record) else record.of("reference_position")[is_compared]
     logged_error = logged_target - record.of("position")[is_compared]
@@ -188,14 +190,14 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
     return scenario.model_copy(update={"route": reference.route, "duration": None, "metrics": window})
 
 
-def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
+def flights_to_compare(comparison: LogComparison) -> dict[str, Flight]:
     """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
     Both flights contain measured states. If the log contains no rotor speeds, the logged flight is returned with the
     rotor speeds of the prediction. A prediction that crashes before the start of the log is left out.
     """
     record, start = comparison.record, comparison.reference.start
-    prediction = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
+    prediction = simulate(comparison.scenario, sample=comparison.median_sample(), plan=comparison.plan, compiled=True)
     rotor_speed = record.rotor_speed
     if rotor_speed is None:
         rotor_speed = _interpolated(record.time + start, prediction.time, prediction["rotor_speed"])

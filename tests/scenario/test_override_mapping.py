@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.scenario.files.given_values import given_trees
-from drake_quad.scenario.files.layers import merged
+from drake_quad.scenario.files.layers import merge
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.loading import load_mission, load_undesigned
 from drake_quad.scenario.files.marked_tree import Mark, Tree
+from drake_quad.scenario.files.override_mapping import override_trees
 from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.regions import HalfSpace
 
@@ -63,10 +63,10 @@ def test_parts_of_other_scenarios_can_be_given(load, diagrams):
 def test_every_shipped_value_can_be_given_as_a_mapping(load):
     """A mapping has the same effect as the corresponding text, both field by field and as a whole."""
     empty = Tree({}, Mark("", 0))
-    scenarios = [Library().find(name)[1].plain() for name in shipped_scenarios()]
+    scenarios = [Library().find(name)[1].to_python() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
         for fields in (plain, {"whole": plain}):
-            assert reduce(merged, given_trees(fields, Library()), empty).plain() == fields
+            assert reduce(merge, override_trees(fields, Library()), empty).to_python() == fields
 
 
 CORRIDOR = {"half_spaces": [{"normal": [1.0, -1.0, 0.0], "point": [0.5, 0.0, 0.0]}]}

@@ -6,25 +6,25 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
-from drake_quad.identification import known_flights
-from drake_quad.identification.known_flights import (
-    KNOWN_FLIGHTS,
+from drake_quad.identification import synthetic_flights
+from drake_quad.identification.results.vehicle_values import number_of
+from drake_quad.identification.synthetic_flights import (
+    SYNTHETIC_FLIGHTS,
     CheckedParameter,
-    Task,
+    CheckTask,
     check_batch,
+    random_waypoint_route,
     record_of,
-    wandering_route,
 )
-from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario.batch import draw_sample, middle_of
+from drake_quad.scenario.batch import draw_sample, median_scenario
 from drake_quad.scenario.paths import distributions_in
 
 
-@pytest.mark.parametrize("kind", KNOWN_FLIGHTS)
+@pytest.mark.parametrize("kind", SYNTHETIC_FLIGHTS)
 def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_repeat(kind, diagrams):
-    known = KNOWN_FLIGHTS[kind]
-    scenario = middle_of(known.simulated_scenario(diagrams))
+    known = SYNTHETIC_FLIGHTS[kind]
+    scenario = median_scenario(known.simulated_scenario(diagrams))
     plan = plan_route(scenario)
     times = known.seconds * np.arange(41)
     np.testing.assert_allclose(plan.path.times, times, atol=1e-9)
@@ -48,7 +48,7 @@ def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_re
 
 
 def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
-    route = wandering_route(1.0 / 3.0)
+    route = random_waypoint_route(1.0 / 3.0)
     for waypoint in route["waypoints"]:
         for number in (*waypoint["point"], waypoint["yaw"]):
             assert number == round(number, 3)
@@ -56,10 +56,10 @@ def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
     assert (route["top_speed"], route["top_acceleration"]) == (None, None)
 
 
-@pytest.mark.parametrize("kind", KNOWN_FLIGHTS)
+@pytest.mark.parametrize("kind", SYNTHETIC_FLIGHTS)
 def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
-    known = KNOWN_FLIGHTS[kind]
-    flight = simulate(middle_of(known.simulated_scenario(diagrams, ["duration=0.5"])), compiled=True)
+    known = SYNTHETIC_FLIGHTS[kind]
+    flight = simulate(median_scenario(known.simulated_scenario(diagrams, ["duration=0.5"])), compiled=True)
     record = record_of(flight, known.samples_per_row)
     every = slice(None, None, known.samples_per_row)
     pose = np.split(flight["measurement"], 4, axis=1)
@@ -101,14 +101,14 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
 
     asked = []
 
-    def identify(records, believed, **options):
-        asked.append((records, believed, options))
+    def identify(records, nominal, **options):
+        asked.append((records, nominal, options))
         return Found()
 
-    monkeypatch.setattr(known_flights, "identify", identify)
-    found = check_batch(Task("wind", diagrams, ["duration=0.3"], [4, 7]))
+    monkeypatch.setattr(synthetic_flights, "identify", identify)
+    found = check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4, 7]))
     assert list(found) == [4, 7]
-    own = KNOWN_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
+    own = SYNTHETIC_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
     for sample, rows in found.items():
         flown = draw_sample(own, sample)
         thrust, inertia, delay = rows
@@ -117,15 +117,15 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         # Cameras deliver the state one frame (10 ms) late; the command in a row was applied during the preceding 20 ms.
         frames = flown.laboratory.motion_capture.latency_frames
         assert delay == CheckedParameter(
-            known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
+            synthetic_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
         )
     first, second = (rows[0].true for rows in found.values())
     assert first != second
     # Each flight is identified separately and without held-out flight, from the vehicle of the data sheet.
-    for (record,), believed, options in asked:
+    for (record,), nominal, options in asked:
         assert record.time[-1] == pytest.approx(0.3, abs=0.021)
-        assert believed == KNOWN_FLIGHTS["wind"].initial_scenario(diagrams)
-        assert options == {"held_out_share": 0.0}
+        assert nominal == SYNTHETIC_FLIGHTS["wind"].initial_scenario(diagrams)
+        assert options == {"held_out_fraction": 0.0}
 
 
 def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monkeypatch):
@@ -136,8 +136,8 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
         logs.extend(records)
         raise InputError("refused by this test")
 
-    monkeypatch.setattr(known_flights, "identify", identify)
-    check_batch(Task("slow_log", diagrams, ["duration=0.1"], [4]))
+    monkeypatch.setattr(synthetic_flights, "identify", identify)
+    check_batch(CheckTask("slow_log", diagrams, ["duration=0.1"], [4]))
     assert logs[0].period == pytest.approx(0.01)
 
 
@@ -145,5 +145,5 @@ def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):
     def refuse(*_, **__):
         raise InputError("refused by this test")
 
-    monkeypatch.setattr(known_flights, "identify", refuse)
-    assert check_batch(Task("wind", diagrams, ["duration=0.3"], [4])) == {4: []}
+    monkeypatch.setattr(synthetic_flights, "identify", refuse)
+    assert check_batch(CheckTask("wind", diagrams, ["duration=0.3"], [4])) == {4: []}

@@ -14,7 +14,7 @@ _MIN_FLIGHT_HEIGHT = 0.25  # m; a vehicle that stays below this height may be st
 _MIN_FAR_DISTANCE = 2.0  # m; a reference within this distance is plausible even if the vehicle moves less
 
 
-def jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
+def position_jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
     """Yield a remark on position steps that no vehicle can make, for example a reset of the estimator.
 
     Args:
@@ -44,7 +44,7 @@ def jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
         )
 
 
-def doubts(signals: dict[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
+def implausible_signals(signals: dict[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
     """Yield remarks on implausible signals of a record.
 
     Args:

@@ -5,7 +5,7 @@ from typing import Any
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
-class StandIn(LeafSystem):
+class SystemPlaceholder(LeafSystem):
     """Stand-in for a system that belongs to another diagram, or will be added to another diagram.
 
     The stand-in has the same ports as the system, and evaluates the system to compute its outputs. The outputs may
@@ -43,9 +43,9 @@ class StandIn(LeafSystem):
             )
 
 
-def original_system(system: Any) -> Any:
+def wrapped_system(system: Any) -> Any:
     """Return the system that a stand-in evaluates; other systems are returned unchanged."""
-    return system.system if isinstance(system, StandIn) else system
+    return system.system if isinstance(system, SystemPlaceholder) else system
 
 
 def has_state(system: Any) -> bool:
