@@ -30,7 +30,14 @@ from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import most_influential_path, values_without_crashes, worst
 from drake_quad.studies.study import PARQUET_FILE, Study
-from drake_quad.studies.summary import Summary, comparison_table, crash_text, metric_table, obstacle_table
+from drake_quad.studies.summary import (
+    Summary,
+    comparison_table,
+    crash_text,
+    influence_table,
+    metric_table,
+    obstacle_table,
+)
 from drake_quad.studies.worker_pool import WorkerPool
 from drake_quad.visualization.style import save_figures
 
@@ -116,7 +123,8 @@ def main(arguments: argparse.Namespace) -> None:
                 f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
             )
         method = "uncompiled" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], method, imports=python_options(arguments, name))
+        imports = python_options(arguments, name)
+        print_study(name, study, folders[name], method, metric=arguments.metric, imports=imports)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -190,8 +198,10 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, method: str, *, imports: Sequence[str] = ()) -> None:
-    """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
+def print_study(
+    name: str, study: Study, folder: Path, method: str, *, metric: str = "rmse", imports: Sequence[str] = ()
+) -> None:
+    """Print estimates of the metrics, the largest influences, and commands that fly the worst samples again."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
         f" {method}; {crash_text(study)}"
@@ -205,13 +215,23 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
             f"random parameters are correlated ({first.first} and {first.second}: {first.correlation:+.2f}{others}), so"
             " the influence of a parameter includes the influences of correlated parameters"
         )
+    options = "".join(f" {option}" for option in imports)
+    if study.parameters and len(study.samples):
+        print_influences(study, metric)
+        print(f"more: influences.png, and drake-quad sensitivities {folder / 'scenario.yaml'} --sample 0{options}")
     if len(study.samples):
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
     width = max(18, *map(len, outcomes.values())) if outcomes else 0
-    options = "".join(f" {option}" for option in imports)
     for sample, outcome in outcomes.items():
         print(f"  {outcome:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{options}")
+
+
+def print_influences(study: Study, metric: str) -> None:
+    """Print the random parameters with the largest influence on the metric and on crashes."""
+    for name in [metric, "crashed"] if study.metrics.crashed.any() else [metric]:
+        table = influence_table(study, name)
+        print_summary(table if table.rows else table._replace(headings=()))
 
 
 def _outcome_of(study: Study, index: int) -> str:
@@ -229,8 +249,9 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
 
 
 def print_summary(summary: Summary) -> None:
-    """Print a summary as a table, followed by its remarks."""
-    print_columns(summary.headings, summary.rows)
+    """Print a summary as a table, followed by its remarks; a summary without headings has only remarks."""
+    if summary.headings:
+        print_columns(summary.headings, summary.rows)
     for sentence in summary.remarks:
         print(sentence)
 
