@@ -35,6 +35,7 @@ from drake_quad.studies.summary import (
     Summary,
     comparison_table,
     crash_text,
+    influence_table,
     metric_table,
     obstacle_table,
     requirement_table,
@@ -133,7 +134,7 @@ def main(arguments: argparse.Namespace) -> None:
                 f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
             )
         method = "uncompiled" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], method)
+        print_study(name, study, folders[name], method, metric=arguments.metric)
         print_rules([StoppingRule.parse(text, study.scenario) for text in arguments.until], study)
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
@@ -204,8 +205,8 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, method: str) -> None:
-    """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
+def print_study(name: str, study: Study, folder: Path, method: str, *, metric: str = "rmse") -> None:
+    """Print estimates of the metrics, the largest influences, and commands that fly the worst samples again."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
         f" {method}; {crash_text(study)}"
@@ -221,6 +222,9 @@ def print_study(name: str, study: Study, folder: Path, method: str) -> None:
             f"random parameters are correlated ({first.first} and {first.second}: {first.correlation:+.2f}{others}), so"
             " the influence of a parameter includes the influences of correlated parameters"
         )
+    if study.parameters and len(study.samples):
+        print_influences(study, metric)
+        print(f"more: influences.png, and drake-quad sensitivities {folder / 'scenario.yaml'} --sample 0{options}")
     if len(study.samples):
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
@@ -235,6 +239,13 @@ def print_rules(rules: Sequence[StoppingRule], study: Study) -> None:
     for rule in rules:
         met = "" if rule.is_met(study.metrics) else "; not precise enough for --until"
         print(f"{rule.quantity}: {rule.text(study.metrics)}, confidence sequence{met}")
+
+
+def print_influences(study: Study, metric: str) -> None:
+    """Print the random parameters with the largest influence on the metric and on crashes."""
+    for name in [metric, "crashed"] if study.metrics.crashed.any() else [metric]:
+        table = influence_table(study, name)
+        print_summary(table if table.rows else table._replace(headings=()))
 
 
 def _outcome_of(study: Study, index: int) -> str:
@@ -252,8 +263,9 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
 
 
 def print_summary(summary: Summary) -> None:
-    """Print a summary as a table, followed by its remarks."""
-    print_columns(summary.headings, summary.rows)
+    """Print a summary as a table, followed by its remarks; a summary without headings has only remarks."""
+    if summary.headings:
+        print_columns(summary.headings, summary.rows)
     for sentence in summary.remarks:
         print(sentence)
 

@@ -98,6 +98,8 @@ class Influence(NamedTuple):
             `correlation` if there are none.
         low: mean of the metric over the tenth of the samples with the smallest numbers.
         high: mean of the metric over the tenth of the samples with the largest numbers.
+        distance: rank correlation of the metric with the distance of the number from its median. It is large if small
+            and large numbers have the same effect, as for a centre of mass on either side of the middle.
     """
 
     path: str
@@ -105,6 +107,17 @@ class Influence(NamedTuple):
     partial: Interval
     low: Interval
     high: Interval
+    distance: Interval
+
+    @property
+    def strongest(self) -> Interval:
+        """The rank correlation with the number or with its distance from the median, whichever is larger in size."""
+        return max(self.correlation, self.distance, key=lambda each: abs(np.nan_to_num(each.value)))
+
+    @property
+    def is_significant(self) -> bool:
+        """True if the 95 % interval of the strongest correlation does not contain zero."""
+        return self.strongest.low > 0.0 or self.strongest.high < 0.0
 
 
 def influences(study: Study, name: str = "rmse") -> list[Influence]:
@@ -123,11 +136,13 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
         drawn = numbers[used]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
-            ends = (_tail_mean(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
-            others = [study.parameters[other][used] for other in groups.get(path, ()) if other != path]
+            at_low, at_high = (_tail_mean(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
+            correlated = [other for other in groups.get(path, ()) if other != path and other in study.parameters]
+            others = [study.parameters[other][used] for other in correlated]
             partial = partial_rank_correlation(drawn, values, np.array(others))
-            result.append(Influence(path, rank_correlation(drawn, values), partial, *ends))
-    return sorted(result, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
+            distance = rank_correlation(abs(drawn - np.median(drawn)), values)
+            result.append(Influence(path, rank_correlation(drawn, values), partial, at_low, at_high, distance))
+    return sorted(result, key=lambda each: -abs(np.nan_to_num(each.strongest.value)))
 
 
 def _tail_mean(values: np.ndarray, name: str) -> Interval:
@@ -191,7 +206,7 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
 
 
 def most_influential_path(studies: Iterable[Study]) -> str | None:
-    """Return the path of the drawn field with the largest rank correlation with crashes in any of the studies.
+    """Return the path of the drawn field with the largest influence on crashes in any of the studies.
 
     Only fields that are drawn in all studies are considered. The result is None if there are none.
     """
@@ -202,7 +217,7 @@ def most_influential_path(studies: Iterable[Study]) -> str | None:
         for each in influences(study, "crashed")
         if all(each.path in other.parameters for other in studies)
     ]
-    sizes = [np.nan_to_num(abs(each.correlation.value)) for each in candidates]
+    sizes = [np.nan_to_num(abs(each.strongest.value)) for each in candidates]
     return candidates[int(np.argmax(sizes))].path if candidates else None
 
 

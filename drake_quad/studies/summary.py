@@ -11,6 +11,7 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
+    influences,
     metric_mean,
     requirement_probability,
     values_with_crashes,
@@ -54,6 +55,26 @@ def obstacle_table(study: Study) -> Summary:
         if count
     ]
     return Summary(("crashed into", "samples", "share"), rows, [])
+
+
+def influence_table(study: Study, name: str, count: int = 3) -> Summary:
+    """Return the random parameters with the largest influence on a metric, and their rank correlations with it.
+
+    Only correlations whose 95 % interval does not contain zero are given.
+
+    Args:
+        study: study of a scenario with distributions.
+        name: name of the metric, or "crashed" for the influence on crashes.
+        count: largest number of parameters.
+    """
+    label = "crashes" if name == "crashed" else study.metrics.definitions[name].label
+    found = [each for each in influences(study, name) if each.is_significant]
+    kinds = ["" if each.strongest == each.correlation else "of the distance from its median" for each in found]
+    rows: list[tuple[str, ...]] = [
+        (each.path, each.strongest.text(signed=True), kind) for each, kind in zip(found, kinds, strict=True)
+    ]
+    remarks = [] if rows else [f"no random parameter has a significant influence on {label}"]
+    return Summary((f"largest influences on {label}", "rank correlation", ""), rows[:count], remarks)
 
 
 def metric_table(study: Study) -> Summary:

@@ -23,7 +23,6 @@ from drake_quad.studies.statistics import (
     values_without_crashes,
 )
 from drake_quad.studies.study import Study
-from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
@@ -162,12 +161,15 @@ def _running_mean(study: Study, name: str) -> tuple[np.ndarray, ...]:
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
     """Plot a tornado chart: the mean of a metric in the lowest and in the highest tenth of each random parameter.
 
+    If the metric depends more on the distance of a parameter from its median than on the parameter itself, the rank
+    correlation with this distance is given, too.
+
     Args:
         study: study of a scenario with distributions.
         name: name of the metric, or "crashed" for the fraction of crashes.
     """
     ranking = influences(study, name)
-    with new_panels(8.6, 1.4 + 0.34 * max(min(len(ranking), _MAX_FIELDS), 1)) as (figure, axes):
+    with new_panels(11.0, 1.4 + 0.34 * max(min(len(ranking), _MAX_FIELDS), 1)) as (figure, axes):
         mean = float(
             np.mean(study.metrics.crashed if name == "crashed" else values_without_crashes(study.metrics, name))
         )
@@ -179,6 +181,8 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
             text = rho.text(signed=True)
             if influence.partial != rho and np.isfinite(influence.partial.value):
                 text += f"; partial {influence.partial.value:+.2f}"
+            if influence.strongest != rho and influence.is_significant:
+                text += f"; of the distance {influence.distance.value:+.2f}"
             axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
         labels = [_field_label(study, influence.path) for influence in ranking[:_MAX_FIELDS]]
         name_rows(axes, labels)
@@ -195,7 +199,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
             borderaxespad=0.2,
         )
         axes.annotate(
-            "rank correlation\nand its 95 % interval",
+            "rank correlation [95 % interval]; of the\ndistance from the median if it is larger",
             (1.01, 1.0),
             xycoords="axes fraction",
             xytext=(0, 4),
@@ -264,13 +268,9 @@ def _in_percent(axis: Axis) -> None:
 
 
 def _field_label(study: Study, path: str) -> str:
-    """Return the label of a random parameter: a short name, with its unit."""
+    """Return the label of a random parameter: the path of its field in the scenario, with its unit."""
     unit = unit_at(study.scenario, path)
-    short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
-    for i, source in enumerate(study.scenario.laboratory.wind):
-        short = short.replace(f"wind.{i}.", f"{source.kind} {i + 1}: ")
-    short = short_name(short.removeprefix("vehicle."))
-    return f"{short} ({unit})" if unit not in ("", "1") else short
+    return f"{path} ({unit})" if unit not in ("", "1") else path
 
 
 def _num_samples_text(studies: Mapping[str, Study]) -> str:

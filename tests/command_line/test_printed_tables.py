@@ -621,6 +621,33 @@ def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys
     assert starts == {2 + 18 + 2}
 
 
+def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys, tmp_path):
+    rng = np.random.default_rng(1)
+    mass, x, unrelated = rng.uniform(0.5, 1.0, size=(3, 200))
+    metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
+    numbers = {"vehicle.drag_factor": unrelated, "vehicle.centre_of_mass.0": x, "vehicle.mass": mass}
+    found = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
+    study.print_study("mine", found, tmp_path, "compiled", imports=["--controller mine.py:Mine"])
+    text = capsys.readouterr().out
+    header, first, second, *crashes = cells(text.split("largest influences on ")[1].split("more:")[0])
+    assert header == ["RMSE", "rank correlation"]
+    assert (first[0], second[0], len(second)) == ("vehicle.mass", "vehicle.centre_of_mass.0", 3)
+    assert first[1].startswith("+0.")
+    assert second[2] == "of the distance from its median"
+    assert crashes == []  # a third parameter would not be significant
+    _, header, first = text.partition("largest influences on crashes")
+    assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
+    command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0 --controller mine.py:Mine\n"
+    assert f"more: influences.png, and {command}" in text
+    study.print_study("mine", found, tmp_path, "compiled", metric="peak_error")
+    assert "influence on peak error\n" in capsys.readouterr().out
+
+
+def test_a_study_of_few_samples_states_that_no_influence_is_significant(capsys, tmp_path):
+    study.print_study("mine", studied(), tmp_path, "compiled")
+    assert "\nno random parameter has a significant influence on RMSE\n" in capsys.readouterr().out
+
+
 def test_the_simulation_speed_counts_the_flown_time(capsys):
     study.print_rate({"a": studied(simulated_time=1000.0), "b": studied(simulated_time=2000.0)}, 1.5)
     assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"

@@ -142,6 +142,18 @@ def test_negative_and_positive_influences_count_equally():
     assert found[0].correlation.value < -0.9
 
 
+def test_a_parameter_whose_small_and_large_values_matter_equally_is_influential():
+    """A centre of mass on either side of the middle increases the error. Its rank correlation is nearly zero."""
+    rng = np.random.default_rng(2)
+    offset, mass, lag = rng.uniform(-1.0, 1.0, size=(3, 400))
+    first, second, third = influences(study(1.0 + offset**2 + 0.2 * mass, lag=lag, mass=mass, offset=offset))
+    assert (first.path, second.path, third.path) == ("offset", "mass", "lag")
+    assert abs(first.correlation.value) < 0.2
+    assert first.strongest == first.distance
+    assert first.distance.value > 0.8
+    assert second.strongest == second.correlation
+
+
 def test_a_comparison_pairs_samples():
     """The spread between samples, which is ten times the spread of the differences, cancels."""
     rng = np.random.default_rng(4)
