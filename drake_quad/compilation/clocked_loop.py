@@ -15,10 +15,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, split_listing
+from drake_quad.compilation.parts import EVENT, PREPARE, Part, PartSizes, Results, aligned, split_listing
 from drake_quad.framework.drivers import Driver
 from drake_quad.framework.instructions import Rows, declarations
-from drake_quad.framework.machine_code import LANES, kernel_address
+from drake_quad.framework.machine_code import LANES, generated_kernel_address
 from drake_quad.framework.symbols import Listing
 
 
@@ -54,20 +54,13 @@ class ClockedLoop:
     ) -> None:
         self.lanes = lanes = 1 if num_vehicles == 1 else LANES
         width = max(1, width)
-        preparation, event = split_listing(listing, changes, logged)
+        results = Results.of(listing, changes, logged)
+        preparation, event = split_listing(listing, results)
         rows = {**sizes._asdict(), "precomputed": len(preparation.stores), "log": len(logged)}
-        shared = Rows("%shared", lanes)
-        text = "\n".join(
-            [
-                declarations(lanes),
-                preparation.llvm_function(PREPARE, lanes=lanes, log_stride=0, shared=shared),
-                event.llvm_function(EVENT, lanes=lanes, log_stride=lanes, shared=shared),
-                _take_function(width, lanes),
-                _driver(rows, lanes),
-            ]
-        )
+        identity = f"clocked loop {lanes} {rows} {width} {results} {listing.digest()}"
+        address = generated_kernel_address(identity, lambda: _module(preparation, event, rows, width, lanes))
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 8]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address)
         self._counts, self._width = tuple(rows.values()), width
         self._allocate(num_vehicles)
 
@@ -107,6 +100,20 @@ def _zeros(vectors: int, rows: int, lanes: int) -> np.ndarray:
     array = aligned(vectors * rows * lanes).reshape(vectors, rows, lanes)
     array[...] = 0.0
     return array
+
+
+def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int, lanes: int) -> str:
+    """Return the LLVM code of both parts of a tick, given the number of rows of each group, and the table's width."""
+    shared = Rows("%shared", lanes)
+    return "\n".join(
+        [
+            declarations(lanes),
+            preparation.llvm_function(PREPARE, lanes=lanes, log_stride=0, shared=shared),
+            event.llvm_function(EVENT, lanes=lanes, log_stride=lanes, shared=shared),
+            _take_function(width, lanes),
+            _driver(rows, lanes),
+        ]
+    )
 
 
 def _take_function(width: int, lanes: int) -> str:

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, split_listing
+from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, Results, aligned, split_listing
 from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import declarations
-from drake_quad.framework.machine_code import LANES, kernel_address
+from drake_quad.framework.machine_code import LANES, generated_kernel_address
 from drake_quad.framework.symbols import Listing
 
 
@@ -47,20 +47,28 @@ class Loop:
         single_vehicle: bool,
     ) -> None:
         self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
-        preparation, event = split_listing(listing, changes, logged)
-        # All calls can share this memory, since the function holds Python's global interpreter lock while it runs.
-        self._scratch = aligned((sum(sizes) + len(preparation.stores)) * self._lanes)
-        text = "\n".join(
+        results = Results.of(listing, changes, logged)
+        # The rows of precomputed results are the last ones. There are at most as many as operations, and memory that is
+        # not used costs nothing. All calls can share this memory, since the function holds Python's global interpreter
+        # lock while it runs.
+        self._scratch = aligned((sum(sizes) + len(listing.operations)) * self._lanes)
+        identity = f"loop {self._lanes} {sizes} {width} {results} {listing.digest()}"
+        address = generated_kernel_address(identity, lambda: self._module(listing, results, sizes, width))
+        arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address)
+
+    def _module(self, listing: Listing, results: Results, sizes: PartSizes, width: int) -> str:
+        """Return the LLVM code."""
+        preparation, event = split_listing(listing, results)
+        return "\n".join(
             [
                 declarations(self._lanes),
                 copy_functions(self._lanes),
                 preparation.llvm_function(PREPARE, lanes=self._lanes, log_stride=0, shared=""),
                 event.llvm_function(EVENT, lanes=self._lanes, log_stride="%padded", shared="%shared"),
-                _driver(sizes, len(logged), max(1, width), self._lanes),
+                _driver(sizes, len(results.logged), max(1, width), self._lanes),
             ]
         )
-        arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
 
     def padded(self, num_vehicles: int) -> int:
         """Return the number of vehicles in a log, which is the number of vehicles rounded up to whole vectors."""

@@ -71,17 +71,36 @@ def aligned(size: int) -> np.ndarray:
     return array[first : first + size]
 
 
-def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
+class Results(NamedTuple):
+    """Lines of a listing that are the results of an event.
+
+    Attributes:
+        changes: line of the new value of each row of the state that changes, by the index of the row.
+        logged: lines that are written to the log.
+    """
+
+    changes: dict[int, int]
+    logged: list[int]
+
+    @classmethod
+    def of(cls, listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> "Results":
+        """Return the results, given their symbols; numbers are added to the listing."""
+
+        def line(result: Any) -> int:
+            return (result if result.__class__ is Symbol else listing.constant(result)).line
+
+        return cls({row: line(result) for row, result in changes.items()}, [line(result) for result in logged])
+
+
+def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     """Split a listing into a part that depends only on parameters, and the rest, which reads the results of this part.
 
     Args:
         listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers of the new state, by the index of the row.
-        logged: symbols or numbers to write to the log.
+        results: results of the event.
     """
-    results = [*changes.values(), *logged]
-    targets = [*((STATE, row) for row in changes), *((LOG, row) for row in range(len(logged)))]
-    lines = [result.line if result.__class__ is Symbol else listing.constant(result).line for result in results]
+    lines = [*results.changes.values(), *results.logged]
+    targets = [*((STATE, row) for row in results.changes), *((LOG, row) for row in range(len(results.logged)))]
     fixed = _are_fixed(listing)
     preparation = _Copy(listing)
     rest = _RemainingPart(listing, fixed, preparation)

@@ -16,7 +16,7 @@ from typing import Any
 
 from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import Rows, Store, declarations, function
-from drake_quad.framework.machine_code import LANES, kernel_address
+from drake_quad.framework.machine_code import LANES, generated_kernel_address
 from drake_quad.framework.symbols import Listing, Symbol
 
 
@@ -36,19 +36,19 @@ def compile_kernel(
         Function of the number of vehicles, the time (s), the arrays of the targets, and the arrays of the sources. The
         arrays must be contiguous and of the correct size, which is not checked. A target may also be a source.
     """
-    text = _module(listing, results, sources, targets, 1 if single_vehicle else LANES)
+    lanes = 1 if single_vehicle else LANES
+    symbols = [result if result.__class__ is Symbol else listing.constant(result) for result in results]
+    identity = f"kernel {lanes} {[*sources]} {[*targets]} {[symbol.line for symbol in symbols]} {listing.digest()}"
+    address = generated_kernel_address(identity, lambda: _module(listing, symbols, sources, targets, lanes))
     arguments = [ctypes.py_object] * (len(targets) + len(sources))
-    run: Callable[..., None] = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, *arguments)(
-        kernel_address(text)
-    )
+    run: Callable[..., None] = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, *arguments)(address)
     return run
 
 
 def _module(
-    listing: Listing, results: Sequence[Any], sources: Sequence[int], targets: Sequence[int], lanes: int
+    listing: Listing, symbols: Sequence[Symbol], sources: Sequence[int], targets: Sequence[int], lanes: int
 ) -> str:
-    """Return the LLVM code of a kernel."""
-    symbols = [result if result.__class__ is Symbol else listing.constant(result) for result in results]
+    """Return the LLVM code of a kernel, given the symbols of its results."""
     indices = [(f"%target_{group}", index) for group, rows in enumerate(targets) for index in range(rows)]
     stores = [
         Store(Rows(group, "%stride"), index, symbol) for (group, index), symbol in zip(indices, symbols, strict=True)

@@ -1,11 +1,14 @@
 """Compilation of LLVM code to machine code in this process, with a cache in memory and on the disk.
 
-The key of the cache is a digest of the LLVM code, the processor and the compiler. If a formula changes, its LLVM code
-and therefore the key change, so that outdated machine code is never used.
+The key of the cache is a digest of the processor, the compiler, and either the LLVM code or the operations from which
+it is generated. If a formula changes, its operations and therefore the key change, so that outdated machine code is
+never used.
 """
 
 import ctypes
 import hashlib
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import llvmlite
@@ -41,6 +44,22 @@ def _check_pointer() -> None:
 _check_pointer()
 
 
+def _generator_digest() -> str | None:
+    """Return a digest of the modules that generate LLVM code; None if their sources cannot be read."""
+    digest, package = hashlib.sha256(), Path(__file__).parent.parent
+    sources = sorted(path for folder in ("framework", "compilation") for path in (package / folder).glob("*.py"))
+    try:
+        for source in sources:
+            digest.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
+    except OSError:
+        return None
+    return digest.hexdigest() if sources else None
+
+
+# The digest is computed during the import, when the sources are those that are imported.
+_GENERATOR = _generator_digest()
+
+
 def _target_machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -65,22 +84,37 @@ def kernel_address(text: str) -> int:
     thread-safe.
     """
     name = _name(text)
-    return _addresses.get(name, lambda: _load_or_compile(name, text))
+    return _addresses.get(name, lambda: _load_or_compile(name, lambda: text))
 
 
-def _name(text: str) -> str:
+def generated_kernel_address(identity: str, generate: Callable[[], str]) -> int:
+    """Return the address of the function `kernel` in an LLVM module that is generated only if it is not cached.
+
+    Generating the code of an event takes as long as tracing its formulas. This function is thread-safe.
+
+    Args:
+        identity: text that determines the LLVM code, together with the sources of the generator.
+        generate: function that returns the LLVM code of the module.
+    """
+    if _GENERATOR is None:
+        return kernel_address(generate())
+    name = _name(f"{_GENERATOR} {ELEMENTS_POINTER_OFFSET} {identity}")
+    return _addresses.get(name, lambda: _load_or_compile(name, generate))
+
+
+def _name(identity: str) -> str:
     """Return the name of a module's file and function, a digest of everything that its machine code depends on."""
     compiler = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
-    identity = repr((*compiler, _FEATURES, _LLVM_OPTIONS, text))
-    return f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
+    text = repr((*compiler, _FEATURES, _LLVM_OPTIONS, identity))
+    return f"kernel_{hashlib.sha256(text.encode()).hexdigest()[:32]}"
 
 
-def _load_or_compile(name: str, text: str) -> int:
-    """Return the address of a kernel, given the name of its file and the LLVM code of its module."""
+def _load_or_compile(name: str, generate: Callable[[], str]) -> int:
+    """Return the address of a kernel, given the name of its file and a function that returns its LLVM code."""
     cached = code_cache.read(name)
     address = 0 if cached is None else _load(name, cached)
     if not address:
-        code = _compile(text.replace("@kernel(", f"@{name}("))
+        code = _compile(generate().replace("@kernel(", f"@{name}("))
         code_cache.write(name, code)
         address = _load(name, code)
     if not address:

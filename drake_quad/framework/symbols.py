@@ -13,6 +13,7 @@ replacements:
 """
 
 import hashlib
+import marshal
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
@@ -169,6 +170,10 @@ class Listing:
         """Add a line unless the listing contains it, and return its symbol; the arguments are as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
+    def digest(self) -> str:
+        """Return a digest of all operations."""
+        return _digest(self.operations, {})
+
     def row(self, group: int, index: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """Return the symbol of a row, given the number of its group and its index in the group."""
         return self.add("row", (group, index), kind)
@@ -204,6 +209,37 @@ def element_of(array: np.ndarray) -> Any:
             " for k in array]"
         )
     return array[()]
+
+
+def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
+    """Return a digest of operations.
+
+    Args:
+        operations: operations of a listing or branch.
+        known: digests of branches and layers by their identity, to which further ones are added. Many lines are results
+            of the same branch.
+    """
+    names: dict[str, int] = {}
+    lines = [
+        (
+            names.setdefault(name, len(names)),
+            operands,
+            int(kind),
+            inside if inside is None else _identity(inside, known),
+        )
+        for name, operands, kind, inside in operations
+    ]
+    # Version 2 of the format does not depend on which objects are identical.
+    return hashlib.sha256(marshal.dumps(([name.encode() for name in names], lines), 2)).hexdigest()
+
+
+def _identity(inside: tuple[Branch | SymbolLayer, int], known: dict[int, bytes]) -> tuple[bytes, int]:
+    """Return the digest of a branch or layer, and the index of one of its results."""
+    part, index = inside
+    if id(part) not in known:
+        branch, matrix = (part, "") if isinstance(part, Branch) else (part.activation, part.matrix)
+        known[id(part)] = f"{matrix} {branch.results} {_digest(branch.operations, known)}".encode()
+    return known[id(part)], index
 
 
 _NUMBER = SymbolKind.NUMBER

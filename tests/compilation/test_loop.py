@@ -187,7 +187,7 @@ def test_results_that_depend_on_parameters_only_are_computed_in_advance():
     (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
     decay = elementary.sqrt(k * c + 1.0)
     results = [decay * x, elementary.where(k > c, x, -x), k]
-    preparation, (event, stores) = parts.split_listing(listing, {}, results)
+    preparation, (event, stores) = parts.split_listing(listing, parts.Results.of(listing, {}, results))
     assert {"square_root", "multiply"} <= set(names_of(preparation.listing))
     assert "square_root" not in names_of(event)
     assert all(operation.operands[0] != PARAMETERS for operation in event.operations if operation.name == "row")
@@ -202,7 +202,7 @@ def test_unused_operations_are_omitted():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     elementary.exp(x + k)
     elementary.exp(k)
-    preparation, (event, _) = parts.split_listing(listing, {}, [x + 1.0])
+    preparation, (event, _) = parts.split_listing(listing, parts.Results.of(listing, {}, [x + 1.0]))
     assert preparation.stores == []
     assert sorted(names_of(event)) == ["add", "constant", "row"]
 
@@ -213,7 +213,7 @@ def test_a_long_chain_of_operations_does_not_recurse():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
         x, k = x + 1.0, k + 1.0
-    preparation, (event, _) = parts.split_listing(listing, {}, [x + k])
+    preparation, (event, _) = parts.split_listing(listing, parts.Results.of(listing, {}, [x + k]))
     assert (len(preparation.listing.operations), len(event.operations)) == (3002, 3004)
 
 

@@ -213,3 +213,46 @@ def test_a_module_is_found_under_its_own_name(folder):
     (file,) = folder.iterdir()
     assert re.fullmatch(code_cache._CACHE_FILE_NAME, file.name)
     assert file.stem == machine_code._name(module(815))
+
+
+def run_generated(identity, number):
+    """Run a module that is generated only if necessary; return its result and the number of generated modules."""
+    generated = []
+
+    def generate():
+        generated.append(number)
+        return module(number)
+
+    address = machine_code.generated_kernel_address(identity, generate)
+    return ctypes.CFUNCTYPE(ctypes.c_int64)(address)(), len(generated)
+
+
+def test_a_module_is_generated_only_if_its_machine_code_is_not_cached(folder, monkeypatch):
+    assert run_generated("one", 1_001) == (1_001, 1)
+    assert run_generated("one", 1_001) == (1_001, 0)
+    monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
+    assert run_generated("one", 1_001) == (1_001, 0)
+    assert run_generated("two", 1_002) == (1_002, 1)
+
+
+@pytest.mark.parametrize("generator", ["another", None])
+def test_a_module_is_generated_again_if_the_generator_has_changed_or_is_unknown(folder, monkeypatch, generator):
+    monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
+    assert run_generated("same", 2_001) == (2_001, 1)
+    monkeypatch.setattr(machine_code, "_GENERATOR", generator)
+    assert run_generated("same", 2_002) == (2_002, 1)
+
+
+def test_the_digest_of_the_generator_depends_on_the_sources_of_the_compiler(tmp_path, monkeypatch):
+    for name in ("framework", "compilation", "vehicle"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "module.py").write_text("x = 1\n")
+    monkeypatch.setattr(machine_code, "__file__", str(tmp_path / "framework" / "machine_code.py"))
+    digests = [machine_code._generator_digest()]
+    for name in ("framework", "compilation", "vehicle"):
+        (tmp_path / name / "module.py").write_text("x = 2\n")
+        digests.append(machine_code._generator_digest())
+    assert len(set(digests)) == 3
+    assert digests[2] == digests[3]
+    monkeypatch.setattr(machine_code, "__file__", str(tmp_path / "archive.zip" / "framework" / "machine_code.py"))
+    assert machine_code._generator_digest() is None

@@ -32,7 +32,7 @@ RUNNING_TESTS = ROOT / "out" / "mutants" / "running"
 # Cache of the machine code of formulas. Its keys depend on the formulas, so mutants of formulas have their own machine
 # code. Mutants of the compiler itself do not use the cache.
 MACHINE_CODE = ROOT / "out" / "mutants" / "machine_code"
-COMPILER = "drake_quad/framework/"
+COMPILER = ("drake_quad/framework/", "drake_quad/compilation/")
 THIRD_PARTY = (
     "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d",
     "llvmlite.binding", "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize",
@@ -94,8 +94,9 @@ class Plugin:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         self.lines.clear()
         if self.chosen is None:
-            # Without cached machine code, every test runs the lines of its formulas.
+            # Without cached machine code, every test runs the lines of its formulas and of the generator of LLVM code.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
+            sys.modules["drake_quad.framework.machine_code"]._GENERATOR = None
             sys.monitoring.restart_events()
         else:
             limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + MIN_CPU_LIMIT)
