@@ -224,7 +224,8 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
         )
     if study.parameters and len(study.samples):
         print_influences(study, metric)
-        print(f"more: influences.png, and drake-quad sensitivities {folder / 'scenario.yaml'} --sample 0{options}")
+        command = flying_command("sensitivities", study.scenario, folder / "scenario.yaml", "--sample 0")
+        print(f"more: influences.png, and {command}")
     if len(study.samples):
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}

@@ -164,7 +164,7 @@ def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_para
     assert learning == LearningParameters(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
     learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].parameters
-    assert (learning.law, learning.tan_max_tilt, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
+    assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, LearningLimits())
 
 
 def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetric):

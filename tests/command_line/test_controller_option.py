@@ -41,8 +41,8 @@ def level(m: State, r: Reference) -> Wrench:
 
 @fleet_system(float, AutoDiffXd)
 class Mine(FleetSystem):
-    def declare(self, *, numbers=Gains()):
-        gains = self.parameter("gains", lambda numbers: numbers)
+    def declare(self, *, parameters=Gains()):
+        gains = self.parameter("gains", lambda parameters: parameters)
         self.output("acceleration_command", law, self.input("measurement"), self.input("reference"), gains)
 
 @fleet_system(float, AutoDiffXd)

@@ -234,7 +234,7 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
 
 
 def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
-    tuned = SimpleNamespace(parameters=(1.5, 2.5), fraction=0.876)
+    tuned = SimpleNamespace(values=(1.5, 2.5), limit_fraction=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
     command_line = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
     result = run("tune", *command_line, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
@@ -258,7 +258,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate keeps the limits; the best candidate meets 88 % of them" in result.stdout
-    tuned.fraction = 1.0
+    tuned.limit_fraction = 1.0
     assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
 

@@ -355,7 +355,7 @@ def identified():
     none = output._replace(name="pitch", unit="rad", explained=-0.1)
     return Identification(
         estimates, None, (output, none), Spread(0.0321, 0.001, "s"), None, ("of the flights",),
-        {"mass": SimpleNamespace(covered=9, errors=np.zeros(10))},
+        {"mass": SimpleNamespace(num_covered=9, errors=np.zeros(10))},
     )  # fmt: skip
 
 
@@ -627,7 +627,7 @@ def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys,
     metrics = metrics_of(0.1 + mass + 6.0 * (x - 0.75) ** 2, crashed=np.flatnonzero(x > 0.95))
     numbers = {"vehicle.drag_factor": unrelated, "vehicle.centre_of_mass.0": x, "vehicle.mass": mass}
     found = Study(load_scenario("robustness"), 10.0, np.arange(200), numbers, metrics)
-    study.print_study("mine", found, tmp_path, "compiled", imports=["--controller mine.py:Mine"])
+    study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     header, first, second, *crashes = cells(text.split("largest influences on ")[1].split("more:")[0])
     assert header == ["RMSE", "rank correlation"]
@@ -637,7 +637,7 @@ def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys,
     assert crashes == []  # a third parameter would not be significant
     _, header, first = text.partition("largest influences on crashes")
     assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
-    command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0 --controller mine.py:Mine\n"
+    command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0\n"
     assert f"more: influences.png, and {command}" in text
     study.print_study("mine", found, tmp_path, "compiled", metric="peak_error")
     assert "influence on peak error\n" in capsys.readouterr().out

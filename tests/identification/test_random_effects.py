@@ -263,5 +263,5 @@ def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_
     after = uncertainty_of_mean(before, apart, Variation(np.diag([0.0, 1.0]), 9.0, 8.0))
     np.testing.assert_array_equal(after.covariance, before.covariance)
     held = hold_out_check(apart)
-    assert np.all(np.isfinite(held["lag"].half_width))
+    assert np.all(np.isfinite(held["lag"].half_widths))
     np.testing.assert_allclose(held["drag"].errors, hold_out_check(drag)["drag"].errors)

@@ -108,7 +108,7 @@ def test_the_same_room_gives_the_same_plan_in_another_process():
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
     text = (
         "import hashlib, test_rooms as t\n"
-        "path = t.plan(t.random_room(2), t.Heuristic())\n"
+        "path = t.plan(t.random_room(2), t.HeuristicTiming())\n"
         "print(hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest())\n"
     )
     folder = __file__.rpartition("/")[0]

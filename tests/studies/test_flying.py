@@ -43,7 +43,7 @@ def test_fleet_sizes_are_halved_and_each_fleet_is_built_once(job, fleet):
     assert sizes == {10: 10, 6: 10, 5: 5, 4: 5, 3: 3, 2: 2, 1: 1}
     assert [num_vehicles for _, _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
     assert all(
-        scenario is job.scenario and plan is job.plan and options == {"own": UserSystems(), "compiled": True}
+        scenario is job.scenario and plan is job.plan and options == {"user_systems": UserSystems(), "compiled": True}
         for scenario, plan, _, options in fleet.built
     )
 
@@ -63,7 +63,7 @@ def test_user_systems_are_passed_to_the_fleets(job, fleet):
         own = UserSystems(**{name: Fleet})
         other = job._replace(key=name, code=code_versions(own), user_systems=own)
         flying._fleet(other, 10)
-        assert fleet.built[-1][3] == {"own": own, "compiled": True}
+        assert fleet.built[-1][3] == {"user_systems": own, "compiled": True}
 
 
 def test_a_worker_with_different_code_refuses_every_batch(job, fleet):

@@ -44,7 +44,7 @@ def test_the_room_contains_whole_obstacles_and_the_near_part_of_a_long_wall(hove
 def test_page_data_name_the_obstacle_of_a_crash(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, {"post": np.array([1.0, 0.5, 3.0])})
     group = [
-        replace(hover, metrics=hover.metrics._replace(crash_time=time), touched=name)
+        replace(hover, metrics=hover.metrics._replace(crash_time=time), obstacle_hit=name)
         for time, name in ((0.8, "post"), (0.4, None), (0.2, "wall"))
     ]
     told = json.loads(page_data({"all": group}, {"all": "#000000"}, dict.fromkeys("abc", "/x"), room))
