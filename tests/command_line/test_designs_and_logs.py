@@ -292,7 +292,8 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     )
     calls = replaced(
         "identify", read_log=lambda log, mapping: records[log.name], identify=found, predict="prediction",
-        concatenate_predictions=predictions, write_vehicle=None, save_figures=lambda figures, folder, vector: [*figures], **prints,
+        concatenate_predictions=predictions, write_vehicle=None,
+        save_figures=lambda figures, folder, vector: [*figures], **prints,
     )  # fmt: skip
     for name in ("fit", "residuals", "correlations", "predictions"):
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
