@@ -94,8 +94,30 @@ class Grid:
         from scipy.sparse.csgraph import dijkstra
 
         free = self.nearest >= clearance
+        rows, columns, lengths = self._connections(clearance)
         if inside is not None:
             free &= inside
+            both = inside[rows] & inside[columns]
+            rows, columns, lengths = rows[both], columns[both], lengths[both]
+        distances_to_starts = self._nearest_of(starts)[0]
+        near = np.flatnonzero(free & (distances_to_starts <= _MAX_CONNECTION_SPACINGS * self.spacing))
+        rows = np.append(rows, np.full(len(near), len(self.points)))
+        columns = np.append(columns, near)
+        # SciPy treats a length of zero as a missing connection.
+        lengths = np.append(lengths, np.maximum(distances_to_starts[near], 1e-9))
+        size = len(self.points) + 1
+        graph = coo_matrix((lengths, (rows, columns)), (size, size))
+        all_lengths, predecessors = dijkstra(graph.tocsr(), directed=False, indices=size - 1, return_predecessors=True)
+        return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
+
+    def _connections(self, clearance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the indices (c,) of both points of each free line between neighbours, and its weighted length, m.
+
+        All legs of a route use the same lines, so they are computed once.
+        """
+        if clearance in self._known_connections:
+            return self._known_connections[clearance]
+        free = self.nearest >= clearance
         rows, columns, lengths = [], [], []
         for one, other in self.neighbours():
             both = free[one] & free[other]
@@ -111,16 +133,14 @@ class Grid:
             rows.append(one[is_free])
             columns.append(other[is_free])
             lengths.append((length * (1.0 + self.spacing / (self.spacing + room)))[is_free])
-        distances_to_starts = self._nearest_of(starts)[0]
-        near = np.flatnonzero(free & (distances_to_starts <= _MAX_CONNECTION_SPACINGS * self.spacing))
-        rows.append(np.full(len(near), len(self.points)))
-        columns.append(near)
-        # SciPy treats a length of zero as a missing connection.
-        lengths.append(np.maximum(distances_to_starts[near], 1e-9))
-        size = len(self.points) + 1
-        graph = coo_matrix((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (size, size))
-        all_lengths, predecessors = dijkstra(graph.tocsr(), directed=False, indices=size - 1, return_predecessors=True)
-        return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
+        connections = np.concatenate(rows), np.concatenate(columns), np.concatenate(lengths)
+        self._known_connections[clearance] = connections
+        return connections
+
+    @cached_property
+    def _known_connections(self) -> dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Results of `_connections` by clearance."""
+        return {}
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield, for each of 13 directions, the indices of all points with a neighbour there, and of the neighbours."""
