@@ -16,6 +16,7 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
+from drake_quad.command_line.parser import Parser
 from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS
 from drake_quad.framework.records import layout_of
 from drake_quad.reports.page import as_html
@@ -195,15 +196,18 @@ def test_every_command_is_parsed(command, monkeypatch):
     if program == "drake-quad" and len(arguments) == 1:
         assert arguments[0] in COMMANDS
         return
-    parse = argparse.ArgumentParser.parse_args
 
-    def parse_only(parser, *arguments):
-        namespace = parse(parser, *arguments)
-        if "command" in namespace:  # this parser reads only the name of the command
-            return namespace
-        raise ParsedError
+    def parse_only(parse):
+        def parse_and_stop(parser, *arguments):
+            namespace = parse(parser, *arguments)
+            if "command" in namespace:  # this parser reads only the name of the command
+                return namespace
+            raise ParsedError
 
-    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+        return parse_and_stop
+
+    for kind in (argparse.ArgumentParser, Parser):
+        monkeypatch.setattr(kind, "parse_args", parse_only(kind.parse_args))
     with pytest.raises(ParsedError):
         run_program(program, arguments, monkeypatch)
     for file in re.findall(r" (diagrams/[\w./]+)", command):
