@@ -178,8 +178,8 @@ def run_program(program, arguments, monkeypatch):
         runpy.run_path(arguments[0], run_name="__main__")
 
 
-class ParsedError(Exception):
-    pass
+class ParsedError(BaseException):
+    """A command line has been parsed. Commands report every `Exception` of a file outside the library."""
 
 
 def commands():
