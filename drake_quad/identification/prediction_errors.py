@@ -416,12 +416,12 @@ class Predictor:
         n, m, W = len(self.rows), len(self.outputs), len(window_indices)
         ratios = self._decay_ratios(filter_noise, noises)
         variances = np.stack([self.process_noise(noise) for noise in noises])
-        measured = np.stack([noise.measured**2 for noise in noises])
+        noise_variances = np.stack([noise.measured**2 for noise in noises])
         first_covariances = np.stack([self._first_covariance(noise)[window_indices] for noise in noises])
         covariance, deviation, ratio = first_covariances[0], np.zeros((W, n, 1)), ratios[0, :, None]
-        process_noise, measurement_noise = np.diag(variances[0]), np.diag(measured[0])
+        process_noise, measurement_noise = np.diag(variances[0]), np.diag(noise_variances[0])
         ratio_products = ratio * ratio.T
-        others = _OtherNoises(ratios, variances, measured, first_covariances) if len(noises) > 1 else None
+        others = _OtherNoises(ratios, variances, noise_variances, first_covariances) if len(noises) > 1 else None
         filter_errors = gains.errors[..., window_indices]
         corrections = np.einsum("tnmw,tmw->twn", gains.gain[..., window_indices], filter_errors)[..., None]
         filter_errors = filter_errors.transpose(0, 2, 1)[..., None]
@@ -459,19 +459,21 @@ class _OtherNoises:
     Args:
         ratios: (1 + c, n) factors by which the n rows of the state decay, relative to the filter that was linearised.
         variances: (1 + c, n) variances of the process noise.
-        measured: (1 + c, m) variances of the measurement noise.
+        measurement_variances: (1 + c, m) variances of the measurement noise.
         covariances: (1 + c, w, n, n) covariances of the state at the first measurement.
     """
 
     def __init__(
-        self, ratios: np.ndarray, variances: np.ndarray, measured: np.ndarray, covariances: np.ndarray
+        self, ratios: np.ndarray, variances: np.ndarray, measurement_variances: np.ndarray, covariances: np.ndarray
     ) -> None:
         self._ratio, self._ratio_changes = ratios[0], ratios[1:] - ratios[0]
         products = ratios[:, :, None] * ratios[:, None, :]
         self._product_changes = (products[1:] - products[0]).transpose(1, 0, 2)
         self._process_changes = (variances[1:] - variances[0]).T[:, :, None] * np.eye(len(variances[0]))[:, None, :]
-        self._variance_changes = measured[1:] - measured[0]
-        self._measured_changes = self._variance_changes.T[:, :, None] * np.eye(len(measured[0]))[:, None, :]
+        self._variance_changes = measurement_variances[1:] - measurement_variances[0]
+        self._measured_changes = (
+            self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
+        )
         # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
         self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
         self._with_other_memory = np.flatnonzero(self._ratio_changes.any(axis=1))

@@ -38,7 +38,7 @@ def fail(error):
     ("error", "kind", "reason"),
     [
         (ArithmeticError("no such number"), RuntimeError, "ArithmeticError: no such number"),
-        (InputError("the mass is -1"), InputError, "^the mass is -1$"),
+        (InputError("the mass is -1"), InputError, r"^\S+test_jobs.py:\d+: the mass is -1$"),
     ],
 )
 def test_the_error_of_a_worker_is_reported(error, kind, reason):

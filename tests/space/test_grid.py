@@ -215,10 +215,10 @@ def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start()
 def test_every_leg_on_a_grid_has_the_lengths_of_a_new_grid():
     """The legs have different corridors and clearances."""
     space, bounds = wall_at(0.5, 0.1, radius=0.1), Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
-    grid = Grid.of(space, bounds, most=10_000, finest=0.1)
+    grid = Grid.of(space, bounds, max_points=10_000, min_spacing=0.1)
     start, low = np.array([[0.1, 0.5, 0.5]]), grid.points[:, 2] < 0.55
     for clearance, inside in ((0.1, None), (0.1, low), (0.2, None), (0.2, low), (0.1, None)):
-        new_grid = Grid.of(space, bounds, most=10_000, finest=0.1)
+        new_grid = Grid.of(space, bounds, max_points=10_000, min_spacing=0.1)
         for found, expected in zip(
             grid.lengths_from(start, clearance, inside), new_grid.lengths_from(start, clearance, inside), strict=True
         ):

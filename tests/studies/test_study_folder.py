@@ -40,7 +40,7 @@ def test_a_sample_counts_as_present_whatever_its_values(hover):
     assert (len(rows), [*rows.missing(5)], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
     rows.add(Outcome([4], reason="cursed"))
-    assert (len(rows), [*rows.missing], rows.failures) == (2, [0, 2, 4], {4: "cursed"})
+    assert (len(rows), [*rows.missing(5)], rows.failures) == (2, [0, 2], {4: "cursed"})
     assert rows.rows[:, 0].tolist() == [1.0, 3.0]
     rows.add(Outcome([0], table([0])))
     rows.add(Outcome([2], reason="late"))
@@ -54,7 +54,7 @@ def test_a_sample_counts_as_present_whatever_its_values(hover):
 def test_flown_time_counts_new_samples_until_end_or_crash(hover):
     found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
     rows = StudyRows(hover, 5, 2.0, stored=found)
-    assert (len(rows), [*rows.missing], rows.study().simulated_time) == (1, [0, 2, 3, 4], 0.0)
+    assert (len(rows), [*rows.missing(5)], rows.study().simulated_time) == (1, [0, 2, 3, 4], 0.0)
     rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
     rows.add(Outcome([2], table([2])))
     assert rows.study().simulated_time == 3.5
@@ -90,7 +90,7 @@ def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):
         rows.add(Outcome([1], reason="cursed"))
     assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
-        assert [*rows.missing] == [0, 1]
+        assert [*rows.missing(2)] == [0, 1]
         rows.add(Outcome([0, 1], table([0, 1])))
     assert not (tmp_path / "failed.csv").exists()
 
@@ -99,7 +99,7 @@ def test_a_study_can_be_enlarged_but_not_reduced(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         rows.add(Outcome([2], table([2])))
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
-        assert [*rows.missing] == [0, 1]
+        assert [*rows.missing(3)] == [0, 1]
     words = r"results\.csv already contains sample 2, so the study cannot be resumed with only 2 samples"
     with (
         pytest.raises(InputError, match=words),
@@ -108,7 +108,7 @@ def test_a_study_can_be_enlarged_but_not_reduced(hover, tmp_path):
         pass
     assert read_record(tmp_path).samples == 3
     with open_study(tmp_path, hover, 9, 2.0, UserSystems(), resume=True) as rows:
-        assert len(rows.missing) == 8
+        assert len(rows.missing(9)) == 8
     assert read_record(tmp_path).samples == 9
 
 

@@ -229,7 +229,7 @@ def test_the_plot_shows_levels_and_intervals_over_the_most_influential_parameter
     }
     assert most_influential_path(studies.values()) == "vehicle.linear_drag"
     (axes,) = plot_crash_probability(studies).axes
-    assert axes.get_xlabel() == "linear drag (N s/m)"
+    assert axes.get_xlabel() == "vehicle.linear_drag (N s/m)"
     levels = crash_bins(studies["pd"], "vehicle.linear_drag")
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
@@ -245,6 +245,6 @@ def test_the_plot_shows_levels_and_intervals_over_the_most_influential_parameter
     for bar in expected:
         assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
     (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
-    assert over_mass.get_xlabel() == "mass (kg)"
+    assert over_mass.get_xlabel() == "vehicle.mass (kg)"
     with pytest.raises(InputError, match="no random parameter"):
         plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))
