@@ -277,8 +277,8 @@ def test_a_vehicle_that_its_rotors_cannot_carry_is_refused(tmp_path, run):
 
 @pytest.mark.slow
 def test_an_invalid_controller_is_not_written(tmp_path, run):
-    (tmp_path / "mine.params").write_text("1 1 MPC_XY_VEL_P_ACC 1.5 9\n1 1 MC_YAW_WEIGHT 1.5 9\n")
+    (tmp_path / "mine.params").write_text("1 1 MPC_XY_VEL_P_ACC 1.5 9\n1 1 MC_YAW_WEIGHT 0 9\n")
     refused = run("design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", tmp_path / "out")
     assert refused.returncode == 2
-    assert "yaw_weight is 1.5, but must be larger than 0 and at most 1" in refused.stderr
+    assert "yaw_weight is 0.0, but must be larger than 0 and at most 1" in refused.stderr
     assert not [*(tmp_path / "out").iterdir()]
