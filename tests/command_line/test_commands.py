@@ -561,7 +561,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
-    command = re.search(r"drake-quad (\S+) (\S+) --sample (\d+)", result.stdout)
+    command = re.search(r"drake-quad (fly) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
     assert again.returncode == 2
     assert "scenario.yaml does not belong to a flight and would be overwritten" in again.stderr
