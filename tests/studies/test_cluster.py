@@ -187,8 +187,8 @@ def test_a_worker_with_different_code_is_refused(tmp_path):
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
     changed = copy / "laboratory" / "metrics.py"
     text = changed.read_text()
-    assert "np.sqrt((s.error.x" in text
-    changed.write_text(text.replace("np.sqrt((s.error.x", "1.02 * np.sqrt((s.error.x"))
+    assert "np.sqrt((sums.squares.x" in text
+    changed.write_text(text.replace("np.sqrt((sums.squares.x", "1.02 * np.sqrt((sums.squares.x"))
     cluster = Cluster(tmp_path)
     try:
         cluster.add_worker(copy.parent)
