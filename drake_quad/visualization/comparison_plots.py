@@ -41,6 +41,8 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
                     label, position, (6, 0), textcoords="offset points", fontsize=8.5, va="center", bbox=TEXT_BACKGROUND
                 )
             axes.set(title=scenario, xlabel="RMSE (cm)")
-            axes.set_xlim(0.0, 1.15 * axes.get_xlim()[1])
             name_rows(axes, controllers)
+        # The panels share the axis, so its limits are set after all samples are drawn.
+        row[0].set_xlim(0.0, 1.15 * row[0].get_xlim()[1])
+        figure.suptitle("RMSE of each sample (grey) and their mean (black)", x=0.01, ha="left", fontsize=11)
         return figure

@@ -61,7 +61,14 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 def plot_network_memberships(flight: Flight) -> Figure:
     """Plot the membership functions of Fig. 4 of the paper, and of a flight's network if its exponents differ."""
     sets = _network_of(flight).antecedents()
-    return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
+    figure = plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
+    _title(figure, "Membership functions of type-2 fuzzy sets with centre c and width d")
+    return figure
+
+
+def _title(figure: Figure, text: str) -> None:
+    """Write a title above all panels of a figure."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11)
 
 
 def plot_learning(flight: Flight) -> Figure:
@@ -92,9 +99,10 @@ def plot_learning(flight: Flight) -> Figure:
             bbox_to_anchor=(1.0, 1.0),
             title="fuzzy sets of a rule",
         )
-        grid[1, 0].set_ylabel("weights F of the rules (m/s²)")
+        grid[1, 0].set_ylabel("weights F (m/s²)")
         if has_trace:
             grid[2, 0].set_ylabel("trace of P (1/s)")
+        _title(figure, "Learning of the fuzzy network: commands, weights of the rules, and covariance P of the weights")
         return figure
 
 
@@ -161,6 +169,7 @@ def plot_surfaces(flight: Flight) -> Figure:
         for axes in grid[-1]:
             axes.set_xlabel("error (m)")
         figure.colorbar(shades, ax=grid, label="command of the network, -τ_f (m/s²)", fraction=0.04)
+        _title(figure, "Command of the fuzzy network for each error and error rate; dots: ticks of the flight")
         return figure
 
 
@@ -198,7 +207,8 @@ def plot_secant_gains(flight: Flight) -> Figure:
             _draw_gains(axes, errors, gains_of_network, gains_of_triangles)
             axes.set(title=f"on {axis.upper()}, at rest", xlabel="error (m)")
         row[0].set_ylabel("secant gain of -τ_f (1/s²)")
-        figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        figure.legend(*row[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        _title(figure, "Command of the fuzzy network per error, at the end of the flight")
         return figure
 
 

@@ -151,19 +151,33 @@ def plot_attitude(flight: Flight) -> Figure:
 
 
 def plot_rotors(flight: Flight) -> Figure:
-    """Plot the rotor speeds over time in two panels: enlarged, and with the limits of the rotors."""
+    """Plot the speed of each rotor over time in its own panel, and all speeds together with the limits of the rotors.
+
+    The panels have the same axes. A black line shows the mean speed of the rotors.
+    """
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
-    with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((enlarged, whole),)):
-        for axes in (enlarged, whole):
-            draw_rotor_speeds(axes, flight)
-        low, high = enlarged.get_ylim()
+    speeds = flight.record("rotor_speed")
+    with styled():
+        figure = new_figure(9.0, 6.0)
+        grid = figure.add_gridspec(len(ROTORS), 2, width_ratios=[3.2, 1.0])
+        first = figure.add_subplot(grid[0, 0])
+        panels = [first, *(figure.add_subplot(grid[i, 0], sharex=first, sharey=first) for i in range(1, len(ROTORS)))]
+        for axes, (name, speed), color in zip(panels, speeds._asdict().items(), ROTORS, strict=True):
+            axes.plot(flight.time, speed, color=color, linewidth=1.0)
+            axes.plot(flight.time, np.mean(speeds, axis=0), color="0.15", linewidth=0.8)
+            axes.set_ylabel(name.replace("_", " "))
+            axes.tick_params(labelbottom=axes is panels[-1])
+        low, high = first.get_ylim()
+        whole = figure.add_subplot(grid[:, 1])
+        draw_rotor_speeds(whole, flight)
         for limit in limits:
             whole.axhline(limit, **LIMIT)
-            enlarged.axhline(limit, **LIMIT)
-        enlarged.set(ylim=(low, high), ylabel="rotor speed (rad/s)")
-        enlarged.set_title("Rotor speeds", loc="left")
-        enlarged.legend(ncols=4, columnspacing=1.0, **LEGEND_ABOVE)
-        whole.set(title="with the limits", ylabel="", ylim=(0.0, 1.08 * limits[1]))
+            for axes in panels:
+                axes.axhline(limit, **LIMIT)
+        first.set_ylim(low, high)
+        first.set_title("Rotor speeds (rad/s); black: mean of all rotors", loc="left")
+        panels[-1].set_xlabel("time (s)")
+        whole.set(title="with the limits", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("idle", "top"), strict=True):
             whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_INSIDE, va="bottom", fontsize=8.5)
         return figure

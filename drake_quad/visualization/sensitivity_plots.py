@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.design.sensitivity import Sensitivities
+from drake_quad.laboratory.metrics import METRICS
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
@@ -26,7 +27,10 @@ def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
             )
         axes.axvline(0.0, color="0.4", linewidth=0.8)
         axes.set_yticks(range(len(order)), [sensitivities.fields[i] for i in order])
-        axes.set(xlabel="change of the metric if the field increases by 1 % (%)", title=f"{metric}, first order")
+        axes.set(
+            xlabel="change of the metric if the field increases by 1 % (%)",
+            title=f"Sensitivities of {METRICS[metric].label}",
+        )
         axes.grid(visible=False, axis="y")
         axes.set_axisbelow(True)
         return figure

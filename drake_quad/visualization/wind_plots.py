@@ -1,4 +1,4 @@
-"""Plot of the wind of a flight: maps of the mean wind, and the wind at the vehicle over time."""
+"""Plot of the wind of a flight: the mean wind in space, and the wind at the vehicle over time."""
 
 from typing import Any, NamedTuple
 
@@ -10,13 +10,28 @@ from matplotlib.figure import Figure
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
 from drake_quad.scenario.winds.source import jets, steady_wind
-from drake_quad.signals import State
+from drake_quad.signals import State, Wind
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.positions import coordinates_by_axis
-from drake_quad.visualization.style import AXES, BLACK, REFERENCE, TEXT_BACKGROUND, new_figure, shading, styled
+from drake_quad.visualization.style import (
+    AXES,
+    BLACK,
+    LEGEND_ABOVE,
+    REFERENCE,
+    SKY,
+    TEXT_BACKGROUND,
+    new_figure,
+    shading,
+    styled,
+)
 
-# Number of arrows along the width of a map.
+# Number of arrows along the longer side of a map.
 _NUM_ARROWS = 30
-# Number of grid points of the wind speed along the width of a map.
+# Number of arrows along each side of the plot of a uniform wind.
+_NUM_UNIFORM_ARROWS = 4
+# Sum of the widths of two maps side by side, inches.
+_MAP_SIZE = 8.0
+# Number of grid points of the wind speed along the longer side of a map.
 _NUM_SHADES = 300
 # Margin of the maps around path and fans, m.
 _MARGIN = 0.7
@@ -74,39 +89,90 @@ class _Field(NamedTuple):
 
 
 def plot_wind(flight: Flight) -> Figure:
-    """Plot the mean wind in a horizontal and in a vertical plane, and the wind at the vehicle over time.
+    """Plot the mean wind, and the wind at the vehicle over time.
 
-    The maps show the mean wind: steady wind and the jets of fans. The wind at the vehicle includes gusts and
-    turbulence.
+    The mean wind consists of steady wind and the jets of fans. With jets, it is shown in a horizontal and in a vertical
+    plane; without, it is uniform, and arrows and a title give its direction and speed. The wind at the vehicle
+    includes gusts and turbulence.
     """
-    fans = jets(flight.scenario.laboratory.wind)
+    fans, steady = jets(flight.scenario.laboratory.wind), steady_wind(flight.scenario.laboratory.wind)
+    with styled():
+        if fans:
+            return _plot_maps(flight, fans)
+        if float(np.linalg.norm(steady)) > _MAX_STILL_AIR_SPEED:
+            return _plot_uniform_wind(flight, steady)
+        figure = new_figure(9.0, 2.6)
+        _draw_series(figure.subplots(), flight)
+        return figure
+
+
+def _plot_maps(flight: Flight, fans: tuple[Jet, ...]) -> Figure:
+    """Plot the mean wind in a horizontal plane, with X to the right and Y up, and in a vertical plane."""
     room = _room(flight, fans)
-    # The planes pass through the first fan, or without fans through the middle of the region. Their longer side is
-    # horizontal.
-    middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
-    if fans:
-        middle = fans[0].outlet._asdict()
-    long_axis, short_axis = ("y", "x") if room.length("y") > room.length("x") else ("x", "y")
-    planes = _Plane(long_axis, short_axis, "z", middle["z"]), _Plane(long_axis, "z", short_axis, middle[short_axis])
-    heights = [room.length(plane.up) / room.length(long_axis) for plane in planes]
+    # The planes pass through the first fan. The vertical plane contains the longer side of the region.
+    outlet, is_tall = fans[0].outlet._asdict(), room.length("y") > room.length("x")
+    long_axis, normal = ("y", "x") if is_tall else ("x", "y")
+    planes = _Plane("x", "y", "z", outlet["z"]), _Plane(long_axis, "z", normal, outlet[normal])
     fields = [_mean_wind(flight, plane, room) for plane in planes]
     top = max(float(field.speed.max()) for field in fields)
-    with styled():
-        if top < _MAX_STILL_AIR_SPEED:
-            figure = new_figure(9.0, 2.6)
-            _draw_series(figure.subplots(), flight)
-            return figure
-        figure = new_figure(9.0, 2.6 + 7.2 * sum(heights))
-        above, side, series = figure.subplots(3, 1, height_ratios=[*heights, 0.22])
-        for axes, plane, field in zip((above, side), planes, fields, strict=True):
-            shades = _draw_map(axes, plane, field, top)
-            _draw_flight(axes, plane, flight, fans)
-        if long_axis == "y":
-            above.invert_yaxis()  # seen from above, X is to the right of Y
-        above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-        figure.colorbar(shades, ax=[above, side], label="mean wind speed (m/s)", pad=0.02, fraction=0.05)
-        _draw_series(series, flight)
-        return figure
+    x, y, z = (room.length(axis) for axis in AXES)
+    if is_tall:  # the horizontal plane is on the left, and the vertical plane is beside it
+        scale = _MAP_SIZE / (x + y)
+        figure = new_figure(1.8 + _MAP_SIZE, max(1.4 + scale * y, 3.0 + scale * z))
+        grid = figure.add_gridspec(2, 2, width_ratios=[x, y], height_ratios=[z, max(y - z, 0.6 * z)])
+        above, side, series = (figure.add_subplot(grid[place]) for place in (np.s_[:, 0], np.s_[0, 1], np.s_[1, 1]))
+    else:
+        figure = new_figure(9.0, 2.6 + 7.2 * (y + z) / x)
+        above, side, series = figure.subplots(3, 1, height_ratios=[y / x, z / x, 0.22])
+    for axes, plane, field in zip((above, side), planes, fields, strict=True):
+        shades = _draw_map(axes, plane, field, top)
+        _draw_flight(axes, plane, flight, fans)
+    (side if is_tall else above).legend(ncols=2, **LEGEND_ABOVE)
+    bar: dict[str, Any] = {"ax": above, "location": "bottom"} if is_tall else {"ax": [above, side], "fraction": 0.05}
+    figure.colorbar(shades, label="mean wind speed (m/s)", pad=0.02, **bar)
+    _draw_series(series, flight)
+    return figure
+
+
+def _plot_uniform_wind(flight: Flight, wind: Wind) -> Figure:
+    """Plot a wind that is equal everywhere as arrows beside the path, in the plane in which most of it lies."""
+    room = _room(flight, ())
+    middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
+    is_horizontal = float(np.hypot(wind.x, wind.y)) >= abs(wind.z)
+    plane = _Plane("x", "y", "z", middle["z"]) if is_horizontal else _Plane("x", "z", "y", middle["y"])
+    figure = new_figure(9.5, 3.8)
+    (path, series) = figure.subplots(1, 2, width_ratios=[1.0, 1.5])
+    across, up = (
+        np.linspace(room.low[axis], room.high[axis], 2 * _NUM_UNIFORM_ARROWS + 1)[1::2]
+        for axis in (plane.across, plane.up)
+    )
+    a, b = np.meshgrid(across, up)
+    v_a, v_b = getattr(wind, plane.across), getattr(wind, plane.up)
+    length = 0.7 * min(room.length(plane.across), room.length(plane.up)) / _NUM_UNIFORM_ARROWS
+    arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": float(np.hypot(v_a, v_b)) / length}
+    path.quiver(a, b, v_a, v_b, pivot="middle", color=SKY, width=0.012, **arrows)
+    _draw_flight(path, plane, flight, ())
+    side = "From above" if is_horizontal else "From the side"
+    path.set(xlabel=f"{plane.across.upper()} (m)", ylabel=f"{plane.up.upper()} (m)")
+    path.set_title(side, loc="left")
+    path.set_aspect("equal", adjustable="datalim")
+    path.grid(visible=False)
+    path.legend(ncols=2, **LEGEND_ABOVE)
+    _draw_series(series, flight)
+    dash_overlapping_curves(series)
+    figure.suptitle(f"Uniform mean wind: {_direction_text(wind)}", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+def _direction_text(wind: Wind) -> str:
+    """Return speed and direction of a wind as text, such as "5.0 m/s from 233° to 53° (0° is X, 90° is Y)"."""
+    horizontal, parts = float(np.hypot(wind.x, wind.y)), []
+    if horizontal > _MAX_STILL_AIR_SPEED:
+        heading = round(float(np.degrees(np.arctan2(wind.y, wind.x)))) % 360
+        parts.append(f"{horizontal:.1f} m/s from {(heading + 180) % 360}° to {heading}° (0° is X, 90° is Y)")
+    if abs(wind.z) > _MAX_STILL_AIR_SPEED:
+        parts.append(f"{abs(wind.z):.1f} m/s {'upwards' if wind.z > 0.0 else 'downwards'}")
+    return " and ".join(parts)
 
 
 def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
@@ -123,7 +189,7 @@ def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
 
 def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
     """Return the mean wind in a plane."""
-    spacing = room.length(plane.across) / _NUM_SHADES
+    spacing = max(room.length(plane.across), room.length(plane.up)) / _NUM_SHADES
     across, up = (np.arange(room.low[axis], room.high[axis], spacing) for axis in (plane.across, plane.up))
     a, b = np.meshgrid(across, up)
     position: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
@@ -163,12 +229,15 @@ def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...
         return getattr(record, plane.across), getattr(record, plane.up)
 
     axes.plot(*coordinates(flight.record("reference")), label="reference", **REFERENCE)
-    axes.plot(*coordinates(flight.record("state")), color=BLACK, linewidth=1.0, label="flown")
+    flown = coordinates(flight.record("state"))
+    axes.plot(*flown, color=BLACK, linewidth=1.0, label="flown")
+    axes.plot(flown[0][:1], flown[1][:1], "o", color=BLACK, markersize=3.0)  # otherwise a hover would be invisible
     for jet in fans:
         (x, y), (along_x, along_y), half = coordinates(jet.outlet), coordinates(jet.direction), 0.5 * jet.diameter
         bar = [x + half * along_y, x - half * along_y], [y - half * along_x, y + half * along_x]
         axes.plot(*bar, color="0.35", linewidth=4.0, solid_capstyle="butt")
-        label: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        behind = (-16.0 * along_x, -12.0 * along_y)
+        label: dict[str, Any] = {"xytext": behind, "textcoords": "offset points", "ha": "center", "va": "center"}
         axes.annotate("fan", (x, y), bbox=TEXT_BACKGROUND, **label)
 
 
@@ -181,4 +250,4 @@ def _draw_series(axes: Axes, flight: Flight) -> None:
     if float(np.abs(wind).max()) < _MAX_STILL_AIR_SPEED:
         axes.set_ylim(-1.0, 1.0)
     axes.set_title("At the vehicle", loc="left")
-    axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    axes.legend(ncols=3, **LEGEND_ABOVE)

@@ -279,7 +279,7 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     colors = [bar.get_facecolor() for bar in axes.patches]
     reference = new_figure(1.0, 1.0).subplots().bar([0, 1], [1, 1], color=[VERMILION, BLUE])
     assert colors == [bar.get_facecolor() for bar in reference]
-    assert axes.get_title() == "rmse, first order"
+    assert axes.get_title() == "Sensitivities of RMSE"
     (nothing,) = plot_sensitivities(found, "effort_x").axes
     assert not nothing.patches
     assert nothing.texts[0].get_text() == "no field changes the metric to first order"

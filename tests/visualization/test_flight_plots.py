@@ -85,29 +85,30 @@ def test_a_constant_attitude_is_in_the_middle_of_its_axis():
         assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
 
 
-def test_rotor_speeds_are_shown_enlarged_and_with_their_limits(flight):
-    figure = plots.plot_rotors(flight)
-    assert legends(figure) == [f"rotor {i}" for i in range(1, 5)]
-    close, whole = figure.axes
+def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(flight):
+    *panels, whole = plots.plot_rotors(flight).axes
     vehicle = flight.scenario.vehicle
     speeds = flight.record("rotor_speed")
-    for i, (color, speed) in enumerate(zip(ROTORS, speeds, strict=True), start=1):
-        for axes in (close, whole):
-            np.testing.assert_allclose(curve(axes, f"rotor {i}"), [flight.time, speed])
-        (line,) = [line for line in close.lines if line.get_label() == f"rotor {i}"]
-        assert to_hex(line.get_color()) == color.lower()
     limits = [vehicle.min_rotor_speed, vehicle.max_rotor_speed]
-    for axes in (close, whole):
-        assert [line.get_ydata()[0] for line in axes.lines[4:]] == limits
+    for i, (axes, color, speed) in enumerate(zip(panels, ROTORS, speeds, strict=True), start=1):
+        assert axes.get_ylabel() == f"rotor {i}"
+        own, mean, *others = axes.lines
+        assert to_hex(own.get_color()) == color.lower()
+        np.testing.assert_allclose(own.get_data(), [flight.time, speed])
+        np.testing.assert_allclose(mean.get_ydata(), np.mean(speeds, axis=0))
+        assert [line.get_ydata()[0] for line in others] == limits
+        np.testing.assert_allclose(curve(whole, f"rotor {i}"), [flight.time, speed])
+    assert [line.get_ydata()[0] for line in whole.lines[4:]] == limits
     assert whole.get_ylim()[0] == 0.0
     assert limits[1] < whole.get_ylim()[1] < 1.2 * limits[1]
     assert [(text.get_text(), text.xy[1]) for text in whole.texts] == [
         (f"idle {limits[0]:g}", limits[0]),
         (f"top {limits[1]:g}", limits[1]),
     ]
-    # In the enlarged panel the speeds fill the axes, independently of the limits.
-    low, high = close.get_ylim()
+    # In the panels of the rotors the speeds fill the axes, which are equal, independently of the limits.
+    (low, high), *others = [axes.get_ylim() for axes in panels]
     assert np.ptp(speeds) > 0.8 * (high - low)
+    assert others == [(low, high)] * 3
 
 
 def test_a_path_is_shown_in_space_and_from_above(flight):
@@ -286,39 +287,37 @@ def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     """The fan blows along its axis; far from the fan, there is only the steady wind."""
     above, side, *_ = plot_wind(windy).axes
     reference, state = windy.record("reference"), windy.record("state")
-    long, short = ("y", "x") if np.ptp(above.get_xlim()) and above.get_xlabel() == "Y (m)" else ("x", "y")
-    assert above.get_ylabel() == f"{short.upper()} (m)"
+    long, short = ("y", "x") if side.get_xlabel() == "Y (m)" else ("x", "y")
+    assert (above.get_xlabel(), above.get_ylabel()) == ("X (m)", "Y (m)")
     assert (side.get_xlabel(), side.get_ylabel()) == (f"{long.upper()} (m)", "Z (m)")
     # The planes pass through the outlet of the fan.
     assert above.get_title(loc="left") == "From above: wind at Z = 1.1 m"
     level = {"x": -2.0, "y": 0.3}[short]
     assert side.get_title(loc="left") == f"From the side: wind at {short.upper()} = {level:.1f} m".replace("-", "−")
     tops = [float(axes.collections[0].get_array().max()) for axes in (above, side)]
-    for axes, up in ((above, short), (side, "z")):
+    for axes, across, up in ((above, "x", "y"), (side, long, "z")):
         mesh = axes.collections[0]
-        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
+        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {across: middles(mesh)[0], up: middles(mesh)[1]}
         np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **position), atol=1e-9)
         assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
-        np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, long), getattr(reference, up)])
-        np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, long), getattr(state, up)])
+        np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, across), getattr(reference, up)])
+        np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, across), getattr(state, up)])
         # The map contains the path, the fan and a margin, but nothing below the ground.
         corners = mesh.get_coordinates()
-        for position, axis in ((0, long), (1, up)):
+        for position, axis in ((0, across), (1, up)):
             ends = [*getattr(state, axis), *getattr(reference, axis), {"x": -2.0, "y": 0.3, "z": 1.1}[axis]]
             low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
             assert corners[..., position].min() == pytest.approx(low, abs=0.02)
             assert corners[..., position].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
-    # The longer side of the map is horizontal.
-    corners = above.collections[0].get_coordinates()
-    assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])
+    # The vertical plane contains the longer side of the region.
+    lengths = np.ptp(above.collections[0].get_coordinates(), axis=(0, 1))
+    assert long == "xy"[int(np.argmax(lengths))]
 
 
 def test_a_fan_is_a_bar_across_its_direction(windy):
     above, *_ = plot_wind(windy).axes
     (bar,) = [line for line in above.lines if len(line.get_xdata()) == 2]
     ends = bar.get_xydata()
-    if above.get_xlabel() == "Y (m)":
-        ends = ends[:, ::-1]
     np.testing.assert_allclose(ends.mean(axis=0), [-2.0, 0.3], atol=1e-9)
     along = np.diff(ends, axis=0)[0]
     assert np.linalg.norm(along) == pytest.approx(0.6)
@@ -331,17 +330,51 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
     spacing = np.diff(np.unique(arrows.X)).min()
-    at = dict(zip(above.get_xlabel()[0].lower() + above.get_ylabel()[0].lower(), (arrows.X, arrows.Y), strict=True))
     whole = np.hypot(speeds, 0.1)
-    np.testing.assert_allclose(whole, mean_speed(windy, z=1.1, **at))
+    np.testing.assert_allclose(whole, mean_speed(windy, x=arrows.X, y=arrows.Y, z=1.1))
     # There are no arrows where the wind is negligible. The other arrows are evenly spaced.
     assert whole.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
     # Far from the fan, there is only the steady wind.
-    flat = {"Y (m)": (-0.2, 0.3), "X (m)": (0.3, -0.2)}[above.get_xlabel()]
     far = np.argmin(speeds)
-    assert (arrows.U[far], arrows.V[far]) == pytest.approx(flat, abs=0.05)
+    assert (arrows.U[far], arrows.V[far]) == pytest.approx((0.3, -0.2), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "words", "plane"),
+    [
+        ((3.0, 4.0, 0.0), "5.0 m/s from 233° to 53° (0° is X, 90° is Y)", "xy"),
+        ((0.0, -2.0, 0.0), "2.0 m/s from 90° to 270° (0° is X, 90° is Y)", "xy"),
+        ((0.0, 0.0, -1.5), "1.5 m/s downwards", "xz"),
+        ((1.0, 0.0, 2.0), "1.0 m/s from 180° to 0° (0° is X, 90° is Y) and 2.0 m/s upwards", "xz"),
+    ],
+)
+def test_a_uniform_wind_is_drawn_as_arrows_with_its_speed_and_direction(velocity, words, plane):
+    """There is no map, which would be an area of a single colour."""
+    wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
+    flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
+    figure = plot_wind(flight)
+    assert figure.get_suptitle() == f"Uniform mean wind: {words}"
+    path, series = figure.axes
+    assert (path.get_xlabel(), path.get_ylabel()) == tuple(f"{axis.upper()} (m)" for axis in plane)
+    (arrows,) = path.collections
+    along = dict(zip("xyz", velocity, strict=True))
+    np.testing.assert_array_equal(np.unique(arrows.U), along[plane[0]])
+    np.testing.assert_array_equal(np.unique(arrows.V), along[plane[1]])
+    state = flight.record("state")
+    np.testing.assert_array_equal(curve(path, "flown"), [getattr(state, axis) for axis in plane])
+    assert series.get_title(loc="left") == "At the vehicle"
+
+
+def test_views_from_above_have_x_to_the_right_and_y_up(flight):
+    """Also where the region is longer along Y."""
+    fan = "laboratory.wind=[{kind: fan, position: [0, -5, 1], direction: [0, 1, 0], flow: 1.0, diameter: 0.6}]"
+    tall = simulate(load_scenario("hover", ["duration=0.2", fan]))
+    for axes in (plot_wind(tall).axes[0], plots.plot_path(flight).axes[1]):
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("X (m)", "Y (m)")
+        assert axes.get_xlim()[0] < axes.get_xlim()[1]
+        assert axes.get_ylim()[0] < axes.get_ylim()[1]
 
 
 def test_without_steady_wind_there_is_no_map(flight):

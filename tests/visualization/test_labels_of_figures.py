@@ -25,10 +25,20 @@ OF_FLIGHTS = {
         [("", "roll (°)"), ("", "pitch (°)"), ("time (s)", "yaw (°)")],
         ["commanded", "flown"],
     ),
-    "rotors": (plots.plot_rotors, [("time (s)", "rotor speed (rad/s)"), ("time (s)", "")], ROTORS),
+    "rotors": (
+        plots.plot_rotors,
+        [
+            ("", "rotor 1"),
+            ("", "rotor 2"),
+            ("", "rotor 3"),
+            ("time (s)", "rotor 4"),
+            ("time (s)", "rotor speed (rad/s)"),
+        ],
+        [],
+    ),
     "wind": (
         plot_wind,
-        [("Y (m)", "X (m)"), ("Y (m)", "Z (m)"), ("time (s)", "wind (m/s)"), ("", "mean wind speed (m/s)")],
+        [("X (m)", "Y (m)"), ("Y (m)", "Z (m)"), ("time (s)", "wind (m/s)"), ("mean wind speed (m/s)", "")],
         ["reference", "flown", "X", "Y", "Z"],
     ),
     "overview": (
@@ -51,7 +61,7 @@ OF_FLIGHTS = {
         [
             ("", "command (m/s²)"),
             ("", ""),
-            ("", "weights F of the rules (m/s²)"),
+            ("", "weights F (m/s²)"),
             ("", ""),
             ("time (s)", "trace of P (1/s)"),
             ("time (s)", ""),
@@ -93,13 +103,25 @@ TITLES = {
     "path": ["Path", "From above"],
     "errors": ["Position error, reference minus flown"],
     "attitude": ["Attitude"],
-    "rotors": ["Rotor speeds", "with the limits"],
+    "rotors": ["Rotor speeds (rad/s); black: mean of all rotors", "with the limits"],
     "wind": ["From above: wind at Z = 1.5 m", "From the side: wind at X = −1.2 m", "At the vehicle"],
     "overview": ["From above"],
-    "memberships": [f"a1 = {a1}, a2 = {a2}" for a1, a2 in ((1, 1), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))],
-    "learning": ["on X", "on Y"],
-    "surfaces": [f"on {axis}, {when} the flight" for axis in "XY" for when in ("before", "after")],
-    "secant gains": ["on X, at rest", "on Y, at rest"],
+    "memberships": [
+        "Membership functions of type-2 fuzzy sets with centre c and width d",
+        *(f"a1 = {a1}, a2 = {a2}" for a1, a2 in ((1, 1), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))),
+    ],
+    "learning": [
+        "Learning of the fuzzy network: commands, weights of the rules, and covariance P of the weights",
+        *("on X", "on Y"),
+    ],
+    "surfaces": [
+        "Command of the fuzzy network for each error and error rate; dots: ticks of the flight",
+        *(f"on {axis}, {when} the flight" for axis in "XY" for when in ("before", "after")),
+    ],
+    "secant gains": [
+        "Command of the fuzzy network per error, at the end of the flight",
+        *("on X, at rest", "on Y, at rest"),
+    ],
     "plan": ["Path, from above and from two sides", "Dotted lines: limits; vertical lines: times of the waypoints"],
 }
 SHARE = "cumulative share of samples"
