@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drake_quad.errors import InputError
+from drake_quad.files import shortest_path
 
 _PACKAGE = str(Path(__file__).parent) + os.sep
 # The function `run` in this module calls the main function of a program, which is not user code.
@@ -46,8 +47,8 @@ def located(error: BaseException) -> str:
     text = " ".join(f"{kind}{error}".split()).removesuffix(":")
     frames = user_frames(error)
     if isinstance(error, SyntaxError) and error.filename:
-        return f"{_shown(error.filename)}:{error.lineno}: SyntaxError: {error.msg}"
-    return f"{_shown(frames[-1].filename)}:{frames[-1].lineno}: {text}" if frames else text
+        return f"{shortest_path(Path(error.filename))}:{error.lineno}: SyntaxError: {error.msg}"
+    return f"{shortest_path(Path(frames[-1].filename))}:{frames[-1].lineno}: {text}" if frames else text
 
 
 def user_traceback(error: BaseException) -> str:
@@ -63,9 +64,3 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
         chain.append(each)
         each = each.__cause__ or (None if each.__suppress_context__ else each.__context__)
     return reversed(chain)
-
-
-def _shown(file: str) -> str:
-    """Return the path of a file, relative to the working directory if the file is inside."""
-    path = Path(file)
-    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

@@ -183,4 +183,6 @@ def _predicted(comparison: LogComparison, statistic: str, axis: int, *, unit: st
     """Return the median of an error statistic over the simulated flights in cm, with a 95 % interval if they differ."""
     median, low, high = (float(end[axis]) for end in comparison.interval(statistic))
     interval = Interval(median, low, high)
-    return (interval if comparison.varies else interval.without_interval()).text(unit=unit, size=0.01, infinite="crash")
+    return (interval if comparison.varies else interval.without_interval()).text(
+        unit=unit, size=0.01, infinities=("-∞", "crash")
+    )

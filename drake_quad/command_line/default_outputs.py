@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_text
+from drake_quad.files import output_folder, shortest_path, write_text
 from drake_quad.scenario.files.library import locate
 from drake_quad.scenario.models import Mission
 
@@ -70,9 +70,10 @@ def reserve(path: Path, origins: Sequence[Origin], *, is_file: bool = False) -> 
     """
     record = path.with_name(f".{path.name}{_RECORD_NAME}") if is_file else path / _RECORD_NAME
     output_folder(record.parent)
-    for own, other in zip(origins, _read(record), strict=False) if path.exists() else ():
-        if own.differs(other):
-            raise InputError(f"{path} was written for {_shown(other)}, not for {_shown(own)}; choose another --output")
+    for origin, recorded in zip(origins, _read(record), strict=False) if path.exists() else ():
+        if origin.differs(recorded):
+            source, recorded_source = (shortest_path(Path(each.source)) for each in (origin, recorded))
+            raise InputError(f"{path} was written for {recorded_source}, not for {source}; choose another --output")
     write_text(record, "".join(f"{source}\t{content}\n" for source, content in origins))
     return path
 
@@ -84,8 +85,3 @@ def _read(record: Path) -> list[Origin]:
     except (OSError, ValueError):
         return []
     return [Origin(*line.rsplit("\t", 1)) for line in lines if "\t" in line]
-
-
-def _shown(origin: Origin) -> str:
-    """Return the source of an origin, relative to the working directory if it is inside this directory."""
-    return origin.source.removeprefix(f"{Path.cwd()}/")

@@ -1,6 +1,7 @@
 """Fly thousands of samples of a scenario in fleets, on all cores or on a cluster, and summarise their metrics."""
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_pool
 from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
-from drake_quad.studies.statistics import most_influential_path, values_without_crashes, worst
+from drake_quad.studies.statistics import metric_mean, most_influential_path, worst
 from drake_quad.studies.stopping import StoppingRule
 from drake_quad.studies.study import PARQUET_FILE, Study
 from drake_quad.studies.summary import (
@@ -195,7 +196,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
     for name, study in studies.items():
         suffix = f"_{name}" if len(studies) > 1 else ""
-        if study.parameters and len(values_without_crashes(study.metrics, metric)):
+        if study.parameters and math.isfinite(metric_mean(study.metrics, metric).value):
             figures[f"influences{suffix}"] = plot_influences(study, metric)
         if study.parameters and study.metrics.crashed.any():
             figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
@@ -225,7 +226,7 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
     if study.parameters and len(study.samples):
         print_influences(study, metric)
         command = flying_command("sensitivities", study.scenario, folder / "scenario.yaml", "--sample 0")
-        print(f"more: influences.png, and {command}")
+        print(f"more: {command}")
     if len(study.samples):
         print("worst samples:")
     outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}

@@ -128,7 +128,7 @@ class Metric(NamedTuple):
     """Definition of a metric.
 
     Attributes:
-        unit: unit; "1" for a fraction between 0 and 1.
+        unit: unit; "1" for a dimensionless metric, which is a fraction between 0 and 1 if it is not `signed`.
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
         value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
@@ -158,6 +158,11 @@ class Metric(NamedTuple):
     def value_of_crash(self) -> float:
         """Value that a crash counts as in quantiles and comparisons: infinitely bad."""
         return -math.inf if self.larger_is_better else math.inf
+
+    @property
+    def infinities_with_crash(self) -> tuple[str, str]:
+        """Texts for negative and positive infinity if a crash is the only reason for an infinite value."""
+        return ("crash", "∞") if self.larger_is_better else ("-∞", "crash")
 
 
 _ZEROS = PerAxis(0.0, 0.0, 0.0)

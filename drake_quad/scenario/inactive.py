@@ -1,8 +1,8 @@
 """Settings of a scenario that have no effect on its flight, because another setting is zero, missing or different.
 
-Each mapping of the language answers for itself. It declares in the annotation of a field which other field the field
-`needs`, and in `strength_fields` which of its fields must differ from zero. For anything else, it extends the method
-`inactive_settings`. `drake_quad.flight.remarks` collects the answers.
+Each mapping of the language declares in the annotation of a field which other field the field `needs`, and in
+`strength_fields` which of its own fields must differ from zero. Other conditions are checked by its method
+`inactive_settings`. `drake_quad.flight.remarks` collects these settings.
 """
 
 from collections.abc import Iterator, Mapping

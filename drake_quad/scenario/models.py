@@ -43,7 +43,7 @@ from drake_quad.scenario.motors import Motors, NominalMotors, SpeedMotors
 from drake_quad.scenario.paths import distributions_in, join_path, keys_of
 from drake_quad.scenario.plausible import (
     PLAUSIBLE_LAG,
-    PLAUSIBLE_SHARE,
+    PLAUSIBLE_RELATIVE_ERROR,
     PLAUSIBLE_SIZE,
     not_in_g,
     not_in_grams,
@@ -92,13 +92,13 @@ _ROTOR = _PAPER.rotors.rotor_1
 # give two or three digits.
 _ARM_TOLERANCE = 0.01
 # Largest plausible mass: five times that of the heaviest vehicles for which the language is meant.
-_PLAUSIBLE_MASS = not_in_grams(most=100.0)
+_PLAUSIBLE_MASS = not_in_grams(upper=100.0)
 # Gravity is smallest on the Moon, 1.62 m/s², among the places where a quadrotor may be simulated.
-_PLAUSIBLE_GRAVITY = not_in_g(least=1.5, most=30.0)
+_PLAUSIBLE_GRAVITY = not_in_g(lower=1.5, upper=30.0)
 # The 31 mm propellers of a 20 g vehicle reach 50,000 rpm, 5,236 rad/s. Larger propellers are slower.
-_PLAUSIBLE_ROTOR_SPEED = not_in_rpm(most=6000.0)
+_PLAUSIBLE_ROTOR_SPEED = not_in_rpm(upper=6000.0)
 # Offset of the centre of mass. The largest vehicles have arms of less than 1 m.
-_PLAUSIBLE_OFFSET = not_in_millimetres(most=0.5)
+_PLAUSIBLE_OFFSET = not_in_millimetres(upper=0.5)
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
@@ -199,7 +199,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
 
     thrust_factor_error: Annotated[
-        tuple[RelativeError, RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_SHARE
+        tuple[RelativeError, RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_RELATIVE_ERROR
     ] = Field(default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)")
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False), _PLAUSIBLE_OFFSET] = Field(
         default=(0.0, 0.0),

@@ -13,7 +13,7 @@ from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.plausible import (
     PLAUSIBLE_ATTITUDE_NOISE,
     PLAUSIBLE_POSITION_NOISE,
-    PLAUSIBLE_SHARE,
+    PLAUSIBLE_RELATIVE_ERROR,
     not_in_degrees,
 )
 from drake_quad.scenario.quantities import (
@@ -32,7 +32,7 @@ from drake_quad.scenario.quantities import (
 )
 
 # Markers are aligned by eye at least, within 20 degrees.
-_PLAUSIBLE_MISALIGNMENT = not_in_degrees(most=0.35)
+_PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
 class MotionCaptureSettings(Model):
@@ -55,7 +55,7 @@ class MotionCaptureSettings(Model):
         rule="; if not given, velocity and body rates are measured exactly",
     )
     velocity_error: Annotated[
-        tuple[RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_SHARE
+        tuple[RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_RELATIVE_ERROR
     ] = field_of(CameraParameters, "velocity_error", "relative error of the velocity along X, Y, Z")
     velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
         CameraParameters, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"

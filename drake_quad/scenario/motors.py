@@ -29,7 +29,7 @@ class ThrottleMotors(Model):
     curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
         description="coefficients K0, K1, K2 of the thrust (N)"
     )
-    voltage: Annotated[Annotated[float, Field(gt=0.0)] | None, Plausible("V", "mV", 1e-3, most=120.0)] = Field(
+    voltage: Annotated[Annotated[float, Field(gt=0.0)] | None, Plausible("V", "mV", 1e-3, upper=120.0)] = Field(
         default=None,
         description="battery voltage at which the curve is valid (V); only the evaluation of logs uses it",
     )

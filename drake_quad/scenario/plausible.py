@@ -23,15 +23,15 @@ class Plausible:
         unit: unit of the field.
         given_unit: unit in which a number outside of the range was probably given.
         factor: number of units of the field in a unit of the other kind.
-        least: smallest plausible magnitude of a number.
-        most: largest plausible magnitude of a number, or of a parameter of its distribution.
+        lower: smallest plausible magnitude of a number.
+        upper: largest plausible magnitude of a number, or of a parameter of its distribution.
     """
 
     unit: str
     given_unit: str
     factor: float
-    least: float = 0.0
-    most: float = math.inf
+    lower: float = 0.0
+    upper: float = math.inf
 
     def question(self, value: Any, period: float) -> str:
         """Return a clause that questions a number or a distribution; empty if it is plausible.
@@ -42,8 +42,8 @@ class Plausible:
         """
         numbers = [*numbers_in(value)]
         # A distribution may have a small standard deviation.
-        small = [number for number in numbers if isinstance(value, float) and abs(number) < self.least]
-        wrong = [*small, *(number for number in numbers if abs(number) > self.most)]
+        small = [number for number in numbers if isinstance(value, float) and abs(number) < self.lower]
+        wrong = [*small, *(number for number in numbers if abs(number) > self.upper)]
         return self._clause(wrong[0]) if wrong else ""
 
     def _clause(self, number: float) -> str:
@@ -57,15 +57,15 @@ class PlausibleDelay:
     """Plausible range of a delay in ticks, as metadata of its annotation; it may have been given in ms.
 
     Attributes:
-        most: largest plausible delay, s.
+        upper: largest plausible delay, s.
     """
 
-    most: float
+    upper: float
 
     def question(self, value: Any, period: float) -> str:
         """Return a clause that questions a number of ticks; empty if it is plausible. See `Plausible.question`."""
         ticks = max(numbers_in(value), default=0.0)
-        if ticks * period <= self.most:
+        if ticks * period <= self.upper:
             return ""
         return (
             f"is {ticks:g}, a delay of {ticks * period:g} s, which is implausible; it is counted in periods of"
@@ -73,67 +73,67 @@ class PlausibleDelay:
         )
 
 
-def not_in_milliseconds(*, most: float) -> Plausible:
+def not_in_milliseconds(*, upper: float) -> Plausible:
     """Return the range of a time in s that may have been given in ms."""
-    return Plausible("s", "ms", 1e-3, most=most)
+    return Plausible("s", "ms", 1e-3, upper=upper)
 
 
-def not_in_millimetres(*, most: float) -> Plausible:
+def not_in_millimetres(*, upper: float) -> Plausible:
     """Return the range of a length in m that may have been given in mm."""
-    return Plausible("m", "mm", 1e-3, most=most)
+    return Plausible("m", "mm", 1e-3, upper=upper)
 
 
-def not_in_grams(*, most: float) -> Plausible:
+def not_in_grams(*, upper: float) -> Plausible:
     """Return the range of a mass in kg that may have been given in g."""
-    return Plausible("kg", "g", 1e-3, most=most)
+    return Plausible("kg", "g", 1e-3, upper=upper)
 
 
-def not_in_percent(*, most: float) -> Plausible:
+def not_in_percent(*, upper: float) -> Plausible:
     """Return the range of a fraction that may have been given in percent."""
-    return Plausible("", "%", 1e-2, most=most)
+    return Plausible("", "%", 1e-2, upper=upper)
 
 
-def not_in_degrees(*, most: float) -> Plausible:
+def not_in_degrees(*, upper: float) -> Plausible:
     """Return the range of an angle in rad that may have been given in degrees."""
-    return Plausible("rad", "degrees", math.radians(1.0), most=most)
+    return Plausible("rad", "degrees", math.radians(1.0), upper=upper)
 
 
-def not_in_degrees_per_second(*, most: float) -> Plausible:
+def not_in_degrees_per_second(*, upper: float) -> Plausible:
     """Return the range of a rate in rad/s that may have been given in degrees per second."""
-    return Plausible("rad/s", "°/s", math.radians(1.0), most=most)
+    return Plausible("rad/s", "°/s", math.radians(1.0), upper=upper)
 
 
-def not_in_rpm(*, most: float) -> Plausible:
+def not_in_rpm(*, upper: float) -> Plausible:
     """Return the range of a rotor speed in rad/s that may have been given in revolutions per minute."""
-    return Plausible("rad/s", "rpm", math.tau / 60.0, most=most)
+    return Plausible("rad/s", "rpm", math.tau / 60.0, upper=upper)
 
 
-def not_in_g(*, least: float = 0.0, most: float = math.inf, prefix: str = "") -> Plausible:
+def not_in_g(*, lower: float = 0.0, upper: float = math.inf, prefix: str = "") -> Plausible:
     """Return the range of an acceleration in m/s² that may have been given in multiples of the standard gravity.
 
     Args:
-        least: smallest plausible magnitude, m/s².
-        most: largest plausible magnitude, m/s².
+        lower: smallest plausible magnitude, m/s².
+        upper: largest plausible magnitude, m/s².
         prefix: prefix of the unit g, "m" for thousandths.
     """
-    return Plausible("m/s²", f"{prefix}g", _STANDARD_GRAVITY * (1e-3 if prefix else 1.0), least, most)
+    return Plausible("m/s²", f"{prefix}g", _STANDARD_GRAVITY * (1e-3 if prefix else 1.0), lower, upper)
 
 
-PLAUSIBLE_DELAY = PlausibleDelay(most=0.3)
+PLAUSIBLE_DELAY = PlausibleDelay(upper=0.3)
 """Range of delays. Mobile networks have 0.1 s, and few vehicles are stable with 0.2 s."""
-PLAUSIBLE_SHARE = not_in_percent(most=1.0)
+PLAUSIBLE_RELATIVE_ERROR = not_in_percent(upper=1.0)
 """Range of relative errors. With an error of more than 100 %, a quantity is no longer the same."""
-PLAUSIBLE_LAG = not_in_milliseconds(most=2.0)
+PLAUSIBLE_LAG = not_in_milliseconds(upper=2.0)
 """Range of the lags of rotors, thrust and attitude. The rotors of 20 kg vehicles have about 0.3 s."""
-PLAUSIBLE_POSITION_NOISE = not_in_millimetres(most=0.3)
+PLAUSIBLE_POSITION_NOISE = not_in_millimetres(upper=0.3)
 """Range of the noise of a position. Motion capture has 1 mm, and satellite navigation with corrections 20 mm."""
-PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(most=0.2)
+PLAUSIBLE_ATTITUDE_NOISE = not_in_degrees(upper=0.2)
 """Range of the noise of an attitude. Even attitudes from magnetometers have only a few degrees, 0.1 rad."""
-PLAUSIBLE_SIZE = not_in_millimetres(most=3.0)
+PLAUSIBLE_SIZE = not_in_millimetres(upper=3.0)
 """Range of distances within a vehicle. The arms of 20 kg quadrotors are shorter than 1 m."""
-PLAUSIBLE_LOAD = not_in_grams(most=30.0)
+PLAUSIBLE_LOAD = not_in_grams(upper=30.0)
 """Range of the mass of a load. A vehicle of 20 kg carries about its own mass."""
-PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(most=60.0)
+PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(upper=60.0)
 """Range of the largest body rates. Firmware of racing quadrotors allows at most 2,000 °/s, 35 rad/s."""
 
 

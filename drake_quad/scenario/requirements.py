@@ -1,6 +1,7 @@
 """Requirements of the scenario language, in the forms of signal temporal logic."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
@@ -10,6 +11,7 @@ from drake_quad.laboratory import requirements
 from drake_quad.laboratory.derived_signals import scalar_signal
 from drake_quad.laboratory.metrics import Accumulator, Metric
 from drake_quad.scenario.distributions import Model, Real, validation_error
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.metrics.metric import Appearance
 from drake_quad.scenario.quantities import FixedMoment
 
@@ -105,10 +107,15 @@ class Requirement(Model):
     def _conditions(self) -> list[Condition]:
         return [each for each in (self.always, self.eventually, self.until) if each is not None]
 
+    def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
+        """Yield settings without effect, such as a window after the end of the flight."""
+        yield from super().inactive_settings(flight, path)
+        yield from late_setting(self, "after", flight, path)
+
     def definition(self, name: str) -> Metric:
         """Return the robustness as a metric with the given name."""
         (unit,) = self._conditions()[0].units()
-        label = f"margin of {name.replace('_', ' ')}"
+        label = f"robustness of {name.replace('_', ' ')}"
         return Appearance(unit, label, larger_is_better=True).metric(name, self._accumulator(), requirements.robustness)
 
     def _accumulator(self) -> Accumulator:

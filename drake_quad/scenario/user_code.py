@@ -4,6 +4,8 @@ import shlex
 import sys
 from pathlib import Path
 
+from drake_quad.files import shortest_path
+
 _LIBRARY = __name__.partition(".")[0]
 
 
@@ -16,8 +18,7 @@ def file_of(defined: type) -> str:
     file = getattr(sys.modules.get(defined.__module__), "__file__", None)
     if file is None or defined.__module__.partition(".")[0] == _LIBRARY:
         return ""
-    path, folder = Path(file).resolve(), Path.cwd()
-    return shlex.quote(str(path.relative_to(folder) if path.is_relative_to(folder) else path))
+    return shlex.quote(str(shortest_path(Path(file).resolve())))
 
 
 def import_option(defined: type) -> str:

@@ -18,13 +18,16 @@ _MAX_EXPONENT = 600.0  # largest exponent; exponentials of larger numbers could 
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of values (n,) with Student's t interval, whose ends are NaN for fewer than two values.
+    """Return the mean of values (n,) with Student's t interval.
+
+    The ends of the interval are NaN for fewer than two values, or if a value is infinite.
 
     For few values from a skewed distribution, the interval is too short. The interval is reliable if the number of
     values is larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
     """
-    if len(values) < 2:
-        return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
+    if len(values) < 2 or not np.isfinite(values).all():
+        with np.errstate(invalid="ignore"):  # the mean of values that are infinite with both signs is NaN
+            return Interval(float(np.mean(values)) if len(values) else math.nan, math.nan, math.nan)
     mean, half_width = float(np.mean(values)), float(_half_width(np.std(values, ddof=1), len(values), confidence))
     return Interval(mean, mean - half_width, mean + half_width)
 
@@ -182,15 +185,20 @@ def _correlation_interval(rho: float, count: int, confidence: float) -> Interval
 
 
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's t intervals."""
+    """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's t intervals.
+
+    From the first infinite value on, all of them are NaN.
+    """
     count = np.arange(1, len(values) + 1)
-    # The overall mean is subtracted to avoid cancellation.
-    centred = values - (values.mean() if len(values) else 0.0)
+    is_finite = np.isfinite(values)
+    # The mean of the finite values is subtracted to avoid cancellation.
+    offset = values[is_finite].mean() if is_finite.any() else 0.0
+    centred = np.where(is_finite, values - offset, np.nan)
     mean = np.cumsum(centred) / count
     with np.errstate(invalid="ignore", divide="ignore"):
         deviation = np.sqrt(np.maximum(np.cumsum(centred * centred) - count * mean * mean, 0.0) / (count - 1))
         half_width = _half_width(deviation, count, confidence)
-    mean = mean + (values.mean() if len(values) else 0.0)
+    mean = mean + offset
     return mean, mean - half_width, mean + half_width
 
 

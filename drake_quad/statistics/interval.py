@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 CONFIDENCE = 0.95
 """Default confidence of all intervals."""
+INFINITIES = ("-∞", "∞")
+"""Texts for negative and positive infinity."""
 
 _WIDTH_DIGITS = 2  # significant digits of half an interval's width
 _DIGITS_WITHOUT_INTERVAL = 3  # significant digits of an estimate without an interval
@@ -58,7 +60,7 @@ class Interval(NamedTuple):
         unit: str = "",
         size: float = 1.0,
         signed: bool = False,
-        infinite: str | None = None,
+        infinities: tuple[str, str] = INFINITIES,
         levels: Sequence[float] = (0.0,),
     ) -> str:
         """Return the estimate and its interval as text, as in `0.123 m [0.120, 0.126]`.
@@ -71,14 +73,14 @@ class Interval(NamedTuple):
             unit: unit that follows the estimate.
             size: value of the unit in SI units, such as 0.01 for cm.
             signed: True to print a plus sign before positive numbers.
-            infinite: text for an infinite number of either sign; ∞ and -∞ if not given.
+            infinities: texts for negative and positive infinity.
             levels: numbers, such as zero, to which an end must not be rounded unless it is equal to them.
         """
         if math.isnan(self.value):
             return "–"
         scaled = Interval(*(number / size for number in self))
         decimals, exponent = _digits(scaled, [level / size for level in levels])
-        value, low, high = _rounded_texts(scaled, decimals, exponent, signed=signed, infinite=infinite)
+        value, low, high = _rounded_texts(scaled, decimals, exponent, signed=signed, infinities=infinities)
         estimate = f"{value} {unit}".rstrip()
         is_bounded = math.isfinite(self.low) or math.isfinite(self.high)
         is_unbounded = math.isfinite(self.value) and math.isinf(self.low) and math.isinf(self.high)
@@ -146,13 +148,18 @@ def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, 
 
 
 def _rounded_texts(
-    interval: Interval, decimals: int, exponent: int, *, signed: bool = False, infinite: str | None = None
+    interval: Interval,
+    decimals: int,
+    exponent: int,
+    *,
+    signed: bool = False,
+    infinities: tuple[str, str] = INFINITIES,
 ) -> tuple[str, str, str]:
     """Return the rounded estimate, lower end and upper end as text."""
     value, *ends = interval
     largest = max((abs(number) for number in interval if math.isfinite(number)), default=0.0)
     texts = [
-        _rounded_text(number, decimals, exponent, rounding, signed=signed, infinite=infinite)
+        _rounded_text(number, decimals, exponent, rounding, signed=signed, infinities=infinities)
         for number, rounding in zip(interval, (ROUND_HALF_EVEN, ROUND_FLOOR, ROUND_CEILING), strict=True)
     ]
     low, high = (
@@ -162,13 +169,19 @@ def _rounded_texts(
 
 
 def _rounded_text(
-    number: float, decimals: int, exponent: int, rounding: str, *, signed: bool = False, infinite: str | None = None
+    number: float,
+    decimals: int,
+    exponent: int,
+    rounding: str,
+    *,
+    signed: bool = False,
+    infinities: tuple[str, str] = INFINITIES,
 ) -> str:
     """Return a number as text, rounded to a number of decimals."""
     if math.isnan(number):
         return "–"
     if math.isinf(number):
-        return infinite or ("∞" if number > 0.0 else "-∞")
+        return infinities[number > 0.0]
     if number == 0.0:
         return "0"
     exact = Decimal(f"{number:.{_EXACT_DIGITS - 1}e}").scaleb(-exponent)

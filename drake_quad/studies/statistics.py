@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, join_names
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.metrics import Metric, Metrics
 from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
@@ -41,15 +41,18 @@ _MAX_BINS = 20
 def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is computed by `bounded_mean_interval` for a fraction. Otherwise it is Student's t interval, or its
-    nonnegative part if the metric cannot be negative.
+    The interval is computed by `bounded_mean_interval` for a fraction, which has the unit 1 and cannot be negative.
+    Otherwise it is Student's t interval, or its nonnegative part if the metric cannot be negative.
 
     Args:
         metrics: (n,) metrics of the samples.
         name: name of the metric.
     """
-    values, definition = values_without_crashes(metrics, name), metrics.definitions[name]
-    if definition.unit == "1":
+    return _interval_of_mean(values_without_crashes(metrics, name), metrics.definitions[name])
+
+
+def _interval_of_mean(values: np.ndarray, definition: Metric) -> Interval:
+    if definition.unit == "1" and not definition.signed:
         return bounded_mean_interval(values)
     mean = mean_interval(values)
     return mean if definition.signed else without_negative_part(mean)
@@ -136,7 +139,7 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
         drawn = numbers[used]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
-            at_low, at_high = (_tail_mean(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
+            at_low, at_high = (_tail_mean(study, values[tenth], name) for tenth in (drawn <= low, drawn >= high))
             correlated = [other for other in groups.get(path, ()) if other != path and other in study.parameters]
             others = [study.parameters[other][used] for other in correlated]
             partial = partial_rank_correlation(drawn, values, np.array(others))
@@ -145,8 +148,10 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     return sorted(result, key=lambda each: -abs(np.nan_to_num(each.strongest.value)))
 
 
-def _tail_mean(values: np.ndarray, name: str) -> Interval:
-    return proportion_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
+def _tail_mean(study: Study, values: np.ndarray, name: str) -> Interval:
+    if name == "crashed":
+        return proportion_interval(int(values.sum()), len(values))
+    return _interval_of_mean(values, study.metrics.definitions[name])
 
 
 class CrashBin(NamedTuple):
@@ -263,11 +268,13 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
         int(np.sum(crashed & ~other))
         for crashed, other in ((metrics.crashed, baseline.crashed), (baseline.crashed, metrics.crashed))
     )
+    with np.errstate(invalid="ignore"):  # the difference of two infinite values is NaN
+        difference = value - reference
     better = value > reference if definition.larger_is_better else value < reference
     unknown = Interval(math.nan, math.nan, math.nan)
     return Comparison(
         len(value),
-        mean_interval(value - reference),
+        mean_interval(difference),
         unknown if definition.signed else ratio_of_means(value, reference),
         proportion_interval(int(np.sum(better)), len(value)),
         only,

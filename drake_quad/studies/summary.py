@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.statistics.estimates import proportion_interval, quantile_interval, without_negative_part
-from drake_quad.statistics.interval import Interval
+from drake_quad.statistics.interval import INFINITIES, Interval
 from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
@@ -84,21 +84,22 @@ def metric_table(study: Study) -> Summary:
     """
     metrics = study.metrics
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
-    infinity_text = "crash" if crashed else None
     rows: list[tuple[str, ...]] = []
     for metric, definition in metrics.definitions.items():
         if definition.display is None or metric in study.scenario.requirements:
             continue
         size = definition.display.size
         values, all_values = values_without_crashes(metrics, metric), values_with_crashes(metrics, metric)
-        spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+        is_finite = bool(np.isfinite(values).all())
+        spread = float(np.std(values, ddof=1)) if len(values) > 1 and is_finite else math.nan
+        infinities = definition.infinities_with_crash if crashed and is_finite else INFINITIES
         quantiles = (_quantile(all_values, probability, definition.signed) for probability in _QUANTILES)
         rows.append(
             (
                 definition.label,
                 metric_mean(metrics, metric).text(size=size),
                 Interval(spread, math.nan, math.nan).text(size=size),
-                *(quantile.text(size=size, infinite=infinity_text) for quantile in quantiles),
+                *(quantile.text(size=size, infinities=infinities) for quantile in quantiles),
                 definition.display.unit,
             )
         )
@@ -109,14 +110,15 @@ def metric_table(study: Study) -> Summary:
 def requirement_table(study: Study) -> Summary:
     """Return the probability that each requirement is satisfied, and quantiles of its robustness."""
     metrics, rows = study.metrics, []
-    infinity_text = "crash" if metrics.crashed.any() else None
     for name in study.scenario.requirements:
-        display = metrics.definitions[name].display
+        definition = metrics.definitions[name]
+        display = definition.display
         assert display is not None
+        infinities = definition.infinities_with_crash if metrics.crashed.any() else INFINITIES
         quantiles = (_quantile(values_with_crashes(metrics, name), probability, True) for probability in _QUANTILES[:2])
-        texts = [quantile.text(size=display.size, infinite=infinity_text) for quantile in quantiles]
+        texts = [quantile.text(size=display.size, infinities=infinities) for quantile in quantiles]
         rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
-    return Summary(("requirement", "satisfied", "5 % quantile of the margin", "median", ""), rows, [])
+    return Summary(("requirement", "satisfied", "5 % quantile of robustness", "median", ""), rows, [])
 
 
 def _quantile(values: np.ndarray, probability: float, signed: bool) -> Interval:

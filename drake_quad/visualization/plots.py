@@ -177,8 +177,8 @@ def plot_rotors(flight: Flight) -> Figure:
         first.set_ylim(low, high)
         first.set_title("Rotor speeds (rad/s); black: mean of all rotors", loc="left")
         panels[-1].set_xlabel("time (s)")
-        whole.set(title="with the limits", ylim=(0.0, 1.08 * limits[1]))
-        for limit, name in zip(limits, ("idle", "top"), strict=True):
+        whole.set(title="With the limits", ylim=(0.0, 1.08 * limits[1]))
+        for limit, name in zip(limits, ("min", "max"), strict=True):
             whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_INSIDE, va="bottom", fontsize=8.5)
         return figure
 

@@ -59,7 +59,7 @@ def label_metric(axis: Axis, studies: Iterable[Study], name: str, prefix: str = 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
     """Plot the empirical distribution function of a metric, with a line for each controller.
 
-    A crashed sample counts as worse than every sample that did not crash.
+    A crashed sample counts as worse than every sample that did not crash. Infinite values are not drawn, but count.
 
     Each band contains the whole true distribution function with 95 % confidence, by the inequality of Dvoretzky,
     Kiefer, Wolfowitz and Massart.
@@ -84,8 +84,8 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
     for (controller, study), (color, style) in zip(studies.items(), cycle(_LINE_STYLES), strict=False):
         values = np.sort(values_with_crashes(study.metrics, name))
         n = len(values)
-        finite = values[np.isfinite(values)]
-        fraction = np.arange(1, len(finite) + 1) / n
+        is_finite = np.isfinite(values)
+        finite, fraction = values[is_finite], np.arange(1, n + 1)[is_finite] / n
         half_width = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
@@ -102,7 +102,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         )
     axes.set(ylabel="cumulative share of samples", ylim=(0.0, 1.02))
     survivors = [values_without_crashes(study.metrics, name) for study in studies.values()]
-    medians = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
+    medians = [median for values in survivors if len(values) and 0.0 < (median := np.median(values)) < np.inf]
     if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
     label_metric(axes.xaxis, studies.values(), name)
@@ -140,12 +140,15 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         label_metric(right.yaxis, studies.values(), "crashed" if crashes else name)
         for axes in (left, right):
             # Matplotlib cannot scale an empty axis logarithmically.
-            drawn = any(len(line.get_xdata()) for line in axes.lines)
+            drawn = any(np.isfinite(line.get_ydata()).any() for line in axes.lines)
             axes.set(xscale="log" if drawn else "linear", xlabel="number of samples; bands: 95 % confidence")
             if drawn:
                 axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 axes.xaxis.set_minor_locator(NullLocator())
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+                axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+            else:
+                axes.set(xticks=[], yticks=[])
+                axes.text(0.5, 0.5, "no finite value", transform=axes.transAxes, ha="center", va="center")
         left.legend(loc="best")
         return figure
 

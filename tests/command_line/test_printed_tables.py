@@ -638,7 +638,7 @@ def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys,
     _, header, first = text.partition("largest influences on crashes")
     assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
     command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0\n"
-    assert f"more: influences.png, and {command}" in text
+    assert f"more: {command}" in text
     study.print_study("mine", found, tmp_path, "compiled", metric="peak_error")
     assert "influence on peak error\n" in capsys.readouterr().out
 

@@ -34,8 +34,7 @@ FUNCTIONS = {
     "minimum": min,
     "norm": lambda x, y: np.linalg.norm([x, y]),
     "power": np.power,
-    "remainder": math.remainder,
-    "unwrap": lambda x, y: x,
+    "remainder": np.remainder,
     "where": lambda x, y: x if x > 0.0 else y,
 }
 POSITIVE_ONLY = {"log", "log10", "log1p", "power", "sqrt"}
@@ -55,7 +54,7 @@ def evaluated(name, x, y):
 @pytest.mark.parametrize("name", REPLACEMENTS)
 def test_a_replacement_computes_the_same_as_the_function_in_plain_python_and_in_machine_code(name):
     function = FUNCTIONS.get(name, lambda x, y: getattr(np, name)(x))
-    for x, y in ((0.4, 0.7), (0.25, -0.3), (-0.4, -0.7), (-0.6, 0.2)):
+    for x, y in ((0.4, 0.7), (0.25, -0.3), (-0.4, -0.7), (-0.6, 0.25)):
         if x < 0.0 and name in POSITIVE_ONLY:
             continue
         expected = function(x, y)
@@ -113,7 +112,7 @@ def test_each_function_of_numpy_without_a_replacement_is_refused_as_well():
         (lambda x: x**2, r"`\*\*` .*; use x \* x instead"),
         (lambda x: x**0.5, r"`\*\*` .*; use sqrt\(x\) instead"),
         (lambda x: 2.0**x, r"`\*\*` .*; use exp\(y \* log\(x\)\) instead"),
-        (lambda x: x % 2.0, r"`%` .*; use x - y \* nearest\(x / y\) instead"),
+        (lambda x: x % 2.0, r"`%` .*; use x - y \* where"),
         (lambda x: x // 2.0, r"`//` .*; use where"),
         (lambda x: x[0], "not subscriptable; a Symbol is a row, a number for each vehicle, without elements"),
         (lambda x: x.clip(0.0, 1.0), r"has no attribute 'clip'; use minimum\(maximum\(x, low\), high\)"),

@@ -47,6 +47,8 @@ CASES = [
     ("hover", {"control.network": FEEDBACK}, "control.network.lead", 0.1, "control.network.inputs has none of x, y, z"),
     ("figure_eight", {"route.heading": "along_path"}, "route.yaw", 0.5, "route.heading is along_path"),
     ("figure_eight", {}, "metrics.end", 100.0, "the flight ends at 0.50 s, before 100 s"),
+    ("hover", {}, "requirements", {"near": {"always": {"signal": "position_error", "below": 0.1}, "after": 2.0}},
+     "the flight ends at 0.50 s, before 2 s"),
     ("hover", {"crash.position_error": 0.2}, "crash.height", 0.3, "crash.position_error ends a flight 0.2 m"),
     ("figure_eight", {"space": {}}, "space.margin", 0.3, "space.obstacles is empty"),
     ("onboard", {"laboratory.autopilot.rate_terms": TERMS}, "laboratory.autopilot.rate_terms.integral_limit",

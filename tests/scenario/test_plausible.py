@@ -135,7 +135,7 @@ def test_values_of_the_shipped_scenarios_in_another_unit_are_questioned():
         for _, mapping in mappings_in(load_undesigned(spec)):
             for name, field in type(mapping).model_fields.items():
                 for condition in field.metadata:
-                    if isinstance(condition, Plausible) and condition.most < math.inf:
+                    if isinstance(condition, Plausible) and condition.upper < math.inf:
                         values = [abs(value) / condition.factor for value in numbers_in(getattr(mapping, name))]
                         if condition.question(max(values, default=0.0), 0.02):
                             questioned.add(name)

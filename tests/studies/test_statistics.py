@@ -16,6 +16,7 @@ from drake_quad.statistics.estimates import (
     running_mean,
 )
 from drake_quad.studies.statistics import (
+    compare,
     compare_studies,
     crash_probability,
     influences,
@@ -181,6 +182,25 @@ def test_a_comparison_counts_crashes_separately():
 def test_the_worst_samples_are_early_crashes_then_large_errors():
     found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
     assert worst(found, 4) == [14, 11, 12, 13]
+
+
+def test_the_mean_of_values_with_an_infinite_value_is_infinite_and_has_no_interval():
+    with np.errstate(all="raise"):
+        values = np.array([3.0, 5.0, math.inf, 4.0, math.inf])
+        np.testing.assert_array_equal(mean_interval(values), [math.inf, math.nan, math.nan])
+        np.testing.assert_array_equal(mean_interval(-values), [-math.inf, math.nan, math.nan])
+        assert np.isnan(mean_interval(np.array([math.inf, -math.inf]))).all()
+        for some, expected in zip(running_mean(values), running_mean(values[:2]), strict=True):
+            np.testing.assert_allclose(some[:2], expected)
+            assert np.isnan(some[2:]).all()
+        scenario = load_scenario("figure_eight", {"metrics.additional": {"settled": {"kind": "settling_time"}}})
+        one, other = (
+            scenario.metrics_type(*[each] * (len(scenario.metrics_type._fields) - 1), np.full(5, math.inf))
+            for each in (values, np.array([2.0, 6.0, math.inf, 1.0, 1.0]))
+        )
+        comparison = compare(one, other, "settled")
+    assert math.isnan(comparison.difference.value)
+    assert comparison.better == proportion_interval(1, 5)
 
 
 def test_few_values_have_no_interval():

@@ -94,7 +94,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
         every = np.where(found.metrics.crashed, math.inf, rows[name])
         for text, fraction in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
             assert text == without_negative_part(quantile_interval(every, fraction)).text(
-                size=sizes[unit], infinite="crash"
+                size=sizes[unit], infinities=("-∞", "crash")
             )
 
 

@@ -102,8 +102,8 @@ def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(
     assert whole.get_ylim()[0] == 0.0
     assert limits[1] < whole.get_ylim()[1] < 1.2 * limits[1]
     assert [(text.get_text(), text.xy[1]) for text in whole.texts] == [
-        (f"idle {limits[0]:g}", limits[0]),
-        (f"top {limits[1]:g}", limits[1]),
+        (f"min {limits[0]:g}", limits[0]),
+        (f"max {limits[1]:g}", limits[1]),
     ]
     # In the panels of the rotors the speeds fill the axes, which are equal, independently of the limits.
     (low, high), *others = [axes.get_ylim() for axes in panels]

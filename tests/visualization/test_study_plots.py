@@ -15,6 +15,7 @@ from drake_quad.visualization import study_plots as plots
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.overview import plot_study
 from drake_quad.visualization.panels import new_panels
+from drake_quad.visualization.style import save_figures
 
 COUNT = 200
 MASS = "vehicle.mass"
@@ -112,6 +113,33 @@ def test_a_study_of_crashes_only_is_drawn_without_a_mean():
     left, right = plots.plot_convergence({"one": study(crashes=COUNT)}).axes
     assert left.get_xscale() == "linear"
     assert right.get_xscale() == "log"
+
+
+def requirement_study(robustness, crash_time):
+    """Return a study with a requirement, whose robustness is better if larger."""
+    condition = {"always": {"signal": "position_error", "below": 1.0}}
+    scenario = load_scenario("robustness", {"requirements": {"near": condition}})
+    metrics = scenario.metrics_type
+    numbers = dict.fromkeys(metrics._fields, robustness) | {"crash_time": crash_time}
+    return Study(scenario, 10.0, np.arange(len(robustness)), {}, metrics(**numbers))
+
+
+def test_in_the_distribution_of_a_metric_that_is_better_if_larger_crashes_have_the_smallest_values():
+    robustness = np.array([4.0, 2.0, 3.0, 1.0])
+    (axes,) = plots.plot_distribution(
+        {"one": requirement_study(robustness, np.array([math.inf, math.inf, math.inf, 3.0]))}, "near"
+    ).axes
+    values, fractions = curve(axes, "one (25.0 % crashed)")
+    np.testing.assert_array_equal(values, [2.0, 3.0, 4.0])
+    np.testing.assert_allclose(fractions, [0.5, 0.75, 1.0])
+
+
+@pytest.mark.parametrize("values", [[math.inf] * 30, [math.nan] * 30, [math.inf, 1.0] * 15])
+def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
+    one = requirement_study(np.array(values), np.full(len(values), math.inf))
+    figure = plots.plot_convergence({"one": one}, "near")
+    assert "no finite value" in [text.get_text() for text in figure.axes[0].texts]
+    assert len(save_figures({"a": figure, "b": plots.plot_distribution({"one": one}, "near")}, tmp_path)) == 2
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])

@@ -39,7 +39,7 @@ from drake_quad.vehicle.autopilot import (
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Uncalibrated gyroscopes have a bias of 20 °/s, 0.35 rad/s, and less noise.
-_PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(most=0.5)
+_PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 
 
 class NeglectedDragSettings(Model):

@@ -10,7 +10,7 @@ from drake_quad.scenario.quantities import Number, Positive, field_of
 from drake_quad.vehicle.aerodynamics import GroundEffect
 
 # Propellers of 20 kg quadrotors have a radius of 0.4 m.
-_PLAUSIBLE_RADIUS = not_in_millimetres(most=1.0)
+_PLAUSIBLE_RADIUS = not_in_millimetres(upper=1.0)
 
 
 @EFFECTS.member

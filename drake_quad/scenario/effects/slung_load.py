@@ -12,7 +12,7 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
 # Cables are tens of metres long at most.
-_PLAUSIBLE_LENGTH = not_in_millimetres(most=100.0)
+_PLAUSIBLE_LENGTH = not_in_millimetres(upper=100.0)
 
 
 @EFFECTS.member

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 from drake_quad.errors import did_you_mean, short_repr
+from drake_quad.files import shortest_path
 from drake_quad.scenario.files.documents import parse_document
 
 _PACKAGE = Path(__file__).parents[2]
@@ -27,10 +28,7 @@ def shipped_file(name: str) -> Path | None:
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         return None
     path = shipped_folder() / f"{name}.yaml"
-    if not path.is_file():
-        return None
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
+    return shortest_path(path) if path.is_file() else None
 
 
 def shipped_names() -> list[str]:

@@ -2,15 +2,15 @@
 
 A metric is a function of signals at one tick, and a rule that combines its values over time:
 
-    @metric("rad", over_time="max")
-    def largest_tilt(state):
-        '''Largest angle between the thrust axis and the vertical.'''
-        return elementary.acos(elementary.cos(state.roll) * elementary.cos(state.pitch))
+    @metric("m", over_time="max")
+    def height_loss(state, reference, *, tolerance: float = 0.0):
+        '''Largest height below the reference, beyond a tolerance.'''
+        return reference.z - state.z - tolerance
 
 The arguments are signals by the names of their ports, `time` (s) and `period` (s). The function is a formula: it is
 compiled with the rest of the diagram, and computes the metric for all vehicles of a fleet. Keyword-only arguments are
-settings of the metric in a scenario. They must be annotated with a type of `drake_quad.scenario.quantities`, and have a
-default.
+settings of the metric in a scenario. They must have a default, and are finite numbers unless their annotation is
+another type, such as a type of `drake_quad.scenario.quantities`.
 
 The rules also are kinds of metrics, for scalar signals (`drake_quad.laboratory.derived_signals`), as in
 `{kind: max, of: state.z}`.
@@ -140,7 +140,7 @@ class Appearance(NamedTuple):
     """Properties of a metric that do not affect its value.
 
     Attributes:
-        unit: unit of the metric; "1" for a fraction between 0 and 1.
+        unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; by default in cm, degrees or per cent for a length, an angle or a fraction, else with
             three digits.
@@ -210,7 +210,7 @@ def metric(
     """Return a decorator that registers a formula as a kind of metric, under the name of the function.
 
     Args:
-        unit: unit of the metric; "1" for a fraction between 0 and 1.
+        unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         over_time: name of the rule in `REDUCTIONS` that combines the values of the formula.
         initial: record of the sums before the first tick, if no rule is given. The first argument of the formula is
             then the record of the sums.
@@ -253,7 +253,7 @@ def flight_metric(
     `metric`. Signals are then recorded, so a study needs more time and memory than with a formula.
 
     Args:
-        unit: unit of the metric; "1" for a fraction between 0 and 1.
+        unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
@@ -316,7 +316,7 @@ def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the fields of a metric in a scenario: type and default of each keyword-only argument of its function.
 
     Raises:
-        TypeError: if an argument has no default, or another argument has a name that no argument may have.
+        TypeError: if a keyword-only argument has no default, or the function has positional-only or variadic arguments.
     """
     fields: dict[str, Any] = {}
     hints = get_type_hints(function, include_extras=True)

@@ -9,14 +9,14 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.limits import MIN_MAGNITUDE
-from drake_quad.scenario.plausible import PLAUSIBLE_SHARE, Plausible, not_in_millimetres
+from drake_quad.scenario.plausible import PLAUSIBLE_RELATIVE_ERROR, Plausible, not_in_millimetres
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, excludes_zero
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
 from drake_quad.signals import VelocityW
 
 # Walls of fans for quadrotors move up to 100 m³/s; industrial fans have diameters of up to 7 m.
-_PLAUSIBLE_FLOW = Plausible("m³/s", "m³/h", 1.0 / 3600.0, most=500.0)
-_PLAUSIBLE_DIAMETER = not_in_millimetres(most=10.0)
+_PLAUSIBLE_FLOW = Plausible("m³/s", "m³/h", 1.0 / 3600.0, upper=500.0)
+_PLAUSIBLE_DIAMETER = not_in_millimetres(upper=10.0)
 
 
 @WINDS.member
@@ -28,7 +28,7 @@ class FanSource(WindSource):
     direction: Position = Field(description="vector of any length in the direction of the flow, in W")
     flow: Annotated[NonNegative, _PLAUSIBLE_FLOW] = Field(description="volume flow (m³/s)")
     diameter: Annotated[Positive, _PLAUSIBLE_DIAMETER] = Field(description="diameter of the outlet (m)")
-    turbulence: Annotated[NonNegative, PLAUSIBLE_SHARE] = Field(
+    turbulence: Annotated[NonNegative, PLAUSIBLE_RELATIVE_ERROR] = Field(
         default=0.22, description="standard deviation of the air velocity on each axis, relative to the mean speed (1)"
     )
     strength_fields: ClassVar = ("flow",)

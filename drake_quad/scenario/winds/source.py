@@ -80,7 +80,7 @@ WINDS = OpenUnion(WindSource)
 AnyWindSource = Annotated[WindSource, WINDS]
 
 # The strongest hurricanes have 85 m/s.
-_PLAUSIBLE_WIND = Plausible("m/s", "km/h", 1.0 / 3.6, most=85.0)
+_PLAUSIBLE_WIND = Plausible("m/s", "km/h", 1.0 / 3.6, upper=85.0)
 
 
 class BlowingSource(WindSource):
