@@ -220,17 +220,17 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
 
     Solids are numbered from 1 on. Without solids, the distance is infinite and the number is 0.
     """
-    least: Row = math.inf
+    smallest: Row = math.inf
     number: Row = 0.0
     for i, solid in enumerate(solids, start=1):
         bound = solid.distance_lower_bound(x, y, z)
         if bound is None:
             distance = solid.distance(x, y, z)
         else:
-            distance = where_needed(bound < least, solid.distance, (x, y, z), math.inf)
-        nearer = distance < least
-        least, number = where(nearer, distance, least), where(nearer, float(i), number)
-    return least, number
+            distance = where_needed(bound < smallest, solid.distance, (x, y, z), math.inf)
+        nearer = distance < smallest
+        smallest, number = where(nearer, distance, smallest), where(nearer, float(i), number)
+    return smallest, number
 
 
 @fleet_system(float, AutoDiffXd)

@@ -40,8 +40,8 @@ class BatteryEffect(VehicleEffect):
 
     @model_validator(mode="after")
     def _falls(self) -> "BatteryEffect":
-        least = extremes(self.voltage)[0] or 0.0
-        most = extremes(self.empty_voltage)[1]
-        if most is None or not least >= most:
-            raise self.field_error(f"must not be larger than voltage, {least}", "empty_voltage")
+        lowest = extremes(self.voltage)[0] or 0.0
+        highest_empty = extremes(self.empty_voltage)[1]
+        if highest_empty is None or not lowest >= highest_empty:
+            raise self.field_error(f"must not be larger than voltage, {lowest}", "empty_voltage")
         return self
