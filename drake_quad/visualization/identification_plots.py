@@ -20,6 +20,7 @@ from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, R
 
 _MAX_WINDOWS = 10  # largest number of windows in a plot of the fit
 _MAX_LABEL_LENGTH = 15  # largest number of characters in a line beside an axis
+_MAX_MARKED_POINTS = 20  # largest number of samples of a window whose residuals are drawn with markers
 _BAND_COLOUR = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 # Conversion factor and label of each display unit.
@@ -70,10 +71,13 @@ def plot_residuals(identification: Identification) -> Figure:
     with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
             colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
+            # A single point is not visible without a marker.
+            look: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": 1.1}
+            look["marker"] = "." if output.residual.shape[1] <= _MAX_MARKED_POINTS else None
             lags, correlation = _autocorrelation(output)
-            left.plot(lags, correlation, color=colour, linestyle=style, linewidth=1.1, label=output.name)
+            left.plot(lags, correlation, **look, label=output.name)
             frequency, density = _spectrum(output)
-            right.loglog(frequency, density, color=colour, linestyle=style, linewidth=1.1)
+            right.loglog(frequency, density, **look)
         half_width = 1.96 / math.sqrt(identification.outputs[0].residual.size)
         left.axhspan(-half_width, half_width, color=_BAND_COLOUR, zorder=0)
         left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))
@@ -88,7 +92,7 @@ def plot_residuals(identification: Identification) -> Figure:
 def _autocorrelation(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
     residual = output.residual - output.residual.mean()
     samples = residual.shape[1]
-    num_lags = samples // 2
+    num_lags = samples // 2 + 1
     variance = float(np.mean(residual**2)) or 1.0
     correlations = [
         float(np.mean(residual[:, lag:] * residual[:, : samples - lag])) / variance for lag in range(num_lags)

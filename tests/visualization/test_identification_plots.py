@@ -157,8 +157,8 @@ def test_residuals_have_the_autocorrelation_and_the_spectrum_of_numpy_and_scipy(
     )
     left, right = figure.axes
     lags, correlation = left.lines[0].get_xydata().T
-    assert len(lags) == 13
-    np.testing.assert_allclose(lags, output.time[0, :13] - output.time[0, 0])
+    assert len(lags) == 14
+    np.testing.assert_allclose(lags, output.time[0, :14] - output.time[0, 0])
     centred = coloured - coloured.mean()
     for lag, value in enumerate(correlation):
         sums = np.mean([np.correlate(row[lag:], row[: len(row) - lag])[0] / (len(row) - lag) for row in centred])
@@ -180,6 +180,15 @@ def test_a_fit_without_any_error_has_no_spectrum(identification):
     left, right = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, (exact,))).axes
     np.testing.assert_array_equal(left.lines[0].get_ydata(), 0.0)
     np.testing.assert_array_equal(right.lines[0].get_ydata(), 0.0)
+
+
+def test_residuals_of_short_windows_are_visible(identification):
+    """Windows of three samples have autocorrelations at two lags, and a spectrum at one frequency."""
+    output = identification.outputs[0]
+    short = output._replace(**{name: getattr(output, name)[:, :3] for name in ("time", "measured", "predicted")})
+    figure = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, (short,)))
+    assert [len(axes.lines[0].get_xdata()) for axes in figure.axes] == [2, 1]
+    assert [axes.lines[0].get_marker() for axes in figure.axes] == [".", "."]
 
 
 def test_many_outputs_differ_in_colour_or_style(identification):
