@@ -1,8 +1,9 @@
-"""Error and warning classes for wrong input, and functions that format values and names for messages."""
+"""Error and warning classes for wrong input, and functions that format values, names and paths for messages."""
 
 import difflib
 from collections.abc import Iterable, Mapping
 from numbers import Integral
+from pathlib import Path
 from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
@@ -47,6 +48,12 @@ def check_integer(value: Any, name: str, *, minimum: int, maximum: int | None = 
     if number < minimum or (maximum is not None and number > maximum):
         raise InputError(f"{name} is {number}, but must be {bounds}")
     return number
+
+
+def shortest_path(path: Path) -> Path:
+    """Return a path, relative to the working directory if it is inside this directory."""
+    folder = Path.cwd()
+    return path.relative_to(folder) if path.is_relative_to(folder) else path
 
 
 def not_connected(port: str, system: Any) -> InputError:

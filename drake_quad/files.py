@@ -32,12 +32,6 @@ def output_folder(path: Path) -> Path:
     return path
 
 
-def shortest_path(path: Path) -> Path:
-    """Return a path, relative to the working directory if it is inside this directory."""
-    folder = Path.cwd()
-    return path.relative_to(folder) if path.is_relative_to(folder) else path
-
-
 def write_atomically(path: Path, write: Callable[[Path], None]) -> Path:
     """Write a file atomically and return its path.
 

@@ -6,8 +6,7 @@ import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
-from drake_quad.errors import InputError
-from drake_quad.files import shortest_path
+from drake_quad.errors import InputError, shortest_path
 
 _PACKAGE = str(Path(__file__).parent) + os.sep
 # The function `run` in this module calls the main function of a program, which is not user code.

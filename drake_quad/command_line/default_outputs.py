@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.errors import InputError
-from drake_quad.files import output_folder, shortest_path, write_text
+from drake_quad.errors import InputError, shortest_path
+from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.files.library import locate
 from drake_quad.scenario.models import Mission
 

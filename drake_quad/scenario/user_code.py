@@ -4,7 +4,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from drake_quad.files import shortest_path
+from drake_quad.errors import shortest_path
 
 _LIBRARY = __name__.partition(".")[0]
 

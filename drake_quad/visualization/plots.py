@@ -165,7 +165,7 @@ def plot_rotors(flight: Flight) -> Figure:
         for axes, (name, speed), color in zip(panels, speeds._asdict().items(), ROTORS, strict=True):
             axes.plot(flight.time, speed, color=color, linewidth=1.0)
             axes.plot(flight.time, np.mean(speeds, axis=0), color="0.15", linewidth=0.8)
-            axes.set_ylabel(name.replace("_", " "))
+            axes.set_ylabel(f"{name.replace('_', ' ')} (rad/s)")
             axes.tick_params(labelbottom=axes is panels[-1])
         low, high = first.get_ylim()
         whole = figure.add_subplot(grid[:, 1])
@@ -175,7 +175,7 @@ def plot_rotors(flight: Flight) -> Figure:
             for axes in panels:
                 axes.axhline(limit, **LIMIT)
         first.set_ylim(low, high)
-        first.set_title("Rotor speeds (rad/s); black: mean of all rotors", loc="left")
+        first.set_title("Speed of each rotor; black: mean of all rotors", loc="left")
         panels[-1].set_xlabel("time (s)")
         whole.set(title="With the limits", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("min", "max"), strict=True):

@@ -46,7 +46,7 @@ def outputs_of_scenario(parameters, recorded):
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
     autopilot = scenario.laboratory.autopilot
     recipe = autopilot.recipes(nominal, settings=autopilot, follows_attitude=True)["autopilot"]
-    context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.values)
+    context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.parameters)
     per_unit = np.array(nominal.inertia) * output_scales(nominal, THRUST_PER_UNIT)
     rows = []
     for row in recorded:
@@ -61,7 +61,7 @@ def outputs_of_scenario(parameters, recorded):
         cascade.updates[0].computation.run(cascade, context, [context.get_mutable_discrete_state(0)])
         structure = recipe.structure
         wrench, memory = autopilot_step(
-            target, state, None, recipe.values, memory, structure["period"], structure["rules"]
+            target, state, None, recipe.parameters, memory, structure["period"], structure["rules"]
         )
         outputs = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]
         rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * THRUST_PER_UNIT), *outputs])

@@ -7,8 +7,7 @@ Their names do not depend on the working directory. `laboratory:high_wind` is th
 import re
 from pathlib import Path
 
-from drake_quad.errors import did_you_mean, short_repr
-from drake_quad.files import shortest_path
+from drake_quad.errors import did_you_mean, short_repr, shortest_path
 from drake_quad.scenario.files.documents import parse_document
 
 _PACKAGE = Path(__file__).parents[2]
