@@ -91,7 +91,7 @@ def test_each_rotor_speed_has_its_own_panel_and_all_are_shown_with_their_limits(
     speeds = flight.record("rotor_speed")
     limits = [vehicle.min_rotor_speed, vehicle.max_rotor_speed]
     for i, (axes, color, speed) in enumerate(zip(panels, ROTORS, speeds, strict=True), start=1):
-        assert axes.get_ylabel() == f"rotor {i}"
+        assert axes.get_ylabel() == f"rotor {i} (rad/s)"
         own, mean, *others = axes.lines
         assert to_hex(own.get_color()) == color.lower()
         np.testing.assert_allclose(own.get_data(), [flight.time, speed])

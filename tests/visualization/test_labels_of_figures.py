@@ -28,10 +28,10 @@ OF_FLIGHTS = {
     "rotors": (
         plots.plot_rotors,
         [
-            ("", "rotor 1"),
-            ("", "rotor 2"),
-            ("", "rotor 3"),
-            ("time (s)", "rotor 4"),
+            ("", "rotor 1 (rad/s)"),
+            ("", "rotor 2 (rad/s)"),
+            ("", "rotor 3 (rad/s)"),
+            ("time (s)", "rotor 4 (rad/s)"),
             ("time (s)", "rotor speed (rad/s)"),
         ],
         [],
