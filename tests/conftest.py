@@ -1,9 +1,7 @@
 """Fixtures and settings of all tests."""
 
 import gc
-import hashlib
 import os
-import pickle
 import runpy
 import signal
 import sys
@@ -17,11 +15,9 @@ from PIL import Image
 # variable when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
-from drake_quad.files import write_atomically
 from drake_quad.framework import result_cache
 from drake_quad.scenario.models import REGISTRIES
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
@@ -74,12 +70,19 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _no_result_cache():
-    """Disable the cache of results on disk, because tests and mutants change parts of the planner."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(result_cache, "_program", lambda: None)
-        yield
+@pytest.fixture(autouse=True)
+def _no_result_cache(request, monkeypatch):
+    """Disable the cache of results on disk, because tests and mutants change parts of what computes the results.
+
+    The fixture `cached_results` enables it for pages, scripts and commands, which compute the same results.
+    """
+    if "cached_results" not in request.fixturenames:
+        monkeypatch.setattr(result_cache, "_program", lambda: None)
+
+
+@pytest.fixture
+def cached_results():
+    """Enable the cache of results on disk."""
 
 
 @pytest.fixture(autouse=True)
@@ -170,28 +173,6 @@ def run(capsys, monkeypatch):
         return Result(status, *capsys.readouterr())
 
     return call
-
-
-@pytest.fixture
-def shared_fits(tmp_path_factory, monkeypatch):
-    """Save and reuse the results of identifications, because pages, scripts and commands identify the same vehicles."""
-    from drake_quad.identification import identify
-
-    folder, fit = tmp_path_factory.getbasetemp(), identify._identified
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-
-    def shared(given, scenario, fraction):
-        values = [value for log in given.records for value in vars(log).values()]
-        logged = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
-        key = repr((logged, given[1:], scenario.model_dump_json(), fraction))
-        path = folder / f"fit_{hashlib.sha256(key.encode()).hexdigest()}.pickle"
-        if not path.exists():
-            result = fit(given, scenario, fraction)
-            write_atomically(path, lambda target: target.write_bytes(pickle.dumps(result)))
-        return pickle.loads(path.read_bytes())
-
-    monkeypatch.setattr(identify, "_identified", shared)
 
 
 @pytest.fixture

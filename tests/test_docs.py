@@ -83,7 +83,7 @@ def few_samples(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "few_samples", "shared_fits")
+@pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
     path = elsewhere / "block.py"
@@ -113,7 +113,7 @@ def test_every_scenario_loads(block, elsewhere):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
+@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_block_of_commands_runs(block, monkeypatch):
     for line in block.splitlines():
@@ -127,7 +127,7 @@ def test_every_block_of_commands_runs(block, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
+@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
     """The blocks of the page run in order, and each line of a text block is in the output of the block before it."""

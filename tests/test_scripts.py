@@ -319,6 +319,7 @@ def test_a_time_varying_regulator_of_drake_removes_the_initial_error(run_script)
     assert max(distances[4:]) < 0.01
 
 
+@pytest.mark.usefixtures("cached_results")
 @pytest.mark.slow
 def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_script, tmp_path):
     text, _ = run_script("identify_crazyflie.py")

@@ -1,11 +1,13 @@
 """On-disk cache of results that take seconds to compute, in the folder of `code_cache`.
 
 The key of a result is a digest of the function, its arguments, the sources of this package, the versions of the
-libraries and the processor. After any change of these, the result is computed again.
+libraries and the processor. After any change of these, the result is computed again. The result for a
+model whose class is the user's code is not cached, since the key does not contain that code.
 """
 
 import functools
 import hashlib
+import io
 import pickle
 import platform
 import time
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from llvmlite import binding as llvm
+from pydantic import BaseModel
 
 from drake_quad.framework import code_cache
 
@@ -42,7 +45,9 @@ def cached_on_disk(
     program = _program()
     if program is None:
         return function(*arguments, **named)
-    identity = pickle.dumps((program, function.__module__, function.__qualname__, arguments, named))
+    identity = _identity((program, function.__module__, function.__qualname__, arguments, named))
+    if identity is None:
+        return function(*arguments, **named)
     name = f"result_{hashlib.sha256(identity).hexdigest()[:32]}"
     cached = code_cache.read(name)
     if cached is not None:
@@ -51,6 +56,36 @@ def cached_on_disk(
     value = function(*arguments, **named)
     code_cache.write(name, pickle.dumps(value))
     return value
+
+
+class _IdentityPickler(pickle.Pickler):
+    """Pickler whose output is the same in every process for equal values.
+
+    Pydantic pickles the names of the given fields as a set, whose order differs between processes. In models, only the
+    values of the fields are therefore pickled.
+    """
+
+    def reducer_override(self, value: Any) -> Any:
+        """Return what is pickled instead of a model; for other values, the default applies."""
+        if not isinstance(value, BaseModel):
+            return NotImplemented
+        kind = type(value)
+        if kind.__module__.partition(".")[0] != __name__.partition(".")[0]:
+            raise pickle.PicklingError(f"{kind.__qualname__} is the user's code")
+        return tuple, ((kind.__qualname__, *((name, getattr(value, name)) for name in kind.model_fields)),)
+
+
+def _identity(value: Any) -> bytes | None:
+    """Return bytes that are equal for equal values; None for a value that contains code of the user."""
+    buffer = io.BytesIO()
+    pickler = _IdentityPickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
+    # Without references to earlier objects, equal objects are pickled equally, whether or not they are the same object.
+    pickler.fast = True
+    try:
+        pickler.dump(value)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    return buffer.getvalue()
 
 
 @functools.cache

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.identification.delays import frame_age
 from drake_quad.identification.fit import MIN_NOISE, PredictionFit, fit, noise_covariance
 from drake_quad.identification.flight_differences import flight_differences, with_differences, within_flights
@@ -61,7 +62,7 @@ _NOISE_NAMES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal i
 def identify(
     records: Sequence[FlightRecord], scenario: Scenario, *, held_out_fraction: float = 1.0 / 3.0
 ) -> Identification:
-    """Identify a vehicle from flight logs.
+    """Identify a vehicle from flight logs. The result is cached on disk.
 
     Args:
         records: records of flights of the same vehicle. Each contains the commands that the vehicle takes, and
@@ -77,7 +78,7 @@ def identify(
         raise InputError("no log is given; at least one is needed to identify a vehicle")
     logs = synchronise(records)
     try:
-        identification = _identified(logs, scenario, held_out_fraction)
+        identification = cached_on_disk(_identified, logs, scenario, held_out_fraction)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
             f"the logs cannot be fitted ({error}): their values are impossible for a flying vehicle; check the units in"

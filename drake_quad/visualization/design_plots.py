@@ -116,7 +116,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 def plot_steps(loop: ClosedLoop) -> Figure:
     """Plot the responses of the nonlinear diagram and of its linear model to reference steps in x, z and yaw."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
-    duration = min(max(5.0 / slowest, 4.0), 60.0)
+    duration = min(max(5.0 / slowest, 4.0), 20.0)
     with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
         for axes, (row, size, label) in zip(panels, _STEPS, strict=True):
             response = initial_response(loop, {row: -size}, duration=duration)

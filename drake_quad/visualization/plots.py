@@ -175,7 +175,7 @@ def plot_rotors(flight: Flight) -> Figure:
             for axes in panels:
                 axes.axhline(limit, **LIMIT)
         first.set_ylim(low, high)
-        first.set_title("Speed of each rotor; black: mean of all rotors", loc="left")
+        first.set_title("Rotor speeds; black: mean of all rotors", loc="left")
         panels[-1].set_xlabel("time (s)")
         whole.set(title="With the limits", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("min", "max"), strict=True):

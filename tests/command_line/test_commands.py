@@ -778,7 +778,7 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "shared_fits")
+@pytest.mark.usefixtures("undrawn", "cached_results")
 def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
     """The vehicle that the script identifies from a log agrees with the shipped file to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
@@ -810,7 +810,7 @@ def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "shared_fits")
+@pytest.mark.usefixtures("undrawn", "cached_results")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     mine = tmp_path / "mine.yaml"
     result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")

@@ -41,6 +41,7 @@ def structures_in(batch, plan):
     return {(name, each.system, repr(sorted(each.structure.items()))) for name, each in recipes.items()}
 
 
+@pytest.mark.usefixtures("cached_results")
 def test_every_structure_of_the_shipped_scenarios_has_the_same_flight_when_compiled():
     """Scenarios with the same systems compile to the same code, so only a subset with all systems is flown.
 

@@ -2,13 +2,17 @@
 
 import os
 import shutil
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
 
+from drake_quad import load_scenario
 from drake_quad.framework import code_cache, result_cache
-from drake_quad.framework.result_cache import _program, cached_on_disk
+from drake_quad.framework.result_cache import _identity, _program, cached_on_disk
+from drake_quad.scenario.distributions import Model
 
 CALLS = []
 
@@ -18,6 +22,11 @@ def square(values, *, shift=0.0):
     if np.any(values < 0.0):
         raise ValueError("negative")
     return values**2 + shift
+
+
+def gain_of(models):
+    CALLS.append(models)
+    return models[0].gain
 
 
 def cube(values):
@@ -49,6 +58,34 @@ def test_results_differ_by_arguments_function_and_program(monkeypatch):
     monkeypatch.setattr(result_cache, "_program", lambda: "another program")
     assert cached_on_disk(square, values)[2] == 4.0
     assert len(CALLS) == 5
+
+
+def test_equal_scenarios_have_the_same_key_in_every_process():
+    """Pydantic's own pickle of a scenario contains a set of names, whose order differs between processes."""
+    statement = (
+        "import hashlib; from drake_quad import load_scenario; from drake_quad.framework.result_cache import _identity;"
+        "print(hashlib.sha256(_identity([load_scenario('robustness'), load_scenario('forest')])).hexdigest())"
+    )
+    environments = [{**os.environ, "PYTHONHASHSEED": str(seed)} for seed in (1, 2)]
+    command = [sys.executable, "-c", statement]
+    first, second = [subprocess.run(command, env=each, check=True, capture_output=True).stdout for each in environments]
+    assert first == second
+    assert _identity(load_scenario("robustness")) != _identity(load_scenario("robustness", {"vehicle.mass": 0.7}))
+
+
+def test_equal_arguments_have_the_same_key_although_they_are_not_the_same_object():
+    shared = (1.0, "a")
+    assert _identity([shared, shared]) == _identity([(1.0, "a"), (float("1"), "a")])
+
+
+def test_a_result_for_a_model_of_the_user_is_not_cached(folder):
+    class Settings(Model):
+        gain: float = 1.0
+
+    for _ in range(2):
+        assert cached_on_disk(gain_of, (Settings(),)) == 1.0
+    assert len(CALLS) == 2
+    assert not folder.exists()
 
 
 def test_errors_are_not_cached():

@@ -148,6 +148,7 @@ def test_the_named_strength_fields_of_every_kind_exist():
 REMARKED = {"bad_day:racer", "bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
+@pytest.mark.usefixtures("cached_results")
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])
 def test_shipped_scenarios_have_settings_without_effect_only_for_other_vehicles(spec):
     assert bool(remarks_on_inactive(load_scenario(spec))) == (spec in REMARKED)

@@ -91,6 +91,7 @@ def test_correlations_and_small_deviations_are_no_values_of_a_field():
     assert questions(load_scenario("hover", {"vehicle.gravity": {"normal": normal}})) == []
 
 
+@pytest.mark.usefixtures("cached_results")
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each or "vehicles/" in each])
 def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
     if spec.startswith("controllers/"):

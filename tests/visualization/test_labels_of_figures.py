@@ -103,7 +103,7 @@ TITLES = {
     "path": ["Path", "From above"],
     "errors": ["Position error, reference minus flown"],
     "attitude": ["Attitude"],
-    "rotors": ["Rotor speeds (rad/s); black: mean of all rotors", "With the limits"],
+    "rotors": ["Rotor speeds; black: mean of all rotors", "With the limits"],
     "wind": ["From above: wind at Z = 1.5 m", "From the side: wind at X = −1.2 m", "At the vehicle"],
     "overview": ["From above"],
     "memberships": [

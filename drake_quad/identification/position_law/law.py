@@ -32,6 +32,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_quad.errors import InputError
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import FORMS, Form
 from drake_quad.identification.position_law.pieces import Piece, prepared_pieces
@@ -104,7 +105,7 @@ class PositionLaw:
 
 
 def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -> PositionLaw:
-    """Identify the position law of the controller that flew some logs.
+    """Identify the position law of the controller that flew some logs. The result is cached on disk.
 
     Args:
         records: records of flights under the same controller, with position, reference_position, attitude_command (or
@@ -116,6 +117,11 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
     """
     if not records:
         raise InputError("at least one log is needed to identify a position law")
+    return cached_on_disk(_identified_law, list(records), scenario)
+
+
+def _identified_law(records: Sequence[FlightRecord], scenario: Scenario) -> PositionLaw:
+    """Return the position law; arguments and errors are those of `identify_position_law`."""
     remarks: list[str] = []
     prepared = [prepared_pieces(record, scenario, remarks) for record in records]
     candidates = {form: [piece for log_pieces in prepared for piece in log_pieces[0][form]] for form in FORMS}

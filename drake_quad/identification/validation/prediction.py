@@ -30,6 +30,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, short_repr
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.fit import fit
 from drake_quad.identification.logs.attitudes import rotations_of
@@ -165,6 +166,7 @@ def predict(
     """Predict a flight with vehicles and with two predictors without a model, from starts throughout the flight.
 
     The predictors in the result are the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
+    The result is cached on disk.
 
     Args:
         record: record of the flight.
@@ -184,6 +186,17 @@ def predict(
             f"the log {short_repr(record.name)} contains no signal that can be predicted: it needs position, velocity,"
             f" attitude or body_rates, but contains {', '.join(record.names)}"
         )
+    return cached_on_disk(_predictions, record, dict(vehicles), nominal, tuple(horizons), final_fraction)
+
+
+def _predictions(
+    record: FlightRecord,
+    vehicles: Mapping[str, Scenario],
+    nominal: Scenario | None,
+    horizons: Sequence[float],
+    final_fraction: float,
+) -> Predictions:
+    """Return the predictions of a flight; the arguments are those of `predict`."""
     prepared = {name: prepare([record], each, nominal)[0] for name, each in vehicles.items()}
     (record,) = next(iter(prepared.values())).records
     measured = [name for name in STATE_ROWS if getattr(record, name) is not None]

@@ -18,7 +18,7 @@ from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 _SCALARS = ("float", "int", "bool", "null", "str")
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=4096)
 def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Tree:
     """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
