@@ -98,8 +98,9 @@ def main(arguments: argparse.Namespace) -> None:
     predictions = predict_held_out(records, identification, base)
     print("RMS errors of open-loop predictions of held-out flight, by a vehicle identified from the training set")
     print_predictions(predictions)
-    for sentence in predictions.losses("identified"):
-        remark(sentence)
+    losses = predictions.losses("identified")
+    if losses:
+        remark(losses)
     assignments = [override.assignment for override in overrides]
     motors = identification.vehicle.vehicle.motors
     file_options = {"base": vehicle, "nominal": arguments.nominal, "overrides": assignments}
@@ -237,13 +238,22 @@ def predict_held_out(records: list[FlightRecord], identification: Identification
 
 
 def print_logs(records: list[FlightRecord]) -> None:
-    """Print the duration, the sampling rate, the signals and the remarks of each log."""
+    """Print the duration, the sampling rate, the origins of the signals and the remarks of each log."""
     for record in records:
         seconds = record.time[-1] - record.time[0]
         print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
-        print(f"  {', '.join(record.names)}")
+        rows = [
+            (each.signal, f"{each.rate:.4g} Hz", each.resampling, missing_text(each.missing_fraction), each.columns)
+            for each in record.origins
+        ]
+        print_columns(("signal", "rate", "resampled", "not a number", "columns of the log"), rows)
         for sentence in record.remarks:
             remark(f"{record.name}: {sentence}")
+
+
+def missing_text(fraction: float) -> str:
+    """Return the fraction of missing samples in percent; empty if none is missing."""
+    return f"{100.0 * fraction:.2g} %" if fraction else ""
 
 
 def print_estimates(identification: Identification) -> None:
@@ -285,8 +295,11 @@ def print_estimates(identification: Identification) -> None:
     if identification.delay is not None:
         delay = plus_minus(1e3 * identification.delay.value, 1e3 * identification.delay.half_width)
         print(f"delay from a command to the measurement of its effect: {delay} ms")
+    names_by_reason: dict[str, list[str]] = {}
     for name, why in estimates.not_identified.items():
-        print(f"not identified: {name}: {why}")
+        names_by_reason.setdefault(why, []).append(name)
+    for why, names in names_by_reason.items():
+        print(f"not identified: {', '.join(names)}: {why}")
     for sentence in (*identification.remarks, *estimates.remarks):
         remark(sentence)
     weak = len(estimates.names) - len(estimates.identified)

@@ -286,7 +286,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     motors = SimpleNamespace(take_throttles=True, voltage=11.1)
     vehicle = SimpleNamespace(vehicle=SimpleNamespace(motors=motors))
     found = SimpleNamespace(estimates="estimates", vehicle=vehicle, training_vehicle="from the rest")
-    predictions = SimpleNamespace(losses=lambda vehicle: [f"{vehicle} loses"])
+    predictions = SimpleNamespace(losses=lambda vehicle: f"{vehicle} loses")
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )

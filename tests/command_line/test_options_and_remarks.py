@@ -150,7 +150,7 @@ def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, m
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),
         identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
-        predict_held_out=SimpleNamespace(losses=lambda _: []), **prints,
+        predict_held_out=SimpleNamespace(losses=lambda _: ""), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)

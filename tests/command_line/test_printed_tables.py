@@ -32,7 +32,7 @@ from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.design.stability_map import MappedGains, StabilityMap
 from drake_quad.files import read_table
 from drake_quad.flight.mission import plan_route
-from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.record import FlightRecord, SignalOrigin
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import ForecastOutput, Identification, Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source
@@ -400,10 +400,14 @@ def test_explained_variances_of_outputs_are_printed(capsys):
 
 def test_the_contents_of_logs_are_printed(capsys):
     time = 5.0 + 0.02 * np.arange(1501)
-    record = FlightRecord("log7", time, position=np.zeros((1501, 3)), remarks=("it has a gap",))
+    origins = SignalOrigin("position", "p.x to p.z (mm)", 50.0, "", 0.0), SignalOrigin("wind", "w", 5.0, "held", 0.125)
+    record = FlightRecord("log7", time, position=np.zeros((1501, 3)), remarks=("it has a gap",), origins=origins)
     identify.print_logs([record])
     printed = capsys.readouterr()
-    assert printed.out == "log7: 30.0 s, 1,501 samples at 50 Hz\n  position\n"
+    first, header, *rows = cells(printed.out)
+    assert first == ["log7: 30.0 s, 1,501 samples at 50 Hz"]
+    assert header == ["signal", "rate", "resampled", "not a number", "columns of the log"]
+    assert rows == [["position", "50 Hz", "p.x to p.z (mm)"], ["wind", "5 Hz", "held", "12 %", "w"]]
     assert printed.err == "remark: log7: it has a gap\n"
 
 

@@ -183,18 +183,17 @@ def test_columns_of_further_sources_of_a_signal_are_not_read():
         assert unread in record.remarks
 
 
-def test_remarks_state_the_rates_of_signals():
+def test_origins_state_columns_rate_resampling_and_missing_samples():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
-    assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
-        "interpolated linearly to match the 250 Hz of the record: position (20 Hz)",
-        "held constant between their samples to match the 250 Hz of the record: motor_command (50 Hz)",
-    ]
-    assert list(conversion._resampling_remarks([clock], clock.clock)) == []
+    held = held._replace(source=SignalSource(column="p"))
     holes = slow._replace(rows=slow.rows[3:])
-    assert list(conversion._missing_remarks([clock, holes])) == ["position is not a number in 3 of 21 samples"]
-    single = slow._replace(source=SignalSource(column="p"))
-    assert list(conversion._origin_remarks([clock, single])) == ["read: body_rates from a to b (mm); position from p"]
+    origins = [conversion._origin(each, clock.clock) for each in (clock, slow, held, holes)]
+    assert [each.signal for each in origins] == ["body_rates", "position", "motor_command", "position"]
+    assert [each.columns for each in origins] == ["a to b (mm)", "a to b (mm)", "p", "a to b (mm)"]
+    np.testing.assert_allclose([each.rate for each in origins], [250.0, 20.0, 50.0, 20.0])
+    assert [each.resampling for each in origins] == ["", "interpolated", "held", "interpolated"]
+    np.testing.assert_allclose([each.missing_fraction for each in origins], [0.0, 0.0, 0.0, 3 / 21])
 
 
 @pytest.mark.parametrize("reverse", [False, True])

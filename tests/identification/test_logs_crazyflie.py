@@ -108,8 +108,10 @@ def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)
     np.testing.assert_allclose(record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.02) * 6553 / 65535)
-    assert said(record, "interpolated linearly to match the 1000 Hz of the record: position (143 Hz)")
-    assert said(record, "held constant between their samples to match the 1000 Hz of the record: motor_command (50 Hz)")
+    origins = {each.signal: each for each in record.origins}
+    assert (origins["position"].resampling, origins["motor_command"].resampling) == ("interpolated", "held")
+    assert origins["position"].rate == pytest.approx(1.0 / 7e-3)
+    assert origins["motor_command"].rate == pytest.approx(50.0)
 
 
 def test_logged_columns_that_no_signal_reads_are_reported(written):

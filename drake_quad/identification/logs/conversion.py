@@ -12,7 +12,7 @@ from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.consistency import inconsistencies
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.plausibility import implausible_signals, position_jumps
-from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord
+from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord, SignalOrigin
 from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
@@ -179,9 +179,6 @@ def record_of(
             *clocks.remarks,
             *timing_remarks(time),
             *cut_remarks,
-            *_origin_remarks(used),
-            *_resampling_remarks(used, clock),
-            *_missing_remarks(used),
             *left_out_remarks,
             *notes,
             *(
@@ -197,6 +194,7 @@ def record_of(
                 {each for channel in used for each in channel.source.names},
             ),
         ),
+        origins=tuple(_origin(channel, clock) for channel in used),
     )
 
 
@@ -370,32 +368,16 @@ def _name_range(names: Sequence[str]) -> str:
     return f"{names[0]} to {names[-1]}" if len(names) > 1 else "".join(names)
 
 
-def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
-    origins = [
-        f"{channel.signal} from {_name_range(channel.source.names)}"
-        + (f" ({channel.source.unit})" if channel.source.unit else "")
-        for channel in channels
-    ]
-    yield f"read: {'; '.join(origins)}"
-
-
-def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iterator[str]:
-    rate = f"{1.0 / float(np.median(np.diff(clock))):.4g} Hz"
-    for hold, method in ((False, "interpolated linearly"), (True, "held constant between their samples")):
-        rates = [
-            f"{channel.signal} ({1.0 / float(np.median(np.diff(channel.time))):.3g} Hz)"
-            for channel in channels
-            if channel.clock is not clock and is_held(channel.signal) is hold
-        ]
-        if rates:
-            yield f"{method} to match the {rate} of the record: {', '.join(rates)}"
-
-
-def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
-    for channel in channels:
-        if not channel.is_complete:
-            count = len(channel.clock) - len(channel.rows)
-            yield f"{channel.signal} is not a number in {count:,} of {len(channel.clock):,} samples"
+def _origin(channel: _Channel, clock: np.ndarray) -> SignalOrigin:
+    unit = f" ({channel.source.unit})" if channel.source.unit else ""
+    is_resampled = channel.clock is not clock or not channel.is_complete
+    return SignalOrigin(
+        channel.signal,
+        f"{_name_range(channel.source.names)}{unit}",
+        1.0 / float(np.median(np.diff(channel.clock))),
+        ("held" if is_held(channel.signal) else "interpolated") if is_resampled else "",
+        1.0 - len(channel.rows) / len(channel.clock),
+    )
 
 
 def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
@@ -423,7 +405,7 @@ def _unread_remarks(available: set[str], read: set[str]) -> Iterator[str]:
         else:
             parts.append(f"{'the rest of ' if any(_group(each) == group for each in read) else ''}{group}")
     if parts:
-        yield f"not read: {join_names(parts, 4 * _MAX_LISTED_NAMES)}"
+        yield f"not read: {join_names(parts, 2 * _MAX_LISTED_NAMES)}"
 
 
 def _group(name: str) -> str:

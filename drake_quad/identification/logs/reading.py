@@ -18,8 +18,8 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
     The format follows from the content: a Crazyflie's SD card log, PX4's ULog, ArduPilot's DataFlash log, Betaflight's
     blackbox log, a ROS bag of version 1 or 2, MCAP, MATLAB's MAT-file, or CSV.
 
-    Truncated or damaged parts of a log are skipped. The remarks of the record list the skipped parts, the columns that
-    were read, and signals that contradict each other.
+    Truncated or damaged parts of a log are skipped. The remarks of the record list the skipped parts, and signals that
+    contradict each other; its `origins` list the columns that were read.
 
     Args:
         path: path of the file, or of the folder of a ROS 2 bag.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -10,6 +10,24 @@ from drake_quad.errors import InputError, short_repr
 from drake_quad.signals import Quantity
 
 Column = np.ndarray
+
+
+class SignalOrigin(NamedTuple):
+    """Description of how a signal was read from a log.
+
+    Attributes:
+        signal: name of the signal.
+        columns: names of the columns, and their unit if it was converted.
+        rate: rate at which the columns were logged, Hz.
+        resampling: "interpolated" or "held" if the rate or the clock of the columns is not that of the record.
+        missing_fraction: fraction of the logged samples that are not a number.
+    """
+
+    signal: str
+    columns: str
+    rate: float
+    resampling: str
+    missing_fraction: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +66,7 @@ class FlightRecord:
             are held between these samples.
         vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
         remarks: remarks on gaps, jumps of the clock, conversions, and samples that were left out.
+        origins: description of how each signal was read from the file.
     """
 
     name: str
@@ -76,6 +95,7 @@ class FlightRecord:
     reference_period: float = 0.0
     vehicle: str | None = None
     remarks: tuple[str, ...] = ()
+    origins: tuple[SignalOrigin, ...] = ()
 
     def __post_init__(self) -> None:
         """Check times, shapes and values.

@@ -103,21 +103,24 @@ class Predictions:
         ratio = math.sqrt(float(np.mean(squares) / np.mean(other_squares)))
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
 
-    def losses(self, vehicle: str) -> list[str]:
-        """Return a remark on each quantity that a vehicle predicts worse than a predictor without a model."""
-        sentences = []
+    def losses(self, vehicle: str) -> str:
+        """Return a remark on the quantities that a vehicle predicts worse than a predictor without a model does.
+
+        The remark lists the horizons at which this is certain, in the sense that the 95 % interval of the difference
+        excludes zero. It is empty if there are none.
+        """
+        lost, without_model = [], (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
         for quantity in self.errors:
-            for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
-                lost_horizons = []
-                for horizon in self.horizons:
-                    better = self.better(quantity, vehicle, other, horizon)
-                    if better.value < 0.0:
-                        remark = "" if better.high < 0.0 else ", perhaps by chance"
-                        lost_horizons.append(f"{horizon:g} s (by {-better.value:.0%}{remark})")
-                if lost_horizons:
-                    name = quantity.replace("_", " ")
-                    sentences.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(lost_horizons)}")
-        return sentences
+            certain = [
+                f"{horizon:g}"
+                for horizon in self.horizons
+                if any(self.better(quantity, vehicle, other, horizon).high < 0.0 for other in without_model)
+            ]
+            if certain:
+                lost.append(f"{quantity.replace('_', ' ')} ({', '.join(certain)} s)")
+        if not lost:
+            return ""
+        return f"{vehicle} predicts worse than constant velocity or constant acceleration: {', '.join(lost)}"
 
     def starts(self, horizon: float) -> int:
         """Return the number of starts after which the flight lasts at least until a horizon."""
