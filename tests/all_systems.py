@@ -89,8 +89,8 @@ from drake_quad.laboratory.wind.sine import SineParameters, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
 from drake_quad.pid.filters import butterworth, first_order
 from drake_quad.pid.loop import Derivative, Integral, Terms
-from drake_quad.randomness.noise import NoiseSource, Samples, Stream, TickByTick, random_streams
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.noise import NoiseSource, Stream, TickByTick, random_streams
+from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Jerk, Reference, Snap, State, Wind, Wrench

@@ -13,7 +13,8 @@ from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Sur
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Exported, Samples
+from drake_quad.randomness.noise import Exported
+from drake_quad.randomness.streams import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.layouts import rotors_of

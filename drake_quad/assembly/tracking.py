@@ -23,7 +23,7 @@ from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
-from drake_quad.randomness.noise import EXPORTED_PREFIX, Exported, NoiseSource, Samples
+from drake_quad.randomness.noise import EXPORTED_PREFIX, Exported, NoiseSource
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
@@ -76,7 +76,7 @@ def build_fleet_diagram(
     if scenario.control.lacks_policy() and not open_action and user_systems.policy is None:
         raise InputError(f"control.policy of {scenario.name} is missing; give the file of a network")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
-    samples = exported or (None if drake_random else _samples(batch))
+    samples = exported or (None if drake_random else batch.noise_samples)
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem(
         "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=scenario.control.ahead())
@@ -174,7 +174,7 @@ def reset_fleet(
         recipe.reset(laboratory, path, context)
     for system in laboratory.GetSystems():
         if isinstance(system, NoiseSource):
-            system.reset(system.GetMyMutableContextFromRoot(context), _samples(batch))
+            system.reset(system.GetMyMutableContextFromRoot(context), batch.noise_samples)
     control = diagram.GetSubsystemByName("control")
     for path, recipe in control_recipes(batch, plan, user_systems).items():
         recipe.reset(control, path, context)
@@ -202,10 +202,6 @@ def set_fleet_parameters(
             system = subsystem(part, path.split("."))
             if isinstance(system, FleetSystem):
                 system.set_parameters(system.GetMyMutableContextFromRoot(context), recipe.parameters)
-
-
-def _samples(batch: Batch) -> Samples:
-    return Samples(batch.seed, batch.samples)
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:

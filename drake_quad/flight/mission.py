@@ -15,7 +15,6 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.route import plan_in
-from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Mission, Scenario
@@ -142,7 +141,7 @@ def build_laboratory_diagram(
         InputError: under the same conditions as in `build_tracking_diagram`.
     """
     batch = _identical_vehicles(scenario, num_vehicles)
-    samples = None if drake_random else Samples(batch.seed, batch.samples)
+    samples = None if drake_random else batch.noise_samples
     return build_laboratory_of(_recipes(batch, plan), num_vehicles, samples)
 
 

@@ -28,14 +28,13 @@ from drake_quad.laboratory.sensors.sensor import build_sensors
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import (
     Exported,
-    Samples,
     Stream,
     connect_noise,
     connect_random_sources,
     export_noise,
     random_streams,
 )
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 
 
 def build_laboratory(

@@ -15,7 +15,8 @@ from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Exported, Samples
+from drake_quad.randomness.noise import Exported
+from drake_quad.randomness.streams import Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.hovering import at_rest, nominal_hover, symmetric_hover

@@ -17,7 +17,7 @@ from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Samples, connect_noise, random_streams
+from drake_quad.randomness.noise import connect_noise, random_streams
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
@@ -125,7 +125,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     streams = random_streams(sources, StreamKind.WIND)
     wind = builder.AddNamedSystem("wind", build_wind(sources, streams=streams, num_vehicles=N))
     ports = {stream: wind.GetInputPort(stream.name) for each in streams.values() for stream in each}
-    connect_noise(builder, ports, Samples(scenario.seed, batch.samples))
+    connect_noise(builder, ports, batch.noise_samples)
     depends_on_position = wind.HasInputPort("state")
     if depends_on_position:
         builder.ExportInput(wind.GetInputPort("state"), "state")

@@ -1,5 +1,6 @@
 """Sources of random numbers for the random input ports of a fleet's systems."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -7,28 +8,17 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import RandomSource
 
+from drake_quad.errors import InputError
 from drake_quad.framework.elementary import nearest, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, fleet_system
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
-from drake_quad.randomness.streams import Seeds, StreamKind, StreamState, random_numbers, stream_states
+from drake_quad.randomness.streams import Samples, StreamKind, StreamState, random_numbers, stream_states
 from drake_quad.signals import Row
 
 # Prefix of the names of exported input ports for random numbers, followed by the name of the stream.
 EXPORTED_PREFIX = "random."
-
-
-class Samples(NamedTuple):
-    """Samples of a study, one for each vehicle of a fleet.
-
-    Attributes:
-        seed: seed of all samples, or a tuple with the seed of each sample.
-        indices: index of the sample of each vehicle.
-    """
-
-    seed: Seeds
-    indices: Sequence[int]
 
 
 class Exported(NamedTuple):
@@ -62,16 +52,34 @@ class Stream(NamedTuple):
 
 
 def stream_numbers(
-    states: tuple[StreamState, ...], kinds: Sequence[tuple[int, bool]], *ticks: Tick
+    states: tuple[tuple[StreamState, ...], ...], kinds: Sequence[tuple[int, bool, float]], *ticks: Tick
 ) -> tuple[tuple[Row, ...], ...]:
     """Return the random numbers of several streams.
 
     Args:
-        states: initial states of the streams.
-        kinds: number of rows of each stream, and True for normal numbers or False for uniform ones.
+        states: initial states of each stream, one for each period.
+        kinds: number of rows of each stream, True for normal numbers or False for uniform ones, and number of ticks in
+            a period.
         ticks: tick of each stream.
     """
-    return tuple([random_numbers(state, tick, *kind) for state, kind, tick in zip(states, kinds, ticks, strict=True)])
+    return tuple(
+        [
+            random_numbers(state_in_period(of_periods, tick, num_ticks), tick, num_rows, normal)
+            for of_periods, (num_rows, normal, num_ticks), tick in zip(states, kinds, ticks, strict=True)
+        ]
+    )
+
+
+def state_in_period(states: tuple[StreamState, ...], tick: Tick, num_ticks: float) -> StreamState:
+    """Return the state of a stream for the period that contains a tick, given the number of ticks in a period."""
+    first, *others = states
+    if not others:
+        return first
+    number, state = 2.0 * tick.pair + where(tick.second, 1.0, 0.0), first
+    for k, other in enumerate(others, start=1):
+        has_begun = number > k * num_ticks - 0.5
+        state = StreamState(where(has_begun, other.high, state.high), where(has_begun, other.low, state.low))
+    return state
 
 
 @fleet_system(float, AutoDiffXd)
@@ -91,23 +99,54 @@ class NoiseSource(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
+        period: length of the periods with noise of different samples, s.
         parameters: samples of the vehicles.
+
+    Raises:
+        InputError: if the period is not a multiple of the period of a stream.
     """
 
-    def declare(self, *, streams: Sequence[Stream], parameters: Samples) -> None:
+    def declare(self, *, streams: Sequence[Stream], period: float = math.inf, parameters: Samples) -> None:
         """Declare ports and parameters."""
 
-        def states(samples: Samples) -> tuple[StreamState, ...]:
-            seed, sample_numbers = samples
-            words = (stream_states(seed, sample_numbers, stream.kind, stream.name) for stream in streams)
-            return tuple([StreamState.of(each) for each in words])
+        def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
+            seed, *periods = samples.seed, samples.indices, *samples.later
+            return tuple(
+                [
+                    tuple([StreamState.of(stream_states(seed, each, stream.kind, stream.name)) for each in periods])
+                    for stream in streams
+                ]
+            )
 
-        kinds = tuple([(stream.num_rows, stream.distribution == RandomDistribution.kGaussian) for stream in streams])
+        kinds = tuple(
+            [
+                (
+                    stream.num_rows,
+                    stream.distribution == RandomDistribution.kGaussian,
+                    _ticks_in_period(period, stream) if parameters.later else math.inf,
+                )
+                for stream in streams
+            ]
+        )
         self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in streams}
         parts = tuple(self.packed.values())
         layout = Layout(tuple, parts, sum(part.num_rows for part in parts))
         ticks = [TickOf(stream.period) for stream in streams]
         self.output("random", stream_numbers, self.parameter("streams", states), kinds, *ticks, layout=layout)
+
+
+def _ticks_in_period(period: float, stream: Stream) -> float:
+    """Return the number of ticks of a stream in a period.
+
+    Raises:
+        InputError: if the number is not whole.
+    """
+    number = period / stream.period
+    if not abs(number - round(number)) < 1e-6:
+        raise InputError(
+            f"noise.period is {period:g} s, but must be a multiple of the period of {stream.name}, {stream.period:g} s"
+        )
+    return float(round(number))
 
 
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
@@ -158,10 +197,11 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
     num_vehicles = len(samples.indices)
     if num_vehicles > 1:
         for stream, port in ports.items():
-            source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], parameters=samples)
+            source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], period=samples.period, parameters=samples)
             builder.Connect(builder.AddNamedSystem(f"noise_{stream.name}", source).get_output_port(), port)
     elif ports:
-        outputs = split_output(builder, "noise", NoiseSource(streams=list(ports), parameters=samples))
+        source = NoiseSource(streams=list(ports), period=samples.period, parameters=samples)
+        outputs = split_output(builder, "noise", source)
         for stream, port in ports.items():
             builder.Connect(outputs[stream.name], port)
 

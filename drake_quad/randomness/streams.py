@@ -47,6 +47,27 @@ Seeds = int | tuple[int, ...]
 """Seed of all samples, or a tuple with the seed of each sample."""
 
 
+class Samples(NamedTuple):
+    """Samples of a study, one for each vehicle of a fleet.
+
+    Attributes:
+        seed: seed of all samples, or a tuple with the seed of each sample.
+        indices: index of the sample of each vehicle.
+        later: index of the sample of each vehicle, for each further period of length `period`.
+        period: length of a period, s; infinite if there is only one.
+    """
+
+    seed: Seeds
+    indices: Sequence[int]
+    later: Sequence[Sequence[int]] = ()
+    period: float = math.inf
+
+    @property
+    def num_periods(self) -> int:
+        """Number of periods."""
+        return 1 + len(self.later)
+
+
 def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: str) -> np.ndarray:
     """Return the initial states (N,) of the streams of some samples: SplitMix64 states from NumPy's seed sequences.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.randomness.streams import Seeds
+from drake_quad.randomness.streams import Samples, Seeds
 from drake_quad.scenario.correlation import MIN_PROBABILITY, drawn_values, shared_names, shared_stream, values_at
 from drake_quad.scenario.inertia import rigid_inertias
 from drake_quad.scenario.models import Scenario
@@ -26,12 +26,15 @@ class Batch:
             distribution.
         seeds: (N,) seeds of the samples, for samples of several studies; None if all samples use the seed of the
             scenario.
+        noise: (periods, N) indices of the samples whose wind and noise are used in each period of the scenario's
+            `noise`; None if the scenario determines them.
     """
 
     scenario: Scenario
     samples: tuple[int, ...]
     varying: Mapping[str, np.ndarray]
     seeds: tuple[int, ...] | None = None
+    noise: tuple[tuple[int, ...], ...] | None = None
 
     @classmethod
     def draw(
@@ -64,7 +67,14 @@ class Batch:
         return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own_seeds)
 
     @classmethod
-    def at_points(cls, scenario: Scenario, points: np.ndarray, samples: Sequence[int]) -> "Batch":
+    def at_points(
+        cls,
+        scenario: Scenario,
+        points: np.ndarray,
+        samples: Sequence[int],
+        *,
+        noise: Sequence[Sequence[int]] | None = None,
+    ) -> "Batch":
         """Return the batch whose fields have the values at given points of the unit cube.
 
         Args:
@@ -72,11 +82,23 @@ class Batch:
             points: (N, d) numbers between 0 and 1, one column for each of the `coordinates` of the scenario. A field
                 without shared variables has the quantile of its distribution at this probability.
             samples: (N,) indices of the samples whose wind and noise are used.
+            noise: (periods, N) indices of the samples whose wind and noise are used in each period of the scenario's
+                `noise`, in place of `samples`.
         """
         inside = np.clip(points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
         columns = dict(zip(coordinates(scenario), inside.T, strict=True))
         values = values_at(distributions_in(scenario), columns.__getitem__)
-        return cls(scenario, tuple(samples), _with_rigid_bodies(scenario, values))
+        periods = None if noise is None else tuple(tuple(each) for each in noise)
+        return cls(scenario, tuple(samples), _with_rigid_bodies(scenario, values), noise=periods)
+
+    @property
+    def noise_samples(self) -> Samples:
+        """Samples that determine the wind and the noise of each vehicle."""
+        settings = self.scenario.noise
+        if settings is None:
+            return Samples(self.seed, self.samples)
+        first, *later = self.noise or [(sample,) * len(self) for sample in settings.samples]
+        return Samples(self.seed, first, later, settings.period)
 
     @property
     def seed(self) -> Seeds:
@@ -107,8 +129,12 @@ class Batch:
         """Return the batch for a larger number of vehicles; each additional vehicle flies the last sample."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
-        seeds = self.seeds and (*self.seeds, *self.seeds[-1:] * missing)
-        return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying, seeds)
+
+        def padded(indices: tuple[int, ...]) -> tuple[int, ...]:
+            return (*indices, *indices[-1:] * missing)
+
+        seeds, noise = self.seeds and padded(self.seeds), self.noise and tuple(map(padded, self.noise))
+        return Batch(self.scenario, padded(self.samples), varying, seeds, noise)
 
     def scenario_of(self, vehicle: int) -> Scenario:
         """Return the scenario that a vehicle, counted from 0, flies, with its numbers and the index of its sample."""
@@ -118,7 +144,10 @@ class Batch:
 
         scenario: Scenario = map_leaves(self.scenario, number)
         seed = self.scenario.seed if self.seeds is None else self.seeds[vehicle]
-        return scenario.model_copy(update={"seed": seed, "sample": self.samples[vehicle]})
+        noise = self.scenario.noise
+        if noise is not None and self.noise is not None:
+            noise = noise.model_copy(update={"samples": tuple(each[vehicle] for each in self.noise)})
+        return scenario.model_copy(update={"seed": seed, "sample": self.samples[vehicle], "noise": noise})
 
 
 def coordinates(scenario: Scenario) -> tuple[str, ...]:

@@ -323,6 +323,7 @@ class Laboratory(Model):
 
 # Pattern of the name of an additional metric, and names of the other columns of studies.
 _METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
+_MAX_NOISE_PERIODS = 1000  # each period adds operations to every random number
 _TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
 
 
@@ -456,6 +457,18 @@ class Mission(Model):
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
 
+_SampleIndex = Annotated[int, Field(ge=0, lt=2**31)]
+
+
+class NoiseSamples(Model):
+    """Samples whose wind and noise act in turn, each for a period; those of the last sample act until the end."""
+
+    period: FixedPositive = Field(default=1.0, description="period (s), a multiple of the control period")
+    samples: Annotated[tuple[_SampleIndex, ...], Field(strict=False, min_length=1, max_length=_MAX_NOISE_PERIODS)] = (
+        Field(description="index of the sample for each period")
+    )
+
+
 class Scenario(Mission):
     """A closed loop: vehicle, laboratory, control and route, with the duration and the metrics of the flight."""
 
@@ -472,8 +485,11 @@ class Scenario(Mission):
     )
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of all random numbers")
-    sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(
+    sample: _SampleIndex | None = Field(
         default=None, description="index of the sample of a study, from 0; not needed without distributions"
+    )
+    noise: NoiseSamples | None = Field(
+        default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
 
     def _summary(self) -> list[str]:

@@ -2,9 +2,10 @@
 
 Such tools estimate probabilities of rare events or sensitivity indices, or search for the worst case. A point has a
 coordinate for each independent random number of the scenario. Uniform points have the distribution of the samples of a
-study.
+study. Whole numbers determine wind and noise, for the whole flight or for each period of it.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,8 +18,9 @@ from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import fly_with_metrics
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch, coordinates
-from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.models import NoiseSamples, Scenario
 
 _MAX_NOISE = 2**31
 
@@ -29,12 +31,15 @@ class Evaluator:
     Args:
         scenario: scenario with distributions.
         num_vehicles: largest number of vehicles that fly at the same time.
+        noise_period: length of the periods whose wind and noise are determined by separate numbers, s; None for one
+            number for the whole flight.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
 
     Attributes:
         scenario: scenario.
         names: names of the d coordinates: paths of fields, and shared variables.
+        num_periods: number of periods of the noise.
         num_flights: number of flights so far.
 
     Raises:
@@ -46,21 +51,28 @@ class Evaluator:
         scenario: Scenario,
         *,
         num_vehicles: int = 1024,
+        noise_period: float | None = None,
         own: UserSystems = UserSystems(),
         compiled: bool = True,
     ) -> None:
-        self.scenario, self.names, self.num_flights = scenario, coordinates(scenario), 0
-        if not self.names:
+        self.names, self.num_flights, self.num_periods = coordinates(scenario), 0, 1
+        if not self.names and noise_period is None:
             raise InputError(f"{scenario.name} contains no distribution, so there is nothing to vary")
-        self._fleet = StudyFleet(scenario, plan_route(scenario), num_vehicles, user_systems=own, compiled=compiled)
+        plan = plan_route(scenario)
+        if noise_period is not None:
+            self.num_periods = math.ceil(flight_duration(scenario, plan) / noise_period)
+            noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)
+            scenario = scenario.model_copy(update={"noise": noise})
+        self.scenario = scenario
+        self._fleet = StudyFleet(scenario, plan, num_vehicles, user_systems=own, compiled=compiled)
 
     def __call__(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Fly a vehicle for each point, and return the metrics, (n,) arrays.
 
         Args:
             points: (n, d) points between 0 and 1.
-            noise: number that determines wind and noise, or (n,) numbers, from 0 to 2³¹ - 1. The flight with the
-                number i has the wind and the noise of sample i of the scenario's study.
+            noise: number that determines wind and noise, (n,) numbers, or (n, num_periods) numbers, from 0 to 2³¹ - 1.
+                The flight with the number i has the wind and the noise of sample i of the scenario's study.
 
         Raises:
             InputError: if the points or the numbers have the wrong shape or are out of range.
@@ -70,14 +82,17 @@ class Evaluator:
             raise InputError(f"points have the shape {points.shape}, but must have (n, {len(self.names)})")
         if not np.all((points >= 0.0) & (points <= 1.0)):
             raise InputError("points must be between 0 and 1")
-        numbers = np.broadcast_to(np.asarray(noise), len(points)) if np.ndim(noise) == 0 else np.asarray(noise)
-        if numbers.shape != (len(points),) or numbers.dtype.kind not in "iu":
-            raise InputError(f"noise must be a whole number or {len(points)} whole numbers")
+        numbers, shape = np.asarray(noise), (len(points), self.num_periods)
+        if numbers.dtype.kind not in "iu" or numbers.shape not in ((), shape[:1], shape):
+            raise InputError(
+                f"noise must be a whole number, {len(points)} whole numbers, or whole numbers of the shape {shape}"
+            )
+        numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
         if not np.all((numbers >= 0) & (numbers < _MAX_NOISE)):
             raise InputError(f"noise must be at least 0 and below {_MAX_NOISE}")
         size = self._fleet.num_vehicles
         parts = [slice(first, first + size) for first in range(0, len(points), size)]
-        flown = [self._fly(points[part], numbers[part].tolist()) for part in parts]
+        flown = [fly_with_metrics(self._fleet, self._batch(points[part], numbers[part])) for part in parts]
         self.num_flights += len(points)
         return flown[0].with_values(np.concatenate(values) for values in zip(*flown, strict=True))
 
@@ -85,9 +100,17 @@ class Evaluator:
         """Return the metrics at (n, d) points of standard normal space; `noise` is as in a call."""
         return self(scipy.special.ndtr(np.asarray(points, dtype=float)), noise)
 
-    def scenario_at(self, point: Any, noise: int = 0) -> Scenario:
-        """Return the scenario at a point (d,) of the unit cube, without distributions, as `simulate` flies it."""
-        return Batch.at_points(self.scenario, np.asarray(point, dtype=float)[None], [noise]).scenario_of(0)
+    def scenario_at(self, point: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Scenario:
+        """Return the scenario at a point (d,) of the unit cube, without distributions, as `simulate` flies it.
 
-    def _fly(self, points: np.ndarray, samples: list[int]) -> Metrics:
-        return fly_with_metrics(self._fleet, Batch.at_points(self.scenario, points, samples))
+        Args:
+            point: (d,) point.
+            noise: number, or (num_periods,) numbers, that determine wind and noise.
+        """
+        numbers = np.broadcast_to(np.asarray(noise), self.num_periods)
+        return self._batch(np.asarray(point, dtype=float)[None], numbers[None]).scenario_of(0)
+
+    def _batch(self, points: np.ndarray, numbers: np.ndarray) -> Batch:
+        periods = numbers.T.tolist()
+        noise = None if self.scenario.noise is None else periods
+        return Batch.at_points(self.scenario, points, periods[0], noise=noise)

@@ -20,8 +20,7 @@ from drake_quad.laboratory.sensors.accelerometer import (
     specific_force,
 )
 from drake_quad.laboratory.sensors.sensor import Sensor, SensorLaw
-from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.signals import Number, Quantity, State, VehicleAcceleration
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig

@@ -19,8 +19,7 @@ from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, Turb
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.laboratory.wind.sine import SineParameters, SineWind
-from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.scenario import models
 from drake_quad.signals import Wind, Wrench
 

@@ -26,8 +26,7 @@ from drake_quad.laboratory.motion_capture import (
     attitude_of_markers,
     measured_pose,
 )
-from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.signals import Attitude, State
 
 H = 0.01  # s, camera frame

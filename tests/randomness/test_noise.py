@@ -13,14 +13,13 @@ from drake_quad.randomness.noise import (
     EXPORTED_PREFIX,
     Exported,
     NoiseSource,
-    Samples,
     Stream,
     connect_noise,
     connect_random_sources,
     export_noise,
     random_streams,
 )
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
 

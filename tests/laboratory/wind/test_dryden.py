@@ -24,8 +24,7 @@ from drake_quad.laboratory.wind.dryden import (
     stationary_state,
     turbulent_velocity,
 )
-from drake_quad.randomness.noise import Samples
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.streams import Samples, StreamKind
 
 # At a height of ten feet, the length scales are 3 m and 23 m.
 NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, airspeed=5.0)

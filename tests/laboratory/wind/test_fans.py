@@ -12,8 +12,8 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, jet_speed, local_air
 from drake_quad.laboratory.wind.wind import build_wind
-from drake_quad.randomness.noise import Samples, random_streams
-from drake_quad.randomness.streams import StreamKind
+from drake_quad.randomness.noise import random_streams
+from drake_quad.randomness.streams import Samples, StreamKind
 from drake_quad.signals import State
 
 D = 0.75  # diameter of the outlet, m

@@ -1,0 +1,166 @@
+"""Subset simulation, which estimates probabilities that are too small for plain sampling.
+
+The probability is the product of conditional probabilities of about 0.1. Each is estimated from samples that already
+satisfy the preceding condition, and that Markov chains generate (S.-K. Au and J. L. Beck, "Estimation of small failure
+probabilities in high dimensions by subset simulation", Probabilistic Engineering Mechanics, 2001). The chains use
+correlated proposals with an adapted correlation (I. Papaioannou, W. Betz, K. Zwirglmaier and D. Straub, "MCMC
+algorithms for subset simulation", 2015).
+
+The chains of one run are correlated, so a single run has no reliable interval. The interval follows from the spread of
+independent runs.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+
+from drake_quad.errors import InputError
+from drake_quad.statistics.interval import CONFIDENCE, Interval
+
+MIN_RUNS = 6
+"""Smallest number of runs from which an interval is computed."""
+MAX_NOISE = 2**31
+"""Whole numbers that determine noise are below this number."""
+
+_MAX_LEVELS = 15  # with ten times fewer samples at each level, probabilities down to 1e-15 are estimated
+_INITIAL_STEP = 0.6
+_TARGET_ACCEPTANCE = 0.44  # acceptance rate at which the chains mix fastest, from Papaioannou et al.
+
+Performance = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Function from (n, d) points of standard normal space and (n, b) whole numbers to the performances (n,).
+
+The event occurs if the performance is 0 or more.
+"""
+
+
+class SubsetRun(NamedTuple):
+    """Run of subset simulation.
+
+    Attributes:
+        probability: estimated probability of the event; 0 if the event was not reached.
+        levels: level of the performance at the end of each step; the last one is 0 if the event was reached.
+        points: (m, d) points of the last samples at which the event occurs.
+        noise: (m, b) whole numbers of these samples.
+        performance: (m,) performances of these samples.
+        num_evaluations: number of evaluations of the performance.
+        history: (steps, size) performances of the samples of each step, in descending order.
+    """
+
+    probability: float
+    levels: tuple[float, ...]
+    points: np.ndarray
+    noise: np.ndarray
+    performance: np.ndarray
+    num_evaluations: int
+    history: np.ndarray
+
+    def exceedance(self, thresholds: np.ndarray, fraction: float) -> np.ndarray:
+        """Return the estimated probabilities that the performance is at least each of the (k,) thresholds.
+
+        Args:
+            thresholds: (k,) thresholds.
+            fraction: fraction of the samples that satisfy the condition of the next step.
+        """
+        result = np.empty(len(thresholds))
+        for i, threshold in enumerate(thresholds):
+            step = sum(level <= threshold for level in self.levels[:-1])
+            result[i] = fraction**step * np.mean(self.history[step] >= threshold)
+        return result
+
+
+def subset_simulation(
+    performance: Performance,
+    num_coordinates: int,
+    num_noise: int,
+    generator: np.random.Generator,
+    *,
+    size: int = 1000,
+    fraction: float = 0.1,
+) -> SubsetRun:
+    """Run subset simulation once.
+
+    A proposal changes all coordinates a little, and draws some of the whole numbers again. Both moves preserve the
+    distribution of the samples.
+
+    Args:
+        performance: performance of samples.
+        num_coordinates: number d of coordinates of a point.
+        num_noise: number b of whole numbers of a sample.
+        generator: source of random numbers.
+        size: number of samples in each step, a multiple of 1 / `fraction`.
+        fraction: fraction of the samples that satisfy the condition of the next step.
+    """
+    num_chains = round(fraction * size)
+    points = generator.standard_normal((size, num_coordinates))
+    noise = generator.integers(MAX_NOISE, size=(size, num_noise))
+    values = performance(points, noise)
+    levels, history, num_evaluations, step = [], [], size, _INITIAL_STEP
+    for _ in range(_MAX_LEVELS):
+        history.append(np.sort(values)[::-1])
+        level = min(float(history[-1][num_chains - 1]), 0.0)
+        levels.append(level)
+        if level == 0.0:
+            break
+        chosen = np.argsort(-values, kind="stable")[:num_chains]
+        chain = points[chosen], noise[chosen], values[chosen]
+        states = [chain]
+        for length in range(1, size // num_chains):
+            moved = _proposal(*chain[:2], step, generator)
+            moved_values = performance(*moved)
+            num_evaluations += num_chains
+            is_accepted = moved_values >= level
+            chain = (
+                np.where(is_accepted[:, None], moved[0], chain[0]),
+                np.where(is_accepted[:, None], moved[1], chain[1]),
+                np.where(is_accepted, moved_values, chain[2]),
+            )
+            states.append(chain)
+            step = min(1.0, step * math.exp((is_accepted.mean() - _TARGET_ACCEPTANCE) / math.sqrt(length)))
+        points, noise, values = (np.concatenate(each) for each in zip(*states, strict=True))
+    occurs = values >= 0.0
+    probability = fraction ** (len(levels) - 1) * float(occurs.mean())
+    return SubsetRun(
+        probability, tuple(levels), points[occurs], noise[occurs], values[occurs], num_evaluations, np.stack(history)
+    )
+
+
+def _proposal(
+    points: np.ndarray, noise: np.ndarray, step: float, generator: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return proposals whose correlation with the present samples is √(1 - step²)."""
+    correlation = math.sqrt(1.0 - step**2)
+    moved = correlation * points + step * generator.standard_normal(points.shape)
+    # The correlation of noise is the fraction that is not drawn again.
+    is_drawn = generator.random(noise.shape) < 1.0 - correlation
+    return moved, np.where(is_drawn, generator.integers(MAX_NOISE, size=noise.shape), noise)
+
+
+def probability_of_runs(probabilities: Sequence[float], confidence: float = CONFIDENCE) -> Interval:
+    """Return the mean of the estimates of independent runs, with an interval for the probability.
+
+    The interval is Student's t-interval of the mean, on a logarithmic scale.
+
+    Args:
+        probabilities: estimates of at least `MIN_RUNS` runs.
+        confidence: confidence of the interval.
+
+    Raises:
+        InputError: if there are too few runs, or a run has not reached the event.
+    """
+    values = np.asarray(probabilities, dtype=float)
+    if len(values) < MIN_RUNS:
+        raise InputError(f"an interval needs at least {MIN_RUNS} independent runs, but there are {len(values)}")
+    if not np.all(values > 0.0):
+        raise InputError(f"{int(np.sum(values == 0.0))} of {len(values)} runs did not reach the event")
+    mean, count = float(values.mean()), len(values)
+    deviation = float(values.std(ddof=1)) / (mean * math.sqrt(count))
+    factor = math.exp(float(scipy.stats.t.ppf(0.5 + 0.5 * confidence, count - 1)) * deviation)
+    return Interval(mean, mean / factor, min(mean * factor, 1.0))
+
+
+def relative_half_width(interval: Interval) -> float:
+    """Return half the width of an interval relative to the estimate."""
+    return 0.5 * (interval.high - interval.low) / interval.value

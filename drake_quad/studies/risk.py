@@ -1,0 +1,258 @@
+"""Probabilities of rare events of a scenario, by subset simulation on fleets.
+
+A sample of the scenario is a point of standard normal space, with a coordinate for each independent random number, and
+a whole number for each period of the flight, which determines wind and noise in this period.
+"""
+
+import math
+import operator
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError, check_integer, join_names, short_repr
+from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.number_parsing import parse_float
+from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.estimates import mean_interval
+from drake_quad.statistics.interval import Interval
+from drake_quad.statistics.subset_simulation import (
+    MIN_RUNS,
+    SubsetRun,
+    probability_of_runs,
+    relative_half_width,
+    subset_simulation,
+)
+from drake_quad.studies.evaluator import Evaluator
+from drake_quad.studies.statistics import values_with_crashes
+
+_CRASH = "crash"
+_SIGNS = {">": 1.0, "<": -1.0}
+_TEXT = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
+_FRACTION = 0.1  # fraction of the samples that satisfy the condition of the next step
+DEFAULT_PERIOD = 1.0
+"""Default length of the periods whose noise is drawn separately, s."""
+
+
+class Event(NamedTuple):
+    """Event whose probability is estimated: a crash, or a metric that is above or below a bound.
+
+    A crashed flight has the worst possible value of every metric.
+
+    Attributes:
+        metric: name of the metric; `crash` for a crash.
+        sign: 1 if the event occurs above the bound, -1 if it occurs below.
+        bound: bound in the unit of the metric.
+    """
+
+    metric: str
+    sign: float = 1.0
+    bound: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str, scenario: Scenario) -> "Event":
+        """Return the event that a text states, such as `peak_error > 0.8`, `crash`, or `stays_near < 0`.
+
+        Raises:
+            InputError: if the text is not an event, or the scenario has no such metric.
+        """
+        match = _TEXT.fullmatch(text)
+        if match is None or (match[2] is None) != (match[1] == _CRASH):
+            raise InputError(f"{short_repr(text)} is not an event; write it as in 'peak_error > 0.8', or write 'crash'")
+        if match[2] is None:
+            return cls(_CRASH)
+        metrics = [*definitions_of(scenario.metrics_type)]
+        if match[1] not in metrics:
+            raise InputError(
+                f"{short_repr(text)}: {match[1]} is not a metric of {scenario.name}: {join_names(metrics)}"
+            )
+        try:
+            bound = parse_float(match[3])
+        except ValueError:
+            bound = math.nan
+        if not math.isfinite(bound):
+            raise InputError(f"{short_repr(text)}: {short_repr(match[3])} is not a number")
+        return cls(match[1], _SIGNS[match[2]], bound)
+
+    def __str__(self) -> str:
+        """Return the event as text."""
+        return self.metric if self.metric == _CRASH else f"{self.metric} {'>' if self.sign > 0 else '<'} {self.bound:g}"
+
+    def performance(self, metrics: Metrics) -> np.ndarray:
+        """Return the performances (n,) of flights, which are 0 or more if the event occurs.
+
+        Raises:
+            InputError: if the metric of a flight is not defined.
+        """
+        if self.metric == _CRASH:
+            # A large position error usually precedes a crash, so it is the measure of how close a flight is to one.
+            return np.where(metrics.crashed, 0.0, -1.0 / (1.0 + np.asarray(metrics.peak_error)))
+        values = values_with_crashes(metrics, self.metric)
+        if np.isnan(values).any():
+            raise InputError(f"{self.metric} is not defined in every flight, so it cannot define an event")
+        return np.asarray(self.sign * (values - self.bound))
+
+    def value(self, performance: np.ndarray) -> np.ndarray:
+        """Return the values of the metric for performances."""
+        return np.asarray(self.bound + self.sign * performance)
+
+
+class Coordinate(NamedTuple):
+    """Coordinate of the samples at which an event occurs.
+
+    In all samples of the scenario, its mean is 0 and its standard deviation is 1.
+
+    Attributes:
+        name: path of the field, or name of the shared variable.
+        mean: mean over the samples at which the event occurs, in standard deviations.
+        deviation: standard deviation over these samples, in standard deviations.
+    """
+
+    name: str
+    mean: Interval
+    deviation: float
+
+    @property
+    def importance(self) -> float:
+        """Kullback-Leibler divergence of a normal distribution with this mean and deviation from the standard one."""
+        variance = max(self.deviation, 1e-3) ** 2
+        return 0.5 * (self.mean.value**2 + variance - 1.0 - math.log(variance))
+
+
+@dataclass(frozen=True)
+class Risk:
+    """Estimated probability of an event.
+
+    Attributes:
+        event: event.
+        probability: estimate with its 95 % interval.
+        runs: independent runs of subset simulation.
+        coordinates: all coordinates of the samples at which the event occurs, the most important one first.
+        scenarios: scenarios of the worst samples, the worst one first.
+        num_flights: number of flights of all runs.
+        is_precise: True if the interval is as short as requested.
+    """
+
+    event: Event
+    probability: Interval
+    runs: tuple[SubsetRun, ...]
+    coordinates: tuple[Coordinate, ...]
+    scenarios: tuple[Scenario, ...]
+    num_flights: int
+    is_precise: bool
+
+    def exceedance(self, thresholds: np.ndarray) -> list[Interval]:
+        """Return the probabilities that the metric is beyond each of the (k,) thresholds, with intervals.
+
+        A threshold that not every run has reached has no interval.
+        """
+        levels = self.event.sign * (np.asarray(thresholds) - self.event.bound)
+        rows = np.stack([run.exceedance(levels, _FRACTION) for run in self.runs])
+        return [
+            probability_of_runs(column) if np.all(column > 0.0) else Interval(float(column.mean()), math.nan, math.nan)
+            for column in rows.T
+        ]
+
+
+def estimate_risk(
+    scenario: Scenario,
+    event: Event | str,
+    *,
+    half_width: float = 0.3,
+    max_flights: int = 200_000,
+    size: int = 1000,
+    noise_period: float = DEFAULT_PERIOD,
+    num_worst: int = 3,
+    own: UserSystems = UserSystems(),
+    compiled: bool = True,
+    progress: Callable[[int, str], None] | None = None,
+) -> Risk:
+    """Estimate the probability of an event by independent runs of subset simulation.
+
+    Args:
+        scenario: scenario, whose seed determines all random numbers.
+        event: event, or text such as `peak_error > 0.8`.
+        half_width: half of the width of the interval, relative to the estimate, at which no further run begins.
+        max_flights: number of flights after which no further run begins.
+        size: number of samples in each step of a run, a multiple of 10.
+        noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.
+        num_worst: number of worst samples in the result.
+        own: functions that create the user's systems for N vehicles.
+        compiled: True to compile the diagram to machine code.
+        progress: function that is called after each step with its number of flights and a description of the state.
+
+    Raises:
+        InputError: if the scenario cannot be flown by a fleet, there are too few flights for an interval, or the event
+            is so rare that a run does not reach it.
+    """
+    event = Event.parse(event, scenario) if isinstance(event, str) else event
+    check_integer(size, "size", minimum=100)
+    if size % round(1.0 / _FRACTION):
+        raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _FRACTION)}")
+    # Most calls evaluate one proposal for each chain.
+    num_chains = round(_FRACTION * size)
+    evaluator = Evaluator(scenario, num_vehicles=num_chains, noise_period=noise_period, own=own, compiled=compiled)
+    runs: list[SubsetRun] = []
+    estimate, state = None, ""
+
+    def performance(points: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        values = event.performance(evaluator.at_normal(points, noise))
+        if progress is not None:
+            progress(len(points), state)
+        return values
+
+    while estimate is None or (relative_half_width(estimate) > half_width and evaluator.num_flights < max_flights):
+        generator = np.random.default_rng([scenario.seed, len(runs)])
+        run = subset_simulation(
+            performance, len(evaluator.names), evaluator.num_periods, generator, size=size, fraction=_FRACTION
+        )
+        if run.probability == 0.0:
+            reached = event.value(np.array([run.history[-1][0]]))[0]
+            raise InputError(
+                f"{event} is too rare: a run ended below a probability of {_FRACTION ** len(run.levels):.0e}"
+                + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
+            )
+        runs.append(run)
+        if len(runs) >= MIN_RUNS:
+            estimate = probability_of_runs([each.probability for each in runs])
+            state = f"{estimate.value:.2g} ± {relative_half_width(estimate):.0%}"
+        elif evaluator.num_flights >= max_flights:
+            raise InputError(
+                f"{max_flights:,} flights are enough for {len(runs)} runs, but an interval needs {MIN_RUNS}: allow more"
+                " flights, or choose a smaller size"
+            )
+    return Risk(
+        event,
+        estimate,
+        tuple(runs),
+        _coordinates(evaluator.names, runs),
+        _worst_scenarios(evaluator, runs, num_worst),
+        evaluator.num_flights,
+        relative_half_width(estimate) <= half_width,
+    )
+
+
+def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coordinate, ...]:
+    """Return the coordinates of the samples at which the event occurs, the most important one first.
+
+    The samples of a run are correlated, so the intervals follow from the means of the runs.
+    """
+    means = np.stack([run.points.mean(axis=0) for run in runs])
+    deviations = np.concatenate([run.points for run in runs]).std(axis=0)
+    found = [Coordinate(name, mean_interval(means[:, i]), float(deviations[i])) for i, name in enumerate(names)]
+    return tuple(sorted(found, key=operator.attrgetter("importance"), reverse=True))
+
+
+def _worst_scenarios(evaluator: Evaluator, runs: Sequence[SubsetRun], number: int) -> tuple[Scenario, ...]:
+    """Return the scenarios of the samples with the largest performances, at most one of each run."""
+    best = [(run.performance.max(), int(run.performance.argmax()), run) for run in runs]
+    best.sort(key=operator.itemgetter(0), reverse=True)
+    return tuple(
+        evaluator.scenario_at(scipy.special.ndtr(run.points[index]), run.noise[index])
+        for _, index, run in best[:number]
+    )
