@@ -41,6 +41,7 @@ class Evaluator:
         names: names of the d coordinates: paths of fields, and shared variables.
         num_periods: number of periods of the noise.
         num_flights: number of flights so far.
+        plan: plan that is flown.
 
     Raises:
         InputError: if the scenario has no distribution, or cannot be flown by a fleet.
@@ -58,7 +59,7 @@ class Evaluator:
         self.names, self.num_flights, self.num_periods = coordinates(scenario), 0, 1
         if not self.names and noise_period is None:
             raise InputError(f"{scenario.name} contains no distribution, so there is nothing to vary")
-        plan = plan_route(scenario)
+        self.plan = plan = plan_route(scenario)
         if noise_period is not None:
             self.num_periods = math.ceil(flight_duration(scenario, plan) / noise_period)
             noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError, check_integer, join_names, short_repr
+from drake_quad.errors import InputError, check_integer, lookup, short_repr
 from drake_quad.laboratory.metrics import Metrics, definitions_of
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.models import Scenario
@@ -66,11 +66,7 @@ class Event(NamedTuple):
             raise InputError(f"{short_repr(text)} is not an event; write it as in 'peak_error > 0.8', or write 'crash'")
         if match[2] is None:
             return cls(_CRASH)
-        metrics = [*definitions_of(scenario.metrics_type)]
-        if match[1] not in metrics:
-            raise InputError(
-                f"{short_repr(text)}: {match[1]} is not a metric of {scenario.name}: {join_names(metrics)}"
-            )
+        lookup(definitions_of(scenario.metrics_type), match[1], "metric")
         try:
             bound = parse_float(match[3])
         except ValueError:

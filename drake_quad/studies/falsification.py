@@ -1,0 +1,143 @@
+"""Search for the worst case of a scenario by the evolution strategy CMA-ES.
+
+The search space is standard normal space, with a coordinate for each independent random number of the scenario. It is
+limited to a given number of standard deviations (N. Hansen, "The CMA evolution strategy: a tutorial", 2016).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError, check_integer, lookup
+from drake_quad.extras import import_extra
+from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.batch import median_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.studies.evaluator import Evaluator
+
+_CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
+_POPULATION = 250  # first population; large populations are cheap in fleets and ignore local optima
+_INITIAL_STEP = 1.0  # standard deviations
+_MAX_NOISE = 2**31
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """Worst case of a scenario.
+
+    Attributes:
+        metric: name of the metric.
+        is_maximised: True if a larger metric is worse.
+        value: metric of the worst case; infinite for a crash.
+        names: names of the d random numbers.
+        point: (d,) random numbers of the worst case, in standard deviations.
+        scenario: scenario of the worst case, with its wind and noise.
+        nominal: scenario with the median of each distribution, and with the same wind and noise.
+        means: best mean metric over the wind and noise samples after each generation; infinite if all flights crash.
+        num_flights: number of flights.
+    """
+
+    metric: str
+    is_maximised: bool
+    value: float
+    names: tuple[str, ...]
+    point: np.ndarray
+    scenario: Scenario
+    nominal: Scenario
+    means: tuple[float, ...]
+    num_flights: int
+
+
+def find_worst_case(
+    scenario: Scenario,
+    metric: str,
+    *,
+    maximise: bool = True,
+    sigma: float = 3.0,
+    max_flights: int = 20_000,
+    num_noise: int = 4,
+    own: UserSystems = UserSystems(),
+    compiled: bool = True,
+    progress: Callable[[int, str], None] | None = None,
+) -> WorstCase:
+    """Search for the random numbers within some standard deviations that make a metric worst.
+
+    Each candidate flies with the same few samples of wind and noise, and is rated by the mean of the metric. The worst
+    of these flights is the result. A crash is worse than any value, and an early crash is worse than a late one.
+
+    Args:
+        scenario: scenario with distributions, whose seed determines all random numbers.
+        metric: name of the metric, which may be the robustness of a requirement.
+        maximise: True if a larger metric is worse, False if a smaller one is.
+        sigma: largest distance of a random number from its median, in standard deviations.
+        max_flights: number of flights after which the search ends.
+        num_noise: number of samples of wind and noise.
+        own: functions that create the user's systems for N vehicles.
+        compiled: True to compile the diagram to machine code.
+        progress: function that is called after each generation with its number of flights and a description.
+
+    Raises:
+        InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; or if there
+            are too few flights for one generation.
+        ImportError: if the library cma is not installed.
+    """
+    lookup(definitions_of(scenario.metrics_type), metric, "metric")
+    check_integer(num_noise, "num_noise", minimum=1)
+    check_integer(max_flights, "max_flights", minimum=_POPULATION * num_noise)
+    if not 0.0 < sigma <= 8.0:
+        raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
+    cma = import_extra("cma", "robustness")
+    evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled)
+    # Numbers of wind and noise follow from the seed, so that another seed gives another search.
+    noise = np.random.default_rng(scenario.seed).integers(_MAX_NOISE, size=num_noise)
+    sign = 1.0 if maximise else -1.0
+    duration = flight_duration(scenario, evaluator.plan)
+
+    def badness(metrics: Metrics) -> np.ndarray:
+        values = sign * np.asarray(getattr(metrics, metric))
+        if np.isnan(values[~metrics.crashed]).any():
+            raise InputError(f"{metric} is not defined in every flight")
+        remaining = 1.0 - np.minimum(metrics.crash_time, duration) / duration
+        return np.where(metrics.crashed, _CRASH_VALUE * (1.0 + remaining), values)
+
+    worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
+    means: list[float] = []
+    population, restart = _POPULATION, 0
+    while evaluator.num_flights + population * num_noise <= max_flights:
+        options = {
+            "popsize": population, "seed": 1 + (scenario.seed + restart) % (2**31 - 1), "verbose": -9,
+            "bounds": [-sigma, sigma],
+        }  # fmt: skip
+        start = np.random.default_rng([scenario.seed, restart]).standard_normal(len(evaluator.names)) * bool(restart)
+        search = cma.CMAEvolutionStrategy(np.clip(start, -sigma, sigma), min(_INITIAL_STEP, sigma), options)
+        while not search.stop() and evaluator.num_flights + population * num_noise <= max_flights:
+            points = np.array(search.ask())
+            flown = badness(evaluator.at_normal(np.repeat(points, num_noise, axis=0), np.tile(noise, population)))
+            rows = flown.reshape(population, num_noise)
+            search.tell([*points], [*-rows.mean(axis=1)])
+            row, column = np.unravel_index(int(rows.argmax()), rows.shape)
+            worst = max(worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0])
+            mean = float(rows.mean(axis=1).max())
+            means.append(math.inf if mean > 0.1 * _CRASH_VALUE else sign * mean)
+            if progress is not None:
+                progress(flown.size, f"{metric} {means[-1]:.4g}")
+        population, restart = 2 * population, restart + 1
+    value, point, number = worst
+    uniform = scipy.special.ndtr(point)
+    nominal = median_scenario(scenario).model_copy(update={"sample": number})
+    return WorstCase(
+        metric,
+        maximise,
+        math.inf if value >= _CRASH_VALUE else sign * value,
+        evaluator.names,
+        point,
+        evaluator.scenario_at(uniform, number),
+        nominal,
+        tuple(means),
+        evaluator.num_flights,
+    )

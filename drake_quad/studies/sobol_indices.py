@@ -1,0 +1,111 @@
+"""Sobol indices, which attribute the variance of a metric to the random numbers of a scenario.
+
+The first-order index of a random number is the fraction of the variance that this number explains alone. Its total
+index also contains its interactions with other numbers. The library SALib computes both (A. Saltelli et al., "Variance
+based sensitivity analysis of model output", Computer Physics Communications, 2010).
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError, check_integer, lookup
+from drake_quad.extras import import_extra
+from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.scenario.models import Scenario
+from drake_quad.statistics.interval import Interval
+from drake_quad.studies.evaluator import Evaluator
+
+CRASHED = "crashed"
+"""Name for the fraction of crashes, whose variance can be attributed like that of a metric."""
+NOISE = "wind and noise"
+"""Name of the group of all random numbers of wind and noise."""
+
+_MAX_NOISE = 2**31
+_NUM_VEHICLES = 1000
+
+
+class SobolIndex(NamedTuple):
+    """Sobol indices of a random number.
+
+    Attributes:
+        name: path of the field, name of the shared variable, or `NOISE`.
+        first_order: first-order index with its 95 % interval.
+        total: total index with its 95 % interval.
+    """
+
+    name: str
+    first_order: Interval
+    total: Interval
+
+
+def sobol_indices(
+    scenario: Scenario,
+    metric: str,
+    *,
+    num_points: int = 256,
+    own: UserSystems = UserSystems(),
+    compiled: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[SobolIndex, ...]:
+    """Return the Sobol indices of all independent random numbers of a scenario, with the largest total index first.
+
+    Wind and noise are one random number. Correlated fields are functions of independent random numbers, to which the
+    variance is attributed.
+
+    Args:
+        scenario: scenario with distributions, whose seed determines all random numbers.
+        metric: name of a metric, or `CRASHED`.
+        num_points: number of points N, a power of two; (d + 3) N vehicles fly for d random numbers of the scenario.
+        own: functions that create the user's systems for N vehicles.
+        compiled: True to compile the diagram to machine code.
+        progress: function that is called with the number of flights so far and the total number.
+
+    Raises:
+        InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; if the
+            metric is not finite in every flight, as after a crash; or if it does not vary.
+        ImportError: if the library SALib is not installed.
+    """
+    if metric != CRASHED:
+        lookup(definitions_of(scenario.metrics_type), metric, "metric")
+    check_integer(num_points, "num_points", minimum=8)
+    if num_points & (num_points - 1):
+        raise InputError(f"num_points is {num_points}, but must be a power of two")
+    sample, analyze = (import_extra(f"SALib.{name}.sobol", "robustness") for name in ("sample", "analyze"))
+    evaluator = Evaluator(scenario, num_vehicles=_NUM_VEHICLES, own=own, compiled=compiled)
+    names = [*evaluator.names, NOISE]
+    problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+    points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
+    noise = np.minimum(points[:, -1] * _MAX_NOISE, _MAX_NOISE - 1).astype(np.int64)
+    parts = []
+    for first in range(0, len(points), _NUM_VEHICLES):
+        part = slice(first, first + _NUM_VEHICLES)
+        metrics = evaluator(points[part, :-1], noise[part])
+        values = metrics.crashed.astype(float) if metric == CRASHED else np.asarray(getattr(metrics, metric))
+        if metric != CRASHED and metrics.crashed.any():
+            raise InputError(
+                f"{int(metrics.crashed.sum())} of {len(values)} flights crashed, so the variance of {metric} is not"
+                f" defined; use {CRASHED} as the metric, or narrower distributions"
+            )
+        parts.append(values)
+        if progress is not None:
+            progress(min(part.stop, len(points)), len(points))
+    values = np.concatenate(parts)
+    if not np.all(np.isfinite(values)):
+        raise InputError(f"{metric} is not finite in every flight")
+    if not values.std() > 0.0:
+        raise InputError(f"{metric} does not vary")
+    # SALib estimates the intervals by resampling. It standardises the values itself.
+    found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed)
+    indices = [SobolIndex(name, *(_interval(found, kind, i) for kind in ("S1", "ST"))) for i, name in enumerate(names)]
+    return tuple(sorted(indices, key=lambda each: -each.total.value))
+
+
+def _interval(found: dict[str, np.ndarray], kind: str, index: int) -> Interval:
+    value, half_width = float(found[kind][index]), float(found[f"{kind}_conf"][index])
+    if not math.isfinite(half_width):
+        return Interval(value, math.nan, math.nan)
+    return Interval(value, value - half_width, value + half_width)

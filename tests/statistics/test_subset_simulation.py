@@ -1,0 +1,127 @@
+"""Subset simulation of events with known probabilities."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import InputError
+from drake_quad.statistics.subset_simulation import (
+    MAX_NOISE,
+    MIN_RUNS,
+    probability_of_runs,
+    relative_half_width,
+    subset_simulation,
+)
+
+DIMENSION, NUM_NOISE = 20, 10
+
+
+def mean_of(points):
+    return points.sum(axis=1) / math.sqrt(points.shape[1])
+
+
+def half_space(probability):
+    """Event at one side of a plane."""
+    return lambda points, noise: mean_of(points) + scipy.special.ndtri(probability)
+
+
+def two_sides(probability):
+    """Event at both ends of the first coordinate, which chains cannot leave once they have chosen one of them."""
+    return lambda points, noise: np.abs(points[:, 0]) + scipy.special.ndtri(0.5 * probability)
+
+
+def far_away(probability):
+    """Event far from the origin in any direction of ten coordinates."""
+    radius = math.sqrt(scipy.stats.chi2.isf(probability, 10))
+    return lambda points, noise: np.linalg.norm(points[:, :10], axis=1) - radius
+
+
+def loud(probability):
+    """Event that depends on the whole numbers only."""
+    return lambda points, noise: (
+        mean_of(scipy.special.ndtri((noise + 0.5) / MAX_NOISE)) + scipy.special.ndtri(probability)
+    )
+
+
+def runs_of(performance, seed, number=MIN_RUNS, **options):
+    return [
+        subset_simulation(performance, DIMENSION, NUM_NOISE, np.random.default_rng([seed, i]), **options)
+        for i in range(number)
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("event", [half_space, two_sides, far_away, loud])
+@pytest.mark.parametrize("probability", [1e-2, 1e-5])
+def test_intervals_contain_the_known_probability_in_95_percent_of_the_cases(event, probability):
+    """Of 25 cases, 20 or fewer contain it with a probability of 0.2 % if the confidence is 95 %."""
+    performance, hits, ratios = event(probability), 0, []
+    for seed in range(25):
+        interval = probability_of_runs([run.probability for run in runs_of(performance, seed, size=200)])
+        hits += interval.low <= probability <= interval.high
+        ratios.append(interval.value / probability)
+    assert hits > 20
+    assert np.mean(ratios) == pytest.approx(1.0, abs=5.0 * np.std(ratios) / math.sqrt(len(ratios)))
+
+
+def test_a_run_counts_its_evaluations_and_keeps_the_samples_with_the_event():
+    count = 0
+
+    def performance(points, noise):
+        nonlocal count
+        count += len(points)
+        return half_space(1e-4)(points, noise)
+
+    run = subset_simulation(performance, DIMENSION, NUM_NOISE, np.random.default_rng(1), size=400)
+    assert run.num_evaluations == count
+    assert len(run.history) == len(run.levels)
+    assert [*run.levels] == sorted(run.levels)
+    assert run.levels[-1] == 0.0
+    np.testing.assert_array_equal(run.performance, half_space(1e-4)(run.points, run.noise))
+    assert np.all(run.performance >= 0.0)
+    assert run.probability == pytest.approx(0.1 ** (len(run.levels) - 1) * len(run.performance) / 400)
+    assert 1e-5 < run.probability < 1e-3
+    # The samples satisfy the event just so: their mean is near the boundary.
+    assert mean_of(run.points).mean() == pytest.approx(3.96, abs=0.2)
+
+
+def test_the_probability_of_exceedance_is_known_at_all_levels():
+    runs = runs_of(half_space(1e-5), 3, size=1000)
+    thresholds = np.linspace(scipy.special.ndtri(1e-5), 0.0, 7)
+    estimates = np.mean([run.exceedance(thresholds, 0.1) for run in runs], axis=0)
+    exact = scipy.special.ndtr(scipy.special.ndtri(1e-5) - thresholds)
+    np.testing.assert_allclose(estimates, exact, rtol=0.4)
+    assert [run.exceedance(np.zeros(1), 0.1)[0] for run in runs] == [run.probability for run in runs]
+
+
+def test_a_frequent_event_needs_no_chains():
+    run = subset_simulation(half_space(0.3), DIMENSION, NUM_NOISE, np.random.default_rng(0), size=1000)
+    assert run.num_evaluations == 1000
+    assert run.probability == pytest.approx(0.3, abs=0.06)
+
+
+def test_an_event_that_is_not_reached_has_probability_zero():
+    run = subset_simulation(
+        lambda points, noise: np.minimum(mean_of(points), 1.0) - 2.0, 3, 0, np.random.default_rng(0), size=100
+    )
+    assert run.probability == 0.0
+    assert len(run.performance) == 0
+    with pytest.raises(InputError, match="1 of 6 runs did not reach the event"):
+        probability_of_runs([0.1] * 5 + [0.0])
+
+
+def test_too_few_runs_have_no_interval():
+    with pytest.raises(InputError, match="needs at least 6 independent runs, but there are 5"):
+        probability_of_runs([0.1] * 5)
+    interval = probability_of_runs([1e-6, 1.2e-6, 0.9e-6, 1.1e-6, 1e-6, 0.8e-6])
+    assert interval.value == pytest.approx(1e-6)
+    assert interval.low < 1e-6 < interval.high
+    assert relative_half_width(interval) == pytest.approx(0.5 * (interval.high - interval.low) / 1e-6)
+
+
+def test_the_same_seed_gives_the_same_run():
+    first, second = (runs_of(two_sides(1e-3), 5, number=1, size=200)[0] for _ in range(2))
+    assert first.probability == second.probability
+    np.testing.assert_array_equal(first.noise, second.noise)

@@ -1,0 +1,108 @@
+"""Rare events of scenarios."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.statistics import subset_simulation
+from drake_quad.studies.risk import Event, estimate_risk
+
+MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+SHORT = ["duration=0.6", MASS, "laboratory.motion_capture.position_noise=0.003"]
+BOUND = 0.055  # m
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("hover", SHORT)
+
+
+@pytest.fixture(scope="module")
+def risk(scenario):
+    return estimate_risk(scenario, f"peak_error > {BOUND}", size=100, half_width=10.0, noise_period=0.3)
+
+
+@pytest.mark.slow
+def test_a_probability_agrees_with_plain_sampling(scenario, risk):
+    plain = run_monte_carlo(scenario, 20_000, num_workers=1).metrics
+    frequency = np.mean(plain.peak_error > BOUND)
+    assert 0.01 < frequency < 0.04
+    assert risk.probability.low < frequency < risk.probability.high
+
+
+@pytest.mark.slow
+def test_worst_samples_fly_again_with_the_same_metric(risk):
+    values = sorted((run.performance.max() for run in risk.runs), reverse=True)
+    assert len(risk.scenarios) == 3
+    for each, performance in zip(risk.scenarios, values, strict=False):
+        assert len(each.noise.samples) == 2
+        peak_error = simulate(each, compiled=True).metrics.peak_error
+        assert peak_error == pytest.approx(BOUND + performance, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_important_random_number_is_named_first(risk):
+    assert [each.name for each in risk.coordinates] == ["vehicle.mass"]
+    assert risk.num_flights == sum(run.num_evaluations for run in risk.runs)
+
+
+@pytest.mark.slow
+def test_an_estimate_is_repeated_by_its_seed_for_any_noise_period(scenario, risk):
+    options = {"size": 100, "half_width": 10.0}
+    again = estimate_risk(scenario, Event("peak_error", 1.0, BOUND), noise_period=0.3, **options)
+    assert again.probability == risk.probability
+    other = estimate_risk(scenario, f"peak_error > {BOUND}", noise_period=0.2, **options)
+    assert len(other.scenarios[0].noise.samples) == 3
+    # Both estimate the same probability.
+    assert other.probability.low < risk.probability.high
+    assert risk.probability.low < other.probability.high
+
+
+@pytest.mark.slow
+def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scenario):
+    limited = estimate_risk(scenario, f"peak_error > {BOUND}", size=100, half_width=1e-3, max_flights=1000)
+    assert not limited.is_precise
+    assert limited.num_flights >= 1000
+    with pytest.raises(InputError, match=r"200 flights are enough for \d runs?, but an interval needs 6"):
+        estimate_risk(scenario, f"peak_error > {BOUND}", size=100, max_flights=200)
+
+
+@pytest.mark.slow
+def test_an_impossible_event_is_refused_with_the_largest_value(monkeypatch):
+    monkeypatch.setattr(subset_simulation, "_MAX_LEVELS", 3)
+    quiet = load_scenario("hover", ["duration=0.1", MASS])
+    with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended below .* at peak_error = "):
+        estimate_risk(quiet, "peak_error > 4", size=100)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("peak_error", "is not an event; write it as in 'peak_error > 0.8', or write 'crash'"),
+        ("crash > 1", "is not an event"),
+        ("peak_error = 3", "is not an event"),
+        ("peak > 3", "there is no metric called .peak.; did you mean peak_error"),
+        ("peak_error > wide", "'wide' is not a number"),
+        ("peak_error > nan", "'nan' is not a number"),
+    ],
+)
+def test_an_event_that_is_none_is_refused(scenario, text, words):
+    with pytest.raises(InputError, match=words):
+        Event.parse(text, scenario)
+
+
+def test_performances_are_positive_if_the_event_occurs():
+    scenario = load_scenario("hover", ["requirements={near: {always: {signal: position_error, below: 0.1}}}"])
+    kind = scenario.metrics_type
+    values = {name: np.zeros(3) for name in kind._fields}
+    metrics = kind(**{**values, "peak_error": np.array([0.1, 0.5, 0.2]), "crash_time": np.array([9.0, 9.0, 0.5])})
+    metrics = metrics._replace(crash_time=np.array([np.inf, np.inf, 0.5]), near=np.array([0.1, -0.2, 0.05]))
+    np.testing.assert_allclose(Event("peak_error", 1.0, 0.4).performance(metrics), [-0.3, 0.1, np.inf])
+    np.testing.assert_allclose(Event("near", -1.0, 0.0).performance(metrics), [-0.1, 0.2, np.inf])
+    crash = Event("crash").performance(metrics)
+    assert [*(crash >= 0.0)] == [False, False, True]
+    assert crash[1] > crash[0]
+    np.testing.assert_allclose(Event("near", -1.0, 0.5).value(np.array([0.2])), [0.3])
+    undefined = metrics._replace(peak_error=np.array([0.1, np.nan, 0.2]))
+    with pytest.raises(InputError, match="peak_error is not defined in every flight"):
+        Event("peak_error", 1.0, 0.4).performance(undefined)
