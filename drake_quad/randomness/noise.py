@@ -99,14 +99,14 @@ class NoiseSource(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        period: length of the periods with noise of different samples, s.
+        noise_period: length of the periods with noise of different samples, s.
         parameters: samples of the vehicles.
 
     Raises:
         InputError: if the period is not a multiple of the period of a stream.
     """
 
-    def declare(self, *, streams: Sequence[Stream], period: float = math.inf, parameters: Samples) -> None:
+    def declare(self, *, streams: Sequence[Stream], noise_period: float = math.inf, parameters: Samples) -> None:
         """Declare ports and parameters."""
 
         def states(samples: Samples) -> tuple[tuple[StreamState, ...], ...]:
@@ -123,7 +123,7 @@ class NoiseSource(FleetSystem):
                 (
                     stream.num_rows,
                     stream.distribution == RandomDistribution.kGaussian,
-                    _ticks_in_period(period, stream) if parameters.later else math.inf,
+                    _ticks_in_period(noise_period, stream) if parameters.later else math.inf,
                 )
                 for stream in streams
             ]
@@ -197,10 +197,12 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
     num_vehicles = len(samples.indices)
     if num_vehicles > 1:
         for stream, port in ports.items():
-            source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], period=samples.period, parameters=samples)
+            source = NoiseSource(
+                num_vehicles=num_vehicles, streams=[stream], noise_period=samples.period, parameters=samples
+            )
             builder.Connect(builder.AddNamedSystem(f"noise_{stream.name}", source).get_output_port(), port)
     elif ports:
-        source = NoiseSource(streams=list(ports), period=samples.period, parameters=samples)
+        source = NoiseSource(streams=list(ports), noise_period=samples.period, parameters=samples)
         outputs = split_output(builder, "noise", source)
         for stream, port in ports.items():
             builder.Connect(outputs[stream.name], port)

@@ -35,9 +35,10 @@ def plot_bode(design: CascadeDesign) -> Figure:
     loops = design.all_loops
     with new_panels(9.0, 5.4, 2, 2, sharex="col", sharey="row") as (figure, grid):
         for column, (axis, title) in enumerate(_titles_of_drawn_loops(loops).items()):
-            loop, panels = pd_loop(loops[axis].plant, loops[axis].gains).to_control(), grid[:, [column]]
-            omega = frequencies(loop.dt)
-            control.bode_plot(loop, omega, ax=panels, dB=True, display_margins=True, color=BLUE, title="")
+            panels, (omega, response) = grid[:, [column]], _response(loops[axis])
+            # The response of a state-space model in python-control depends on whether slycot is installed.
+            loop = control.frd(response, omega, dt=loops[axis].plant.period, smooth=True, sysname=axis)
+            control.bode_plot(loop, ax=panels, dB=True, display_margins=True, color=BLUE, title="")
             upper, lower = panels[:, 0]
             margins, delay = upper.get_title().partition(": ")[2], loops[axis].margins.delay
             upper.set_title(f"{title}, delay margin {1e3 * delay:.0f} ms\n{margins}", fontsize=8.5)

@@ -81,7 +81,11 @@ def test_the_ends_of_the_cube_are_allowed(scenario):
         (np.zeros(4), 0, r"must have \(n, 4\)"),
         (np.full((1, 4), 1.1), 0, "points must be between 0 and 1"),
         (np.full((1, 4), np.nan), 0, "points must be between 0 and 1"),
-        (np.full((2, 4), 0.5), [1], "noise must be a whole number or 2 whole numbers"),
+        (
+            np.full((2, 4), 0.5),
+            [1],
+            "noise must be a whole number, 2 whole numbers, or whole numbers of the shape \\(2, 1\\)",
+        ),
         (np.full((1, 4), 0.5), 0.5, "noise must be a whole number"),
         (np.full((1, 4), 0.5), -1, "noise must be at least 0"),
     ],
