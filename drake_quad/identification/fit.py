@@ -356,13 +356,15 @@ def _whitened(
     if delay_index is not None:
         increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period
     points = np.vstack([parameters, parameters + np.diag(increases), parameters - decreases])
-    errors, states = _whitened_errors(predictor, points, gains, noise)
-    return (
-        errors[:, :, 0],
-        _jacobian(errors, increases, delay_index),
-        states[:, 0],
-        _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
-    )
+    # With parameters that are tried in a search, the model may diverge. The search rejects numbers that are not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors, states = _whitened_errors(predictor, points, gains, noise)
+        return (
+            errors[:, :, 0],
+            _jacobian(errors, increases, delay_index),
+            states[:, 0],
+            _jacobian(states.swapaxes(1, 2), increases, delay_index).swapaxes(1, 2),
+        )
 
 
 def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None) -> np.ndarray:

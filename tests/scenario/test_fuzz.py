@@ -31,7 +31,7 @@ MAX_MESSAGE_LENGTH = 300
 
 def fuzz_settings(fraction):
     return settings(
-        max_examples=round(fraction * int(NUM_CASES or 140)),
+        max_examples=round(fraction * int(NUM_CASES or 70)),
         derandomize=not NUM_CASES,
         database=None,
         deadline=None,
