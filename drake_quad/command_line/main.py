@@ -28,6 +28,8 @@ COMMANDS_BY_PURPOSE = {
     "study and compare": {
         "study": "fly thousands of samples of a scenario, and summarise their metrics",
         "risk": "estimate the probability of a rare event, and find the worst samples",
+        "falsify": "search for the worst case of a scenario",
+        "sobol": "attribute the variance of a metric to the random parameters",
         "compare": "fly several controllers in several laboratories on the same samples",
         "sensitivities": "differentiate the metrics of a flight with respect to fields of its scenario",
         "judge": "tune and compare state-of-the-art controllers by one protocol, with a report",

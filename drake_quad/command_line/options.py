@@ -192,12 +192,14 @@ def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float
             raise InputError(f"--{option} is {value:g}, but must be between {minimum:g} and {maximum:g}")
 
 
-def check_metric(scenario: Scenario, name: str, allowed: Sequence[str] | None = None) -> None:
-    """Raise InputError if a name from `--metric` is not the name of an allowed metric; by default all are allowed."""
+def check_metric(
+    scenario: Scenario, name: str, allowed: Sequence[str] | None = None, *, option: str = "--metric"
+) -> None:
+    """Raise InputError if the value of an option is not the name of an allowed metric; by default all are allowed."""
     names = [*definitions_of(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
-        raise InputError(f"--metric {name}: is not a metric of {scenario.name}; {known}")
+        raise InputError(f"{option} {name}: is not a metric of {scenario.name}; {known}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:

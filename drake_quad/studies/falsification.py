@@ -5,7 +5,7 @@ limited to a given number of standard deviations (N. Hansen, "The CMA evolution 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +18,12 @@ from drake_quad.laboratory.metrics import Metrics, definitions_of
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.studies.evaluator import Evaluator
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
-_POPULATION = 250  # first population; large populations are cheap in fleets and ignore local optima
+MIN_FLIGHTS = 250
+"""Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # standard deviations
 _MAX_NOISE = 2**31
 
@@ -36,6 +38,7 @@ class WorstCase:
         value: metric of the worst case; infinite for a crash.
         names: names of the d random numbers.
         point: (d,) random numbers of the worst case, in standard deviations.
+        values: nominal value and worst value of each field with a distribution, by path.
         scenario: scenario of the worst case, with its wind and noise.
         nominal: scenario with the median of each distribution, and with the same wind and noise.
         means: best mean metric over the wind and noise samples after each generation; infinite if all flights crash.
@@ -47,6 +50,7 @@ class WorstCase:
     value: float
     names: tuple[str, ...]
     point: np.ndarray
+    values: Mapping[str, tuple[float, float]]
     scenario: Scenario
     nominal: Scenario
     means: tuple[float, ...]
@@ -88,7 +92,7 @@ def find_worst_case(
     """
     lookup(definitions_of(scenario.metrics_type), metric, "metric")
     check_integer(num_noise, "num_noise", minimum=1)
-    check_integer(max_flights, "max_flights", minimum=_POPULATION * num_noise)
+    check_integer(max_flights, "max_flights", minimum=MIN_FLIGHTS * num_noise)
     if not 0.0 < sigma <= 8.0:
         raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
     cma = import_extra("cma", "robustness")
@@ -107,7 +111,7 @@ def find_worst_case(
 
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
     means: list[float] = []
-    population, restart = _POPULATION, 0
+    population, restart = MIN_FLIGHTS, 0
     while evaluator.num_flights + population * num_noise <= max_flights:
         options = {
             "popsize": population, "seed": 1 + (scenario.seed + restart) % (2**31 - 1), "verbose": -9,
@@ -130,13 +134,16 @@ def find_worst_case(
     value, point, number = worst
     uniform = scipy.special.ndtr(point)
     nominal = median_scenario(scenario).model_copy(update={"sample": number})
+    worst_scenario = evaluator.scenario_at(uniform, number)
+    values = {path: (value_at(nominal, path), value_at(worst_scenario, path)) for path in distributions_in(scenario)}
     return WorstCase(
         metric,
         maximise,
         math.inf if value >= _CRASH_VALUE else sign * value,
         evaluator.names,
         point,
-        evaluator.scenario_at(uniform, number),
+        values,
+        worst_scenario,
         nominal,
         tuple(means),
         evaluator.num_flights,

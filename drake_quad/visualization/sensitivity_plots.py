@@ -1,12 +1,17 @@
-"""Tornado chart of the sensitivities of a metric."""
+"""Charts of the sensitivities of a metric: derivatives, and fractions of the variance."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.laboratory.metrics import METRICS
-from drake_quad.visualization.panels import new_panels
+from drake_quad.studies.sobol_indices import SobolIndex
+from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
+
+_MAX_INDICES = 14  # largest number of parameters in a chart of Sobol indices
 
 
 def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
@@ -33,4 +38,23 @@ def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
         )
         axes.grid(visible=False, axis="y")
         axes.set_axisbelow(True)
+        return figure
+
+
+def plot_sobol_indices(indices: Sequence[SobolIndex], metric: str) -> Figure:
+    """Plot the first-order and the total Sobol index of the random parameters with the largest total indices."""
+    drawn = indices[:_MAX_INDICES]
+    rows = np.arange(len(drawn))
+    with new_panels(8.0, 1.4 + 0.32 * len(drawn)) as (figure, axes):
+        for kind, color, label, offset in (
+            ("first_order", BLUE, "first order", -0.15),
+            ("total", VERMILION, "total", 0.15),
+        ):
+            value, low, high = np.transpose([getattr(each, kind) for each in drawn])
+            errors = np.stack([value - low, high - value])
+            axes.errorbar(value, rows + offset, xerr=errors, color=color, fmt="o", capsize=2.5, label=label)
+        axes.axvline(0.0, color="0.4", linewidth=0.8)
+        name_rows(axes, [each.name for each in drawn])
+        axes.set(xlabel=f"fraction of the variance of {metric} (1)")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         return figure

@@ -99,3 +99,32 @@ def test_wrong_points_are_refused(scenario, points, noise, message):
 def test_a_scenario_without_distributions_is_refused():
     with pytest.raises(InputError, match="hover contains no distribution, so there is nothing to vary"):
         Evaluator(load_scenario("hover"))
+
+
+@pytest.mark.slow
+def test_noise_of_one_sample_in_all_periods_is_the_noise_of_the_sample(scenario):
+    whole, by_period = Evaluator(scenario, num_vehicles=3), Evaluator(scenario, num_vehicles=3, noise_period=0.2)
+    points = np.full((3, len(whole.names)), 0.4)
+    assert by_period.num_periods > 1
+    np.testing.assert_array_equal(whole(points, [4, 5, 6]), by_period(points, [4, 5, 6]))
+
+
+@pytest.mark.slow
+def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenario):
+    evaluator = Evaluator(scenario, num_vehicles=2, noise_period=0.2)
+    point, numbers = np.full(len(evaluator.names), 0.4), np.arange(evaluator.num_periods)
+    other = numbers.copy()
+    other[1] = 99
+    first, second = (simulate(evaluator.scenario_at(point, each), compiled=True) for each in (numbers, other))
+    differs = np.any(first["state"] != second["state"], axis=1)
+    # The noise of the second period acts through the camera and the controller.
+    assert 0.2 <= first.time[np.argmax(differs)] <= 0.3
+    uncompiled = simulate(evaluator.scenario_at(point, other), compiled=False)
+    np.testing.assert_array_equal(uncompiled["state"], second["state"])
+    metrics = evaluator(np.stack([point, point]), np.stack([numbers, other]))
+    assert metrics.rmse[1] == pytest.approx(second.metrics.rmse, rel=1e-12)
+
+
+def test_a_period_that_no_tick_divides_is_refused(scenario):
+    with pytest.raises(InputError, match=r"noise.period is 0.0301 s, but must be a multiple of the period of"):
+        Evaluator(scenario, num_vehicles=2, noise_period=0.0301)

@@ -1,0 +1,69 @@
+"""Commands that estimate risks, search for worst cases, and attribute variances."""
+
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.command_line import risk
+
+MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+HOVER = ("hover", "--set", "duration=0.3", "--set", MASS)
+
+
+def files(result):
+    return [line.strip().rpartition("/")[2] for line in result.stdout.partition("\nwrote\n")[2].splitlines()]
+
+
+@pytest.mark.slow
+def test_risk_prints_the_probability_and_writes_scenarios_that_fly(run, tmp_path):
+    options = ["--event", "peak_error > 0.005", "--population", "100", "--to", "900%", "--output", tmp_path]
+    result = run("risk", *HOVER, *options)
+    assert result.returncode == 0
+    assert "hover: the probability of peak_error > 0.005 is 0." in result.stdout
+    assert "vehicle.mass" in result.stdout
+    names = ["runs.csv", "coordinates.csv", "exceedance.png", "coordinates.png"]
+    assert files(result) == [*names, "worst_1.yaml", "worst_2.yaml", "worst_3.yaml"]
+    worst = load_scenario(tmp_path / "worst_1.yaml")
+    assert worst.noise.period == 1.0
+    assert f"drake-quad fly {tmp_path / 'worst_1.yaml'}" in result.stdout
+
+
+@pytest.mark.slow
+def test_falsify_prints_the_worst_case_beside_the_nominal_one(run, tmp_path):
+    result = run("falsify", *HOVER, "--flights", "500", "--noise", "1", "--output", tmp_path)
+    assert result.returncode == 0
+    assert "hover: the worst of 500 flights" in result.stdout
+    assert files(result) == ["worst.yaml", "parameters.csv", "worst.png", "search.png"]
+    assert (tmp_path / "parameters.csv").read_text().startswith("parameter,nominal,worst\nvehicle.mass,0.68")
+    assert load_scenario(tmp_path / "worst.yaml").vehicle.mass != 0.68
+
+
+@pytest.mark.slow
+def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
+    result = run("sobol", *HOVER, "--points", "16", "--metric", "rmse_z", "--output", tmp_path)
+    assert result.returncode == 0
+    assert "hover: fractions of the variance of rmse_z" in result.stdout
+    assert files(result) == ["sobol.csv", "sobol.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),
+        (["risk", "hover", "--to", "much"], "--to 'much': must be a percentage above 0 %, as in 30%"),
+        (["risk", *HOVER, "--population", "105"], "size is 105, but must be a multiple of 10"),
+        (["falsify", *HOVER, "--flights", "100"], "--flights 100: one generation needs 250 candidates"),
+        (["falsify", *HOVER, "--maximize", "rms"], "--maximize rms: is not a metric of hover; did you mean rmse"),
+        (["falsify", "hover"], "hover contains no distribution"),
+        (["sobol", *HOVER, "--metric", "rms"], "--metric rms: is not a metric of hover; did you mean rmse"),
+        (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_sentence(run, tmp_path, arguments, words):
+    result = run(*arguments, "--output", tmp_path / "out")
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_percentages_are_parsed():
+    assert (risk.parse_percent("30%"), risk.parse_percent(" 5 % "), risk.parse_percent("12.5")) == (0.3, 0.05, 0.125)

@@ -1,0 +1,86 @@
+"""Search for worst cases."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.studies.falsification import MIN_FLIGHTS, find_worst_case
+
+DISTRIBUTIONS = [
+    "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}",
+    "vehicle.inertia.0={normal: {mean: 0.007, standard_deviation: 0.0003, min: 0.005}}",
+    "vehicle.centre_of_mass=[{normal: {mean: 0.0, standard_deviation: 0.001}}, 0.0]",
+]
+REQUIREMENT = "requirements={near: {always: {signal: position_error, below: 0.1}}}"
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS, REQUIREMENT])
+
+
+@pytest.fixture(scope="module")
+def found(scenario):
+    return find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+
+
+@pytest.mark.slow
+def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenario, found):
+    random = run_monte_carlo(scenario, 4 * MIN_FLIGHTS, num_workers=1).metrics.peak_error
+    assert found.value > random.max()
+    assert found.num_flights == 4 * MIN_FLIGHTS
+    assert np.abs(found.point).max() <= 3.0
+    # A mass at either limit makes the height wrong, and the other numbers hardly matter.
+    assert abs(found.point[found.names.index("vehicle.mass")]) > 2.5
+    assert [*found.means] == sorted(found.means)
+
+
+@pytest.mark.slow
+def test_a_worst_case_flies_again_with_the_same_metric(found):
+    assert simulate(found.scenario, compiled=True).metrics.peak_error == pytest.approx(found.value, rel=1e-9)
+    assert found.scenario.sample == found.nominal.sample
+    assert found.values["vehicle.mass"][0] == pytest.approx(0.68)
+    assert found.values["vehicle.mass"][1] == found.scenario.vehicle.mass
+
+
+@pytest.mark.slow
+def test_a_search_is_repeated_by_its_seed(scenario, found):
+    again = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    np.testing.assert_array_equal(again.point, found.point)
+
+
+@pytest.mark.slow
+def test_a_requirement_is_minimised(scenario):
+    found = find_worst_case(scenario, "near", maximise=False, max_flights=2 * MIN_FLIGHTS, num_noise=2, sigma=1.0)
+    assert np.abs(found.point).max() <= 1.0
+    assert found.value == pytest.approx(0.1 - simulate(found.scenario, compiled=True).metrics.peak_error, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_an_early_crash_is_the_worst_case():
+    scenario = load_scenario("hover", ["duration=0.6", *DISTRIBUTIONS, "crash.position_error=0.05"])
+    found = find_worst_case(scenario, "rmse", max_flights=4 * MIN_FLIGHTS, num_noise=1)
+    assert math.isinf(found.value)
+    crash_times = run_monte_carlo(scenario, 500, num_workers=1).metrics.crash_time
+    assert simulate(found.scenario, compiled=True).metrics.crash_time <= crash_times.min()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"metric": "rms"}, "there is no metric called .rms.; did you mean rmse"),
+        ({"sigma": 0.0}, "sigma is 0, but must be above 0 and at most 8"),
+        ({"max_flights": 100}, "max_flights is 100, but must be at least 1000"),
+        ({"num_noise": 0}, "num_noise is 0, but must be at least 1"),
+    ],
+)
+def test_impossible_searches_are_refused(scenario, options, words):
+    with pytest.raises(InputError, match=words):
+        find_worst_case(scenario, **{"metric": "rmse", **options})
+
+
+def test_a_scenario_without_distributions_has_no_worst_case():
+    with pytest.raises(InputError, match="hover contains no distribution, so there is nothing to vary"):
+        find_worst_case(load_scenario("hover"), "rmse")
