@@ -37,7 +37,7 @@ def options() -> argparse.ArgumentParser:
     """Return the argument parser of the command."""
     result = parser(
         __doc__,
-        "drake-quad risk robustness --event 'peak_error > 0.5' --to 50% --population 200",
+        "drake-quad risk robustness --event 'peak_error > 0.5' --to 50% --population 500",
         output="out/risk",
         scenario="robustness",
     )
@@ -64,7 +64,8 @@ def options() -> argparse.ArgumentParser:
         "--population",
         type=int,
         default=1000,
-        help="number of samples in each step of subset simulation, a multiple of 10 (default: %(default)s)",
+        help="number of samples in each step of subset simulation, a multiple of 10 and at least 500 (default:"
+        " %(default)s)",
     )
     result.add_argument(
         "--noise-period",

@@ -22,6 +22,8 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 MIN_RUNS = 6
 """Smallest number of runs from which an interval is computed."""
+MIN_SIZE = 500
+"""Smallest number of samples in each step. With 200, estimates of 1e-6 are 37 % too large, and intervals too short."""
 MAX_NOISE = 2**31
 """Whole numbers that determine noise are below this number."""
 

@@ -112,18 +112,20 @@ def find_worst_case(
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
     means: list[float] = []
     population, restart = MIN_FLIGHTS, 0
+    dimension = max(len(evaluator.names), 2)  # CMA-ES needs two dimensions; the second one may have no effect
     while evaluator.num_flights + population * num_noise <= max_flights:
         options = {
             "popsize": population, "seed": 1 + (scenario.seed + restart) % (2**31 - 1), "verbose": -9,
             "bounds": [-sigma, sigma],
         }  # fmt: skip
-        start = np.random.default_rng([scenario.seed, restart]).standard_normal(len(evaluator.names)) * bool(restart)
+        start = np.random.default_rng([scenario.seed, restart]).standard_normal(dimension) * bool(restart)
         search = cma.CMAEvolutionStrategy(np.clip(start, -sigma, sigma), min(_INITIAL_STEP, sigma), options)
         while not search.stop() and evaluator.num_flights + population * num_noise <= max_flights:
-            points = np.array(search.ask())
+            candidates = search.ask()
+            points = np.array(candidates)[:, : len(evaluator.names)]
             flown = badness(evaluator.at_normal(np.repeat(points, num_noise, axis=0), np.tile(noise, population)))
             rows = flown.reshape(population, num_noise)
-            search.tell([*points], [*-rows.mean(axis=1)])
+            search.tell(candidates, [*-rows.mean(axis=1)])
             row, column = np.unravel_index(int(rows.argmax()), rows.shape)
             worst = max(worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0])
             mean = float(rows.mean(axis=1).max())

@@ -23,6 +23,7 @@ from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.subset_simulation import (
     MIN_RUNS,
+    MIN_SIZE,
     SubsetRun,
     probability_of_runs,
     relative_half_width,
@@ -175,7 +176,7 @@ def estimate_risk(
         event: event, or text such as `peak_error > 0.8`.
         half_width: half of the width of the interval, relative to the estimate, at which no further run begins.
         max_flights: number of flights after which no further run begins.
-        size: number of samples in each step of a run, a multiple of 10.
+        size: number of samples in each step of a run, a multiple of 10 and at least 500.
         noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.
         num_worst: number of worst samples in the result.
         own: functions that create the user's systems for N vehicles.
@@ -187,7 +188,7 @@ def estimate_risk(
             is so rare that a run does not reach it.
     """
     event = Event.parse(event, scenario) if isinstance(event, str) else event
-    check_integer(size, "size", minimum=100)
+    check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _FRACTION):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _FRACTION)}")
     # Most calls evaluate one proposal for each chain.

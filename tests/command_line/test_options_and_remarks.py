@@ -21,7 +21,7 @@ from drake_quad.scenario.batch import draw_sample
 # Commands for a scenario that write no files, and commands without a scenario.
 LISTS = {"scenarios"}
 WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
-DRAWS = {
+DRAWS = {"risk", "falsify", "sobol",
     "fly", "study", "compare", "plan", "design", "map", "sensitivities", "identify", "compare-log", "replicate",
 }  # fmt: skip
 
@@ -29,6 +29,9 @@ DRAWS = {
 def options_of(command):
     """Return the names of a command's options."""
     return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
+
+
+WIRED = {"fly", "study", "compare", "map", "replicate", "risk", "falsify", "sobol"}
 
 
 @pytest.mark.slow
@@ -39,7 +42,7 @@ def test_scenario_commands_have_overrides_and_commands_with_figures_have_vector(
         assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify", "identify-controller"})
         assert ("--output" in flags) == (command not in LISTS | {"completion", "live"})
         assert ("--vector" in flags) == (command in DRAWS)
-        assert ("--wired" in flags) == (command in {"fly", "study", "compare", "map", "replicate"})
+        assert ("--wired" in flags) == (command in WIRED)
 
 
 def test_folders_are_named_after_the_command_by_default():

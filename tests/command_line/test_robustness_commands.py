@@ -15,7 +15,7 @@ def files(result):
 
 @pytest.mark.slow
 def test_risk_prints_the_probability_and_writes_scenarios_that_fly(run, tmp_path):
-    options = ["--event", "peak_error > 0.005", "--population", "100", "--to", "900%", "--output", tmp_path]
+    options = ["--event", "peak_error > 0.005", "--population", "500", "--to", "900%", "--output", tmp_path]
     result = run("risk", *HOVER, *options)
     assert result.returncode == 0
     assert "hover: the probability of peak_error > 0.005 is 0." in result.stdout
@@ -50,7 +50,7 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
     [
         (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),
         (["risk", "hover", "--to", "much"], "--to 'much': must be a percentage above 0 %, as in 30%"),
-        (["risk", *HOVER, "--population", "105"], "size is 105, but must be a multiple of 10"),
+        (["risk", *HOVER, "--population", "505"], "size is 505, but must be a multiple of 10"),
         (["falsify", *HOVER, "--flights", "100"], "--flights 100: one generation needs 250 candidates"),
         (["falsify", *HOVER, "--maximize", "rms"], "--maximize rms: is not a metric of hover; did you mean rmse"),
         (["falsify", "hover"], "hover contains no distribution"),

@@ -54,15 +54,15 @@ def runs_of(performance, seed, number=MIN_RUNS, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("event", [half_space, two_sides, far_away, loud])
-@pytest.mark.parametrize("probability", [1e-2, 1e-5])
+@pytest.mark.parametrize("probability", [1e-4])
 def test_intervals_contain_the_known_probability_in_95_percent_of_the_cases(event, probability):
-    """Of 25 cases, 20 or fewer contain it with a probability of 0.2 % if the confidence is 95 %."""
+    """Of 15 cases, 11 or fewer contain it with a probability of 0.5 % if the confidence is 95 %."""
     performance, hits, ratios = event(probability), 0, []
-    for seed in range(25):
-        interval = probability_of_runs([run.probability for run in runs_of(performance, seed, size=200)])
+    for seed in range(15):
+        interval = probability_of_runs([run.probability for run in runs_of(performance, seed, size=500)])
         hits += interval.low <= probability <= interval.high
         ratios.append(interval.value / probability)
-    assert hits > 20
+    assert hits > 11
     assert np.mean(ratios) == pytest.approx(1.0, abs=5.0 * np.std(ratios) / math.sqrt(len(ratios)))
 
 
