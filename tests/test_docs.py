@@ -40,6 +40,9 @@ SHORT_OPTIONS = {
     "compare": ["--quick", "--samples", "2"],
     "compare-log": ["--samples", "3"],
     "replicate": ["--workers", "1"],
+    "risk": ["--set", "duration=0.3", "--event", "peak_error > 0.001", "--population", "500", "--to", "900%"],
+    "falsify": ["--set", "duration=0.3", "--flights", "250", "--noise", "1"],
+    "sobol": ["--set", "duration=0.3", "--points", "8"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }

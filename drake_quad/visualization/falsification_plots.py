@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import definitions_of
@@ -40,8 +41,9 @@ def plot_search(found: WorstCase) -> Figure:
         if crashed.any():
             axes.axvspan(generations[crashed][0] - 0.5, generations[-1] + 0.5, color="0.9", zorder=0)
             axes.annotate("crash", (generations[crashed][0], 0.02), xycoords=("data", "axes fraction"))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(
-            xlabel=f"generation ({found.num_flights // len(means):,} flights)",
+            xlabel="generation (1)",
             ylabel=f"{definition.label} ({unit})",
             title="Worst candidate of each generation, mean over wind and noise",
         )
