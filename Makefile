@@ -60,7 +60,7 @@ lint: $(VENV)/.installed-lint
 	$(VENV)/bin/mypy
 
 docs: $(VENV)/.installed-docs
-	$(VENV)/bin/python -m sphinx --fail-on-warning --keep-going --quiet docs out/docs
+	$(VENV)/bin/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs out/docs
 
 benchmark: $(VENV)/.installed
 	$(VENV)/bin/python scripts/benchmark.py
