@@ -1,6 +1,6 @@
 """Estimate the probability of a rare event, and find the worst samples.
 
-Subset simulation needs tens of thousands of flights for a probability of 1e-6, where plain sampling needs hundreds of
+Subset simulation needs tens of thousands of flights for a probability of 1e-6, where plain sampling needs tens of
 millions. Random parameters, initial states, wind and noise are varied together.
 """
 
@@ -83,7 +83,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    check_ranges(arguments, {"flights": (1, 1e9), "noise_period": (1e-3, 1e4)})
+    check_ranges(arguments, {"flights": (1, 1e9), "noise-period": (1e-3, 1e4)})
     half_width = parse_percent(arguments.to)
     scenario = scenario_of(arguments)
     event = Event.parse(arguments.event, scenario)
@@ -113,7 +113,7 @@ def main(arguments: argparse.Namespace) -> None:
     if risk.coordinates:
         figures["coordinates"] = plot_coordinates(risk)
     files += save_figures(figures, folder, vector=arguments.vector)
-    print("worst samples, one of each run")
+    print("worst samples, each from a different run")
     for number, worst in enumerate(risk.scenarios, start=1):
         file = folder / f"worst_{number}.yaml"
         save_scenario(worst, file)
@@ -147,7 +147,7 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
     )
     if not risk.is_precise:
         remark("the interval is wider than requested, because the largest number of flights was reached")
-    # Without the event, plain sampling needs 1 / p flights to see it once, and 1 / (p ε²) for a relative error ε.
+    # With n flights, the relative half-width of the 95 % interval of plain sampling is 1.96 / √(p n).
     relative = 0.5 * (probability.high - probability.low) / probability.value
     print(f"plain sampling needs about {1.96**2 / (probability.value * relative**2):.1e} flights for this interval")
     rows = [

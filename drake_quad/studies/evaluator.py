@@ -21,8 +21,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.models import NoiseSamples, Scenario
-
-_MAX_NOISE = 2**31
+from drake_quad.statistics.subset_simulation import MAX_NOISE
 
 
 class Evaluator:
@@ -89,8 +88,8 @@ class Evaluator:
                 f"noise must be a whole number, {len(points)} whole numbers, or whole numbers of the shape {shape}"
             )
         numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
-        if not np.all((numbers >= 0) & (numbers < _MAX_NOISE)):
-            raise InputError(f"noise must be at least 0 and below {_MAX_NOISE}")
+        if not np.all((numbers >= 0) & (numbers < MAX_NOISE)):
+            raise InputError(f"noise must be at least 0 and below {MAX_NOISE}")
         size = self._fleet.num_vehicles
         parts = [slice(first, first + size) for first in range(0, len(points), size)]
         flown = [fly_with_metrics(self._fleet, self._batch(points[part], numbers[part])) for part in parts]

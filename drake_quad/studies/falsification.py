@@ -19,13 +19,13 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.statistics.subset_simulation import MAX_NOISE
 from drake_quad.studies.evaluator import Evaluator
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
 _INITIAL_STEP = 1.0  # standard deviations
-_MAX_NOISE = 2**31
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def find_worst_case(
     cma = import_extra("cma", "robustness")
     evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled)
     # Numbers of wind and noise follow from the seed, so that another seed gives another search.
-    noise = np.random.default_rng(scenario.seed).integers(_MAX_NOISE, size=num_noise)
+    noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
     sign = 1.0 if maximise else -1.0
     duration = flight_duration(scenario, evaluator.plan)
 

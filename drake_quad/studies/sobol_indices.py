@@ -17,6 +17,7 @@ from drake_quad.extras import import_extra
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
+from drake_quad.statistics.subset_simulation import MAX_NOISE
 from drake_quad.studies.evaluator import Evaluator
 
 CRASHED = "crashed"
@@ -24,7 +25,6 @@ CRASHED = "crashed"
 NOISE = "wind and noise"
 """Name of the group of all random numbers of wind and noise."""
 
-_MAX_NOISE = 2**31
 _NUM_VEHICLES = 1000
 
 
@@ -79,7 +79,7 @@ def sobol_indices(
     names = [*evaluator.names, NOISE]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
-    noise = np.minimum(points[:, -1] * _MAX_NOISE, _MAX_NOISE - 1).astype(np.int64)
+    noise = np.minimum(points[:, -1] * MAX_NOISE, MAX_NOISE - 1).astype(np.int64)
     parts = []
     for first in range(0, len(points), _NUM_VEHICLES):
         part = slice(first, first + _NUM_VEHICLES)

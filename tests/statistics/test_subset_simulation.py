@@ -56,7 +56,7 @@ def runs_of(performance, seed, number=MIN_RUNS, **options):
 @pytest.mark.parametrize("event", [half_space, two_sides, far_away, loud])
 @pytest.mark.parametrize("probability", [1e-4])
 def test_intervals_contain_the_known_probability_in_95_percent_of_the_cases(event, probability):
-    """Of 15 cases, 11 or fewer contain it with a probability of 0.5 % if the confidence is 95 %."""
+    """If the confidence is 95 %, the probability is 0.5 % that at most 11 of 15 intervals contain the true value."""
     performance, hits, ratios = event(probability), 0, []
     for seed in range(15):
         interval = probability_of_runs([run.probability for run in runs_of(performance, seed, size=500)])

@@ -54,7 +54,7 @@ def test_the_indices_of_ishigami_s_function_are_those_of_the_literature(scenario
 
 
 def test_the_noise_is_one_random_number(scenario, evaluated):
-    """Of a sum of independent numbers, each explains its own variance, and nothing more."""
+    """Each term of a sum of independent numbers explains its own variance, and has no interactions."""
     evaluated(lambda points, noise: 2.0 * points[:, 0] + noise)
     first, second, *others = sobol_indices(scenario, "rmse", num_points=1024)
     assert (first.name, second.name) == ("a", NOISE)
