@@ -19,7 +19,7 @@ from drake_quad.errors import InputError, check_integer, lookup, short_repr
 from drake_quad.laboratory.metrics import Metrics, definitions_of
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.models import Scenario
-from drake_quad.statistics.estimates import mean_interval
+from drake_quad.statistics.estimates import mean_interval, proportion_interval
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.subset_simulation import (
     MIN_RUNS,
@@ -216,7 +216,7 @@ def estimate_risk(
             )
         runs.append(run)
         if len(runs) >= MIN_RUNS:
-            estimate = probability_of_runs([each.probability for each in runs])
+            estimate = _probability(runs)
             state = f"{estimate.value:.2g} ± {relative_half_width(estimate):.0%}"
         elif evaluator.num_flights >= max_flights:
             raise InputError(
@@ -232,6 +232,14 @@ def estimate_risk(
         evaluator.num_flights,
         relative_half_width(estimate) <= half_width,
     )
+
+
+def _probability(runs: Sequence[SubsetRun]) -> Interval:
+    """Return the probability of the event; runs with a single step are independent plain samples."""
+    if all(len(run.levels) == 1 for run in runs):
+        count, total = (sum(sizes) for sizes in zip(*((len(run.performance), run.history.size) for run in runs)))
+        return proportion_interval(count, total)
+    return probability_of_runs([run.probability for run in runs])
 
 
 def _coordinates(names: Sequence[str], runs: Sequence[SubsetRun]) -> tuple[Coordinate, ...]:

@@ -106,3 +106,10 @@ def test_performances_are_positive_if_the_event_occurs():
     undefined = metrics._replace(peak_error=np.array([0.1, np.nan, 0.2]))
     with pytest.raises(InputError, match="peak_error is not defined in every flight"):
         Event("peak_error", 1.0, 0.4).performance(undefined)
+
+
+@pytest.mark.slow
+def test_an_event_that_always_occurs_has_the_interval_of_plain_samples(scenario):
+    risk = estimate_risk(scenario, "peak_error > -1", size=500)
+    assert risk.probability.value == risk.probability.high == 1.0
+    assert 0.99 < risk.probability.low < 1.0
