@@ -147,9 +147,11 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
     )
     if not risk.is_precise:
         remark("the interval is wider than requested, because the largest number of flights was reached")
-    # With n flights, the relative half-width of the 95 % interval of plain sampling is 1.96 / √(p n).
-    relative = 0.5 * (probability.high - probability.low) / probability.value
-    print(f"plain sampling needs about {1.96**2 / (probability.value * relative**2):.1e} flights for this interval")
+    if any(len(run.levels) > 1 for run in risk.runs):
+        # With n flights, the relative half-width of the 95 % interval of plain sampling is 1.96 √((1 - p) / (p n)).
+        relative = 0.5 * (probability.high - probability.low) / probability.value
+        plain = 1.96**2 * (1.0 - probability.value) / (probability.value * relative**2)
+        print(f"plain sampling needs about {plain:.1e} flights for this interval")
     rows = [
         (each.name, each.mean.text(signed=True), f"{each.deviation:.2f}", "")
         for each in risk.coordinates[:_NUM_PRINTED]
