@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import laboratory_recipes
-from drake_quad.control.exported import DESCRIPTION_FILE, ExportDescription
+from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.errors import InputError, join_names
 from drake_quad.export.diagram_code import DiagramCode, diagram_code
 from drake_quad.export.reference_code import reference_code

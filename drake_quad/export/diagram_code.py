@@ -30,6 +30,7 @@ from drake_quad.errors import InputError
 from drake_quad.export.structs import Structs, accessors, initializer, struct_text, summary
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.c_code import (
+    MULTIPLY_ADD_FUNCTION,
     WORD_FUNCTIONS,
     Body,
     Functions,
@@ -603,7 +604,8 @@ class _Writer:
         """Return the text of the source file without its opening comment."""
         name = self._name
         functions = "\n".join(self._functions.texts)
-        needs_words = "bits_of" in functions or "number_of" in functions
+        multiplies_and_adds = "multiply_add(" in functions
+        needs_words = multiplies_and_adds or "bits_of" in functions or "number_of" in functions
         needs_bool = any("bool " in text for text in [functions, *self._formula_texts])
         includes = [
             f'#include "{name}.h"\n',
@@ -615,6 +617,7 @@ class _Writer:
         blocks = [
             "\n".join(includes),
             *([WORD_FUNCTIONS] if needs_words else []),
+            *([MULTIPLY_ADD_FUNCTION] if multiplies_and_adds else []),
             *self._functions.texts,
             *self._formula_texts,
             self._constant(f"const {name}_parameters_t {name}_default_parameters", self._parameters()),
@@ -670,7 +673,8 @@ class _HoldUpdate(NamedTuple):
 def _check(path: str, system: Any) -> None:
     """Raise InputError if a leaf system cannot be exported."""
     if block_of(system) is None:
-        raise InputError(f"{path} cannot be exported: {reason_not_compilable(system)}")
+        label = f"{path} ({summary(type(system)).rstrip('.')})"
+        raise InputError(f"{label} cannot be exported: {reason_not_compilable(system)}")
     if getattr(system, "initializations", ()):
         raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
     if any(update.unrestricted or not update.at_start for update in getattr(system, "updates", ())):

@@ -11,6 +11,7 @@ last bit, if the compiler neither contracts nor reorders operations (`-ffp-contr
 Elementary functions are the approximations of this package. In single precision, they are the functions of `math.h`.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -73,7 +74,7 @@ EXPRESSIONS = {
     "absolute": _call("fabs{f}({0})"),
     "square_root": _call("sqrt{f}({0})"),
     "nearest": _call("rint{f}({0})"),
-    "multiply_add": _call("fma{f}({0}, {1}, {2})", 3),
+    "multiply_add": _call("multiply_add({0}, {1}, {2})", 3),
     "copy_sign": _call("copysign{f}({0}, {1})", 2),
     "less": _left_associative("<", 10),
     "less_equal": _left_associative("<=", 10),
@@ -136,6 +137,63 @@ static double number_of(uint64_t word)
     return number;
 }
 """
+# Function that multiplies and adds with a single rounding. The function `fma` of the C library newlib rounds twice if the
+# processor has no such instruction; the replacement uses the algorithms of T. J. Dekker (1971) for the exact product, of
+# D. E. Knuth for the exact sum, and of S. Boldo and G. Melquiond, "Emulation of FMA and correctly rounded sums" (2008).
+MULTIPLY_ADD_FUNCTION = """\
+#if defined(_NEWLIB_VERSION) && !defined(__FP_FAST_FMA)
+/* Return the rounded sum of two numbers, and its error. */
+static double exact_sum(double x, double y, double *error)
+{
+    const double sum = x + y;
+    const double part = sum - x;
+    *error = (x - (sum - part)) + (y - part);
+    return sum;
+}
+
+/* Return the upper half of the digits of a number. */
+static double upper_half(double x)
+{
+    const double scaled = 134217729.0 * x;
+    return scaled - (scaled - x);
+}
+
+static double multiply_add(double x, double y, double z)
+{
+    const double product = x * y;
+    const double size = fabs(product);
+    if (!(size < 1e290 && fabs(z) < 1e290 && fabs(x) < 1e290 && fabs(y) < 1e290))
+        return product + z;
+    if (size < 1e-270) {
+        /* The error of a tiny product is no number, so all numbers are scaled by a power of two. */
+        if (x == 0.0 || y == 0.0 || fabs(z) > 1e-240)
+            return product + z;
+        const double scale = 1.3407807929942597e154;
+        return multiply_add(fabs(x) < fabs(y) ? x * scale : x, fabs(x) < fabs(y) ? y : y * scale, z * scale) / scale;
+    }
+    const double x_upper = upper_half(x), y_upper = upper_half(y);
+    const double x_lower = x - x_upper, y_lower = y - y_upper;
+    const double product_error =
+        ((x_upper * y_upper - product) + x_upper * y_lower + x_lower * y_upper) + x_lower * y_lower;
+    double lower, sum_error, odd_error;
+    const double upper = exact_sum(z, product_error, &lower);
+    const double sum = exact_sum(product, upper, &sum_error);
+    double odd = exact_sum(lower, sum_error, &odd_error);
+    /* The sum of both errors is rounded to a number with an odd last digit, so that no digit is rounded twice. */
+    uint64_t word = bits_of(odd);
+    if (odd_error != 0.0 && (word & 1) == 0) {
+        word += (odd_error > 0.0) == (odd > 0.0) ? 1 : (uint64_t)-1;
+        odd = number_of(word);
+    }
+    return sum + odd;
+}
+#else
+static double multiply_add(double x, double y, double z)
+{
+    return fma(x, y, z);
+}
+#endif
+"""
 # Words below this number, such as distances of shifts, are written as plain numbers.
 _MAX_PLAIN_WORD = 64
 # Longest expression that becomes part of another one, in characters.
@@ -147,7 +205,7 @@ _RESERVED = frozenset(
     "auto bool break case char const continue default do double else enum extern false float for goto if inline int long"
     " register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile while"
     " result results time bits_of number_of acos asin atan atan2 ceil copysign"
-    " cos cosh erf exp fabs floor fma fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh"
+    " cos cosh erf exp fabs floor fma multiply_add exact_sum upper_half fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh"
     " trunc y0 y1 yn INFINITY NAN NULL I main".split()
 )
 
@@ -286,12 +344,21 @@ def wrapped(line: str, width: int = 118) -> list[str]:
 
 
 def constant_text(value: float, precision: Precision) -> str:
-    """Return the shortest decimal text from which a compiler reads the same number."""
+    """Return the shortest decimal text from which a compiler reads the same number.
+
+    In single precision, numbers that are too small or too large are replaced by the nearest normal number. Formulas use
+    tiny numbers to avoid divisions by zero, so these numbers must not become zero.
+    """
     if np.isnan(value):
         return "NAN"
     if np.isinf(value):
         return "INFINITY" if value > 0.0 else "-INFINITY"
-    text = repr(float(value)) if precision is DOUBLE else str(np.float32(value))
+    if precision is SINGLE and value != 0.0:
+        limits = np.finfo(np.float32)
+        size = min(max(abs(value), float(limits.smallest_normal)), float(limits.max))
+        text = str(np.float32(math.copysign(size, value)))
+    else:
+        text = repr(float(value))
     return text + ("" if "." in text or "e" in text else ".0") + precision.suffix
 
 
