@@ -50,7 +50,7 @@ class _UserSystemSettings(Model):
 
     @classmethod
     def registration_option(cls) -> str:
-        """Return the option `--controller` with the class or folder; empty if no file that can be imported defines it."""
+        """Return the option `--controller` for the system; empty if no file that can be imported defines it."""
         if issubclass(cls.system, ExportedController):
             return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
         file = "" if cls.system.__module__ == "__main__" else file_of(cls.system)

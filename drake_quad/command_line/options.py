@@ -231,7 +231,8 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
     """
     help_text = (
         "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, a Drake system in"
-        " Python as FILE.py:CLASS, or a folder with exported C code; assignments as for --set may follow, as in 'mine.py:Mine control.position.k_p=2'"
+        " Python as FILE.py:CLASS, or a folder with exported C code; assignments as for --set may follow, as in"
+        " 'mine.py:Mine control.position.k_p=2'"
     )
     if several is None:
         options.add_argument("--controller", metavar="FILE:NAME", help=help_text)
@@ -293,7 +294,7 @@ _ASSIGNMENTS = r"\s+(?=[\w.]+=)"
 
 
 def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedController:
-    """Return the controller that FILE:NAME, FILE.py:CLASS or a folder names, without assignments; see `controller_of`."""
+    """Return the controller that `--controller` names, without assignments; the arguments are as in `controller_of`."""
     if Path(spec).is_dir():
         return _exported_controller(spec, machine)
     if machine != "host":

@@ -5,7 +5,7 @@ import io
 import json
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -83,9 +83,12 @@ def export_controller(
     period = scenario.laboratory.command_link.period
     code = diagram_code(diagram, name=name, outputs=outputs, output_period=period, precision=PRECISIONS[precision])
     if reference:
-        declaration, definition = reference_code(plan, name=name, inputs=[*code.inputs], precision=PRECISIONS[precision])
+        declaration, definition = reference_code(
+            plan, name=name, inputs=[*code.inputs], precision=PRECISIONS[precision]
+        )
         code = code._replace(
-            header=code.header.replace("\n#endif\n", f"\n{declaration}\n#endif\n"), source=f"{code.source}\n{definition}"
+            header=code.header.replace("\n#endif\n", f"\n{declaration}\n#endif\n"),
+            source=f"{code.source}\n{definition}",
         )
     stream = io.StringIO()
     save_scenario(scenario, stream)

@@ -9,7 +9,7 @@ from drake_quad.reference.plan import REFERENCE_PORTS, Plan
 from drake_quad.reference.polynomial_path import subdivide
 
 # Rows of the reference that are derivatives of each order of X, Y, Z and yaw, in the order of the axes.
-_ROWS = {
+_ROWS: dict[str, list[tuple[str, ...]]] = {
     "reference": [("x", "y", "z", "yaw"), ("v_x", "v_y", "v_z", "yaw_rate"), ("a_x", "a_y", "a_z", "")],
     "reference_jerk": [(), (), (), ("x", "y", "z", "")],
     "reference_snap": [(), (), ("", "", "", "yaw"), (), ("x", "y", "z", "")],
@@ -86,7 +86,7 @@ def reference_code(plan: Plan, *, name: str, inputs: Sequence[str], precision: P
             "/* Times at which the segments of the reference begin, s. */",
             *wrapped(f"static const {real} reference_times[{len(durations)}] = {{{times}}};"),
             "",
-            "/* Coefficients of X, Y and Z (m) and yaw (rad) in each segment, by power of the time since its begin (s). */",
+            "/* Coefficients of X, Y, Z (m) and yaw (rad) in each segment, by power of the time in it (s). */",
             f"static const {real} reference_coefficients[{len(durations)}][4][{powers}] = {{",
             *rows,
             "};",

@@ -113,7 +113,7 @@ def _element_initializer(layout: Layout, texts: Any) -> str:
 def _fields(layout: Layout) -> Sequence[str]:
     if layout.kind is tuple:
         return [f"part_{index}" for index in range(len(layout.parts))]
-    return layout.kind._fields  # type: ignore[attr-defined, no-any-return]
+    return layout.kind._fields  # type: ignore[attr-defined]
 
 
 def _is_uniform(layout: Layout) -> bool:

@@ -137,9 +137,10 @@ static double number_of(uint64_t word)
     return number;
 }
 """
-# Function that multiplies and adds with a single rounding. The function `fma` of the C library newlib rounds twice if the
-# processor has no such instruction; the replacement uses the algorithms of T. J. Dekker (1971) for the exact product, of
-# D. E. Knuth for the exact sum, and of S. Boldo and G. Melquiond, "Emulation of FMA and correctly rounded sums" (2008).
+# Function that multiplies and adds with a single rounding. The function `fma` of the C library newlib rounds twice if
+# the processor has no such instruction. The replacement uses the exact product of T. J. Dekker (1971), the exact sum of
+# D. E. Knuth, and S. Boldo and G. Melquiond, "Emulation of FMA and correctly rounded sums", IEEE Transactions on
+# Computers 57(4), 2008. Numbers beyond 1e290 and results below 1e-307 may be rounded twice.
 MULTIPLY_ADD_FUNCTION = """\
 #if defined(_NEWLIB_VERSION) && !defined(__FP_FAST_FMA)
 /* Return the rounded sum of two numbers, and its error. */
@@ -201,13 +202,14 @@ _MAX_INLINE_LENGTH = 60
 # Number of weights in a line of a table.
 _TABLE_COLUMNS = 6
 # Words that cannot be names of variables: keywords, macros and functions of the included headers, and own functions.
-_RESERVED = frozenset(
-    "auto bool break case char const continue default do double else enum extern false float for goto if inline int long"
-    " register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile while"
-    " result results time bits_of number_of acos asin atan atan2 ceil copysign"
-    " cos cosh erf exp fabs floor fma multiply_add exact_sum upper_half fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh"
-    " trunc y0 y1 yn INFINITY NAN NULL I main".split()
-)
+_RESERVED_WORDS = """
+auto bool break case char const continue default do double else enum extern false float for goto if inline int long
+register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile while
+result results time bits_of number_of acos asin atan atan2 ceil copysign cos cosh erf exp fabs floor fma
+multiply_add exact_sum upper_half fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh
+trunc y0 y1 yn INFINITY NAN NULL I main
+"""
+_RESERVED = frozenset(_RESERVED_WORDS.split())
 
 
 class Precision(NamedTuple):

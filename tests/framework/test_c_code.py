@@ -82,7 +82,7 @@ def test_every_operation_of_the_machine_code_has_an_expression():
     assert EXPRESSIONS.keys() == INSTRUCTIONS.keys()
 
 
-@pytest.mark.parametrize("value", [0.0, -0.0, 1.0, 0.1, 1e300, 5e-324, -2.0**-1074, 1 / 3, np.pi, 6755399441055744.0])
+@pytest.mark.parametrize("value", [0.0, -0.0, 1.0, 0.1, 1e300, 5e-324, -(2.0**-1074), 1 / 3, np.pi, 6755399441055744.0])
 def test_the_text_of_a_constant_is_read_as_the_same_number(value):
     text = constant_text(value, DOUBLE)
     assert np.float64(text).tobytes() == np.float64(value).tobytes()

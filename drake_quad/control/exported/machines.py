@@ -52,9 +52,7 @@ class HostMachine:
         InputError: if there is no compiler, the code cannot be compiled, or its structs differ from the description.
     """
 
-    def __init__(
-        self, folder: Path, *, compiler: str | None = None, flags: tuple[str, ...] = COMPILER_FLAGS
-    ) -> None:
+    def __init__(self, folder: Path, *, compiler: str | None = None, flags: tuple[str, ...] = COMPILER_FLAGS) -> None:
         description = read_description(folder)
         library = _compiled(folder, description, compiler, flags)
         name = description.name
@@ -70,7 +68,10 @@ class HostMachine:
 
     def step(self, state: bytes, inputs: bytes) -> tuple[bytes, bytes]:
         """Return the next state and the outputs of a step."""
-        memory, outputs = ctypes.create_string_buffer(state, len(state)), ctypes.create_string_buffer(self._num_output_bytes)
+        memory, outputs = (
+            ctypes.create_string_buffer(state, len(state)),
+            ctypes.create_string_buffer(self._num_output_bytes),
+        )
         self._step(memory, ctypes.c_void_p(self._parameters), inputs, outputs)
         return memory.raw, outputs.raw
 
@@ -112,7 +113,8 @@ def _compile(folder: Path, name: str, compiler: str, flags: tuple[str, ...]) -> 
     with tempfile.TemporaryDirectory() as temporary:
         sizes, library = Path(temporary) / "sizes.c", Path(temporary) / "library.so"
         sizes.write_text(_SIZES_CODE.format(name=name))
-        command = [compiler, *flags, "-shared", "-fPIC", "-I", folder, "-o", library, folder / f"{name}.c", sizes, "-lm"]
+        command = [compiler, *flags, "-shared", "-fPIC", "-I", str(folder), "-o", str(library)]
+        command += [str(folder / f"{name}.c"), str(sizes), "-lm"]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode:
             message = shorten_text(" ".join(result.stderr.split()), _MAX_MESSAGE_LENGTH)
@@ -166,7 +168,7 @@ class EmulatedBoard:
         for program, package in ((CROSS_COMPILER, "gcc-arm-none-eabi"), (EMULATOR, "qemu-system-arm")):
             if shutil.which(program) is None:
                 raise InputError(
-                    f"the emulated {core} needs {program}, which is not on PATH; on Debian it is in the package {package}"
+                    f"the emulated {core} needs {program}, which is not on PATH; Debian has it in the package {package}"
                 )
         description = read_description(folder)
         self.max_instructions = 0
@@ -187,9 +189,7 @@ class EmulatedBoard:
         self._process = subprocess.Popen(
             command, cwd=work, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
-        self._finalizer = weakref.finalize(
-            self, _stop, self._process, (self._requests, self._responses), directory
-        )
+        self._finalizer = weakref.finalize(self, _stop, self._process, (self._requests, self._responses), directory)
 
     def close(self) -> None:
         """Stop the emulation."""

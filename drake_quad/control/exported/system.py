@@ -46,8 +46,8 @@ class ExportedController(LeafSystem):
             self.DeclareVectorInputPort(name, rows * num_vehicles)
         self._running = MACHINES[self.machine](self.folder)
         initial = np.frombuffer(HostMachine.initial_state(self.folder, description), description.state_type)[0]
-        rows = np.append(initial["numbers"] if description.num_states else [], float(initial["step"]))
-        self.DeclareDiscreteState(np.repeat(rows, num_vehicles))
+        numbers = np.append(initial["numbers"] if description.num_states else [], float(initial["step"]))
+        self.DeclareDiscreteState(np.repeat(numbers, num_vehicles))
         self.DeclarePeriodicDiscreteUpdateEvent(description.period, 0.0, self._update)
         first = 0
         for name, rows in description.outputs.items():
