@@ -119,7 +119,7 @@ def main(arguments: argparse.Namespace) -> None:
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
-    # The integral gains of a PID are designed even without the option `--integral`.
+    # A PID has integral gains, which are designed even without the option `--integral`.
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
         integral = _DEFAULT_INTEGRAL_FRACTION

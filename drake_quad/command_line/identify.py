@@ -131,7 +131,7 @@ def output_file(arguments: argparse.Namespace, name: str) -> Path:
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
     output_folder(path.parent)
-    # A name that is given, unlike the name of a log, belongs to the vehicle.
+    # A name that the user gives may be used again, but the default name must not overwrite the vehicle of another log.
     return (
         path if arguments.output or arguments.name else reserve(path, [Origin.of_file(arguments.log[0])], is_file=True)
     )

@@ -40,7 +40,8 @@ def main(arguments: argparse.Namespace) -> None:
     from drake_quad.visualization.live import LiveFlight
 
     print_flight_remarks([scenario])
-    # The sliders and the gust add wind to a scenario without wind, on which `print_flight_remarks` has no remark.
+    # `print_flight_remarks` does not report a vehicle that ignores wind if the scenario has no wind, but the sliders
+    # add wind.
     if not scenario.laboratory.wind and (flaw := scenario.vehicle.wind_flaw()):
         remark(f"the sliders for wind and the gust have no effect, since {flaw}")
     sample = scenario.sample if arguments.sample is None else arguments.sample

@@ -477,12 +477,12 @@ class _LiftedLoops:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # The shape of each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the
-        # command.
+        # The first index of each array is the source: 0 for the noise of a tick, and 1 for noise of unit variance that
+        # is added to the command. The second index is the stable plant.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
-        # A lost command is equivalent to noise with the variance of its change, which in turn increases with that
-        # noise.
+        # A lost command acts like noise whose variance is that of the change of the command. This noise itself
+        # increases the changes of the command, so its variance follows from a geometric series.
         feedback = self.loss_rates[stable] * changes[1]
         converges = feedback < 0.9
         loss_variance = (self.loss_rates[stable] * changes[0])[converges] / (1.0 - feedback[converges])

@@ -431,8 +431,8 @@ def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
         kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _DEFAULT_KINDS
-        # "normal" is either the tag of a normal distribution or a field of a half-space. It is a tag if the input of
-        # the problem is the mapping itself.
+        # "normal" is the tag of a normal distribution, but also a field of a half-space. It is a tag if pydantic
+        # reports the whole mapping as the input of the problem.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data
