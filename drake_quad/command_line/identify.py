@@ -223,7 +223,7 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
     commands = [
         command[airborne_mask(record)].ravel()
         for record in records
-        for command in (record.motor_command, record.thrust_share)
+        for command in (record.motor_command, record.thrust_fraction)
         if command is not None
     ]
     return np.concatenate(commands) if commands else None

@@ -50,7 +50,7 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     flight = simulate(figure_eight())
     assert flight.metrics.rmse < 0.03
     assert not flight.metrics.crashed
-    assert flight.metrics.saturation_share == 0.0
+    assert flight.metrics.saturated_fraction == 0.0
     # The recorder and the monitor measure the same flight.
     assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(flight.euclidean_error**2)), rel=1e-12)
     reference = flight.record("reference")

@@ -123,7 +123,7 @@ def test_signals_that_are_zero_throughout_are_reported():
     for name in names:
         signals = dict.fromkeys(names, place) | {name: nothing}
         assert next(implausible_signals(signals, time)).startswith(f"{name} is zero throughout")
-    both = {"velocity": nothing, "attitude": nothing, "thrust_share": nothing}
+    both = {"velocity": nothing, "attitude": nothing, "thrust_fraction": nothing}
     assert list(implausible_signals(both, time)) == [
         "velocity and attitude are zero throughout: they may not have been measured"
     ]
@@ -180,6 +180,6 @@ def test_a_faulty_clock_is_reported_once_with_its_table(name):
     first, second = clocks.remarks
     assert second.startswith(f"{beginning}: the clock goes back once, by up to 0.5 s")
     # The same clocks, and another one with the same fault, say nothing more.
-    assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
+    assert clocks.of(table, "thrust_fraction")[0] is clocks.of(table, "motor_command")[0]
     clocks.of(Table(name, written.copy(), {}), "body_rates")
     assert clocks.remarks == [first, second]

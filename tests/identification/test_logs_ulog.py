@@ -75,7 +75,7 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(last["motor_command"], [0.1, 0.4, 0.2, 0.3], atol=1e-6)
     np.testing.assert_allclose(last["attitude_command"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rate_command"], [1.0, -2.0, -3.0])
-    np.testing.assert_allclose(last["thrust_share"], 0.6, atol=1e-6)
+    np.testing.assert_allclose(last["thrust_fraction"], 0.6, atol=1e-6)
     np.testing.assert_allclose(last["reference_position"], [4.0, -5.0, 6.0])
     np.testing.assert_allclose(last["reference_velocity"], [0.4, -0.5, 0.6], atol=1e-6)
     np.testing.assert_allclose(last["reference_yaw"], -0.7, atol=1e-6)

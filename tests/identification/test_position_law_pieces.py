@@ -304,18 +304,18 @@ def test_thrust_is_scaled_by_newtons_by_the_hover_thrust_or_by_the_median(vehicl
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
     fraction = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
     usable = fraction > 0.0
-    record = FlightRecord("log", np.arange(5.0), thrust_share=fraction, hover_share=np.full(5, 0.25))
+    record = FlightRecord("log", np.arange(5.0), thrust_fraction=fraction, hover_thrust_fraction=np.full(5, 0.25))
     thrust, remark = specific_thrust(record, vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * fraction / 0.25)
     assert remark is None
-    thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
+    thrust, remark = specific_thrust(replace(record, hover_thrust_fraction=None), vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * fraction / 0.65)
     assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
     thrust, remark = specific_thrust(replace(record, thrust_command=fraction), vehicle, usable)
     np.testing.assert_allclose(thrust, fraction / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"
-    with pytest.raises(InputError, match="thrust_share of the log 'log' is zero in the air; check the mapping"):
-        specific_thrust(replace(record, hover_share=None), vehicle, ~usable)
+    with pytest.raises(InputError, match="thrust_fraction of the log 'log' is zero in the air; check the mapping"):
+        specific_thrust(replace(record, hover_thrust_fraction=None), vehicle, ~usable)
 
 
 # The samples of a triangle wave are uniformly distributed over its range.

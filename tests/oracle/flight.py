@@ -129,7 +129,7 @@ class Monitor:
         metrics = {
             "rmse": math.sqrt(np.mean(np.sum(errors**2, axis=1))),
             "peak_error": np.linalg.norm(errors, axis=1).max(),
-            "saturation_share": np.mean(self.saturated),
+            "saturated_fraction": np.mean(self.saturated),
             "crash_time": self.crash_time,
         }
         for i, axis in enumerate("xyz"):

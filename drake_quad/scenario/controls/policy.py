@@ -97,7 +97,7 @@ class PolicyControl(Control):
             observation=systems["observation"],
             policy=systems.get("policy", user_systems.get("policy")),
             actuation=systems["actuation"],
-            sees=self.observation.sees,
+            state_source=self.observation.sees,
             thrust_vectoring=systems.get("thrust_vectoring"),
             attitude=systems.get("attitude"),
         )
