@@ -43,7 +43,6 @@ _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of e
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
     result.add_argument(
         "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
@@ -79,7 +78,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     name = name_of(arguments)
     path = output_file(arguments, f"{name}.yaml")
     overrides = overrides_of(arguments.set)
@@ -119,10 +117,6 @@ def main(arguments: argparse.Namespace) -> None:
 
 def output_file(arguments: argparse.Namespace, name: str) -> Path:
     """Return the file to write: the value of `--output`, or by default a file that is named after the first log.
-
-    Args:
-        arguments: arguments of the command.
-        name: name of the default file.
 
     Raises:
         InputError: if the file is not YAML, cannot be written, or was written for another log with the same name.

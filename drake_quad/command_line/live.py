@@ -9,7 +9,6 @@ from drake_quad.command_line.output import remark
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad live laboratory:low_wind")
     result.add_argument(
         "scenario",
@@ -33,7 +32,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     # Meshcat is slow to import, so it is imported after the input has been checked.

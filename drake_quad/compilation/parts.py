@@ -118,9 +118,6 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
 class _Copy:
     """Copy of the requested lines of a listing and of their operands.
 
-    Args:
-        source: listing to copy.
-
     Attributes:
         listing: listing of the copied lines.
     """

@@ -37,7 +37,6 @@ from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.disturbances import DisturbanceStatistics, disturbance_statistics, disturbances_along
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.linear.margins import Margins, fast_margins
-from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.batch import Batch, median_scenario, scenario_at_quantile
 from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
@@ -373,14 +372,6 @@ def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timin
     """Return the prediction of the linear model of an axis for a plant, which may differ from the nominal plant."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
-
-
-def loop_transfer(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> SampledSystem:
-    """Return L of an axis, with the loop broken at the command link."""
-    lifted = _LiftedLoops.of(loop, [actual_plant], timing)
-    names = tuple(str(i) for i in range(lifted.command.shape[1]))
-    D = np.zeros((1, 1))
-    return SampledSystem(lifted.opened[0], lifted.lost[0], -lifted.command, D, timing.tick, names, ("u",), ("loop",))
 
 
 @dataclass(frozen=True)

@@ -333,13 +333,7 @@ def _errors_at_setting(sweep: Sweep, setting: str, value: float, controller: str
 
 
 def _best_advantage(sweep: Sweep, setting: str, value: float) -> Interval:
-    """Return the relative reduction of the mean error by the better type-2 controller, compared with type 1.
-
-    Args:
-        sweep: sweep over the setting.
-        setting: name of the setting.
-        value: value of the setting.
-    """
+    """Return the relative reduction of the mean error by the better type-2 controller, compared with type 1."""
     return max((advantage(sweep, setting, value, name) for name in _TYPE_2_CONTROLLERS), key=lambda gain: gain.value)
 
 

@@ -68,12 +68,7 @@ class Model(BaseModel):
         return data
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight.
-
-        Args:
-            flight: properties of the flight.
-            path: path of this mapping in the scenario.
-        """
+        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight."""
         yield from declared_inactive_settings(self, path)
 
     def questions(self) -> Iterator[tuple[str, str]]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from joint_normals import joint_normal
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
@@ -15,7 +16,6 @@ from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import nominal_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.paths import distributions_in

@@ -85,3 +85,10 @@ def test_a_missing_scenario_in_extends_is_explained(tmp_path, base):
     path.write_text(f"a: {{extends: '{base}'}}\n")
     with pytest.raises(InputError, match=rf"mine.yaml:1: .*{base.split(':')[-1]}"):
         load_scenario(path)
+
+
+def test_the_missing_suffix_of_a_python_file_is_suggested(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("")
+    with pytest.raises(InputError, match=r"'mine:SlidingMode' is neither .*; did you mean mine\.py:SlidingMode\?"):
+        load_scenario("mine:SlidingMode")

@@ -49,6 +49,8 @@ def shipped_scenarios() -> list[str]:
 
 def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
-    question = did_you_mean(name.partition(":")[0], shipped_names(), 1)
+    file, _, member = name.partition(":")
+    is_class = bool(member) and Path(f"{file}.py").is_file()
+    question = f"did you mean {file}.py:{member}?" if is_class else did_you_mean(file, shipped_names(), 1)
     hint = question or "`drake-quad scenarios` lists the shipped scenarios"
     return f"{short_repr(name)} is neither a file nor a shipped scenario; {hint}"
