@@ -271,7 +271,7 @@ def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
 
 _SATURATION = Metric(
     "1",
-    "share of ticks with saturated rotors",
+    "ticks with saturated rotors",
     _SHORTFALL,
     lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),

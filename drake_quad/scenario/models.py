@@ -544,7 +544,8 @@ class Scenario(Mission):
         cascade: CascadeControl | None = self.control.cascade()
         if cascade is None:
             raise InputError(
-                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind cascade"
+                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind"
+                " cascade, or write `kind: cascade` with a position controller in its control"
             )
         return cascade
 

@@ -330,7 +330,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
         ("control effort on Y", f"{numbers['effort_y']:.4f}", "m²/s⁴"),
         ("control effort on Z", "–", "m²/s⁴"),
     ]
-    assert rows[9] == ("share of ticks with saturated rotors", f"{100.0 * numbers['saturated_fraction']:.1f}", "%")
+    assert rows[9] == ("ticks with saturated rotors", f"{100.0 * numbers['saturated_fraction']:.1f}", "%")
     flight.crash = "crashed at 1.20 s"
     assert fly.summary(flight)[0] == ("flight time", "crashed at 1.20", "s")
 

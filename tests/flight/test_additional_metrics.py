@@ -305,6 +305,14 @@ def test_wrong_requirements_are_refused(requirement, message):
         load_scenario("hover", [{"requirements": {"level": requirement}}])
 
 
+def test_an_unknown_metric_is_named_with_the_option_that_registers_it():
+    message = (
+        r"additional\.height_loss\.kind is 'height_loss' by default, but .*; `--import FILE\.py` registers a metric"
+    )
+    with pytest.raises(InputError, match=message):
+        load_scenario("hover", [additional(height_loss={"tolerance": 0.01})])
+
+
 def test_a_requirement_and_a_metric_have_different_names():
     requirement = {"level": {"always": {"signal": "tilt", "below": 1.0}}}
     with pytest.raises(InputError, match="must have another name, since a study has another column"):

@@ -68,6 +68,7 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_a_shipped_scenario(tmp_
             "is neither a file nor a shipped scenario; `drake-quad scenarios` lists the shipped scenarios",
         ),
         ("../diagrams/hover", "is neither a file nor a shipped scenario"),
+        ("mine.py:Mine", "is neither .*; a controller in Python is given by --controller mine.py:Mine"),
         ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml, which contains nominal, low_wind, high_wind"),
         ("laboratory", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
         ("laboratory:", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),

@@ -253,7 +253,7 @@ def test_labels_of_metrics_have_units(name, label):
         plots.label_metric(axes.xaxis, [study()], name)
         assert axes.get_xlabel() == label
         # Values are drawn in SI units, and tick labels are in the units of the tables.
-        expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])
+        expected = {"RMSE": "25", "peak": "25", "ticks": "25 %"}.get(label.split()[0])
         assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
 
 
