@@ -413,9 +413,9 @@ class _EvaluatedPoints:
 
 
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
-    """Return the logarithms (count,) of fractions of limits; the single fraction of an unstable loop is repeated.
+    """Return the logarithms (count,) of clipped fractions of limits.
 
-    Fractions are clipped, since they are discontinuous far from the limit, where the search does not need them exactly.
+    The single fraction of an unstable loop is repeated. Far from the limits, fractions are discontinuous, and the search does not need their exact values.
     """
     return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
 

@@ -7,8 +7,8 @@ If the rotors cannot produce the whole wrench, a `Priority` determines the order
 
 With roll and pitch torque first, each part is chosen within the freedom that the earlier parts leave:
 
-1. Roll and pitch torque are multiplied by a common fraction in [0, 1], which keeps their direction. It is
-   the largest factor that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
+1. Roll and pitch torque are multiplied by the same fraction in [0, 1], which keeps their direction. It is the largest
+fraction that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
 2. The thrust is the feasible value nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum
    speed, and increased if a rotor would fall below idle speed.
 3. The yaw torque is the feasible value nearest to the commanded yaw torque.
@@ -143,7 +143,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
 def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
     """Return the part of a wrench that the rotors can produce.
 
-    The squared speed of each rotor is a linear function of three unknowns (thrust, fraction of roll and pitch torque, and
+    The squared speed of each rotor is a linear function of three unknowns (thrust, fraction of roll and pitch torque,
     yaw torque) and lies between two limits. In weighted sums of two or three squared speeds, the weights cancel the yaw
     torque, the thrust, or both. The limits of these sums bound the other unknowns. By Helly's theorem, sums over more
     rotors give no tighter bounds.
@@ -168,7 +168,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the fraction: the largest fraction at any thrust, and then the nearest feasible thrust."""
+    """Return the thrust and the fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
@@ -178,7 +178,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the fraction: the nearest thrust that is feasible without torque, then the largest fraction."""
+    """Return the nearest thrust that is feasible without torque, and then the largest fraction."""
     thrust_kept = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.lower - factor * thrust_kept, bound.upper - factor * thrust_kept)
@@ -348,8 +348,8 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
     """Return the largest fraction of roll and pitch torque, and the feasible level nearest to the wanted level.
 
     The result is the pair (level, fraction). A pair of rotors at the middle level without yaw can use half the distance
-    between the limits for roll and pitch torque, which limits the fraction. The part of this half that a pair does not use
-    limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
+    between the limits for roll and pitch torque, which limits the fraction. The part of this half that a pair does not
+    use limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
