@@ -415,7 +415,8 @@ class _EvaluatedPoints:
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
     """Return the logarithms (count,) of clipped fractions of limits.
 
-    The single fraction of an unstable loop is repeated. Far from the limits, fractions are discontinuous, and the search does not need their exact values.
+    The single fraction of an unstable loop is repeated. Far from the limits, fractions are discontinuous, and the
+    search does not need their exact values.
     """
     return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
 

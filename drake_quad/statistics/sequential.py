@@ -1,8 +1,8 @@
 """Confidence sequences: intervals that stay valid although they are computed again and again while samples arrive.
 
 With the given confidence, all intervals of a sequence contain the true value. A study may therefore stop as soon as its
-interval is short enough. An ordinary interval is not valid at such a time, since a study is more likely to stop when the
-interval happens to be too short.
+interval is short enough. An ordinary interval is not valid at such a time, because a study is more likely to stop when
+the interval happens to be too short.
 """
 
 import math

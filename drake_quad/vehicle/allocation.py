@@ -168,7 +168,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
+    """Return thrust and fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)

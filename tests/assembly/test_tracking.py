@@ -279,7 +279,7 @@ def test_signals_of_a_network_are_exported(asymmetric):
 
 
 def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
-    """A frame is 10 ms old when a tick samples it. The delay of the link adds to this."""
+    """A tick reads a frame that is 10 ms old, and the link adds its own delay."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
@@ -295,7 +295,8 @@ def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
 def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_frames_and_ticks(
     figure_eight, ticks, frames
 ):
-    """The delay is the sum of all delays in frames and ticks and of the 10 to 20 ms until a tick reads a frame."""
+    """The expected delay is the sum of the delays in frames, the delays in ticks, and the 10 to 20 ms until a tick
+    reads a frame."""
     scenario = figure_eight(
         "route={kind: hover}",
         f"laboratory.command_link.delay_ticks={ticks}",

@@ -229,7 +229,8 @@ def test_without_pyulog_the_error_says_how_to_install_it(read, monkeypatch):
 
 
 def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
-    """In PX4, forward and right are positive. Our rotors count from the front right, clockwise seen from above."""
+    """In PX4's parameters, forward and right are positive. Rotors of this library are numbered clockwise from the front
+    right, as seen from above."""
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),

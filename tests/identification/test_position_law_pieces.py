@@ -60,7 +60,7 @@ def smoothed(values):
 
 
 def all_of_five(mask):
-    """Return which samples count, together with both samples on each side."""
+    """Return a mask of the samples for which this sample and its two neighbours on each side count."""
     found = mask.copy()
     for distance in (1, 2):
         found[distance:] &= mask[:-distance]

@@ -317,7 +317,7 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(
 
 
 def test_of_two_laws_without_any_remaining_error_the_simpler_one_is_taken(monkeypatch):
-    """A command that is constant leaves nothing to explain."""
+    """A constant command leaves no variance to explain."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
     simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
     assert regression._better_fit([], (0,), simple, rich) is simple
@@ -339,10 +339,10 @@ def rule_bias(named):
 @pytest.mark.parametrize("integral", [0.5, 1.5])
 @pytest.mark.parametrize("with_deviation", [False, True])
 def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rules(with_deviation, integral):
-    """Each of fifteen blocks is left out by one Gauss-Newton step.
+    """The jackknife leaves out each of fifteen blocks by one Gauss-Newton step.
 
-    An error of the logged position is in the position error and in the deviation. With k_p = 4 and k_v = 3, the
-    gains of a cascade are real up to the integral gain 4 / 3.
+    Errors of the logged position affect the regressors of the position error and of the deviation. With k_p = 4 and k_v
+    = 3, a cascade has real gains for integral gains up to 4 / 3.
     """
     terms, shape, free = (*BASIC[:3], *BASIC[4:]), Shape(0.02, 0.05), ("delay",)
     pieces = [flown(terms, shape, noise=0.2), flown(terms, shape, noise=0.2, begin=20.0, seconds=6.0)]

@@ -181,7 +181,7 @@ def test_a_path_through_the_shipped_forest_is_found():
     assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 
-def test_a_share_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
+def test_a_fraction_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking_error_factor=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
     with pytest.raises(InputError, match="space.tracking_error_factor multiplies a predicted tracking error"):

@@ -143,7 +143,7 @@ def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
-def test_a_tornado_has_the_means_of_the_tenths(name):
+def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
     found = study()
     figure = plots.plot_influences(found, name)
     assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
