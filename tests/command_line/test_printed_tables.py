@@ -379,7 +379,7 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
 
 
 @pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
-def test_a_vehicle_that_is_hardly_identified_is_told(capsys, weak, is_told):
+def test_a_vehicle_that_is_hardly_identified_is_remarked(capsys, weak, is_told):
     found = identified()
     estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
     identify.print_estimates(replace(found, estimates=estimates))

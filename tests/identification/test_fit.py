@@ -298,7 +298,9 @@ class DriftingPredictor(LinearPredictor):
         ([-1.0, 0.01], 3),
     ],
 )
-def test_rounds_continue_while_an_estimate_changes(monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int) -> None:
+def test_rounds_continue_while_an_estimate_changes(
+    monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
+) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor = DriftingPredictor(moves)
@@ -723,7 +725,9 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     assert found[-1, -1] >= 999.0
 
 
-def test_smaller_disturbances_are_tried_in_each_round_as_long_as_they_are_better(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_smaller_disturbances_are_tried_in_each_round_as_long_as_they_are_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Two trials improve the torque, and no trial improves the force.
 
     Both are tried again in the fourth of eight rounds.

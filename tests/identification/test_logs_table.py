@@ -358,7 +358,7 @@ def flown(write, **changed):
 DOUBTFUL_REMARKS = ("left out", "jumps", "zero", "may not have flown", "reference_position is up to")
 
 
-def test_a_sound_flight_has_no_doubtful_remark(write):
+def test_a_consistent_flight_has_no_remark(write):
     record = flown(write)
     assert len(record.time) == 200
     assert not any(said(record, words) for words in DOUBTFUL_REMARKS)
