@@ -212,7 +212,7 @@ def test_a_velocity_that_hardly_varies_shows_no_acceleration():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
-def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
+def test_a_command_is_compared_with_signals_that_lag_by_up_to_half_a_second(delay, sign):
     """The estimated delay does not depend on the sign of the command."""
     phases = np.outer(TIME, [1.1, 1.7, 2.3])
     commands = np.sin(phases) + 0.4 * np.sin(2.3 * phases)

@@ -89,7 +89,7 @@ def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Faul
     assert not any(f"attitude looks as if {what}" in text for text in known)
 
 
-def test_a_wrong_yaw_is_a_constant_angle(known: dict[str, Fault]) -> None:
+def test_a_yaw_with_a_constant_offset_is_a_possible_fault(known: dict[str, Fault]) -> None:
     for what, turn in (("90° too small", -90.0), ("90° too large", 90.0), ("180° off", -180.0)):
         fault = known[f"the yaw of attitude looks {what}"]
         wrong = SIGNALS["attitude"] + np.radians([0.0, 0.0, turn])

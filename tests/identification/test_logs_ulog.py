@@ -96,7 +96,7 @@ def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(re
         start=1_700_000_000_000_000,
     )
     record = read(data)
-    start = record.body_rates[0, 0]  # the time since the first rows
+    start = record.body_rates[0, 0]  # the signal is the time, s
     assert start == pytest.approx(2e-3, abs=1e-6)  # the first sample after the first position
     assert record.period == pytest.approx(0.004)
     np.testing.assert_allclose(record.body_rates[:, 0], record.time + start, atol=1e-6)

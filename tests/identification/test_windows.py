@@ -42,7 +42,7 @@ def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
     assert np.all(np.diff(flying) == 1)
 
 
-def test_a_short_cut_of_the_throttle_is_still_flight() -> None:
+def test_a_quarter_of_a_second_without_throttle_counts_as_flight() -> None:
     """A quarter of a second without thrust counts as a manoeuvre."""
     command = np.full((2000, 4), 0.5)
     command[1000:1025] = 0.0
