@@ -158,9 +158,9 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
     fade, back = (each[Cell("no_wind", "pd_t2fnn")] for each in (fades, returns))
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
-        f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in the"
-        f" quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the 1 s"
-        " before",
+        f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in"
+        f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
+        " 1 s before",
         verdict_of([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",

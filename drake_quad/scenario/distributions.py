@@ -230,7 +230,7 @@ class Uniform(Distribution):
         return self.uniform.min, self.uniform.max
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         return self.uniform.min + probability * (self.uniform.max - self.uniform.min)
 
 
@@ -249,7 +249,7 @@ class LogUniform(Distribution):
         return self.log_uniform.min, self.log_uniform.max
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         return self.log_uniform.min * (self.log_uniform.max / self.log_uniform.min) ** probability
 
 
@@ -277,7 +277,7 @@ class Normal(Distribution):
         return self.normal.shared
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         mean, deviation = self.normal.mean, self.normal.standard_deviation
         low, high = self.normal.min, self.normal.max
         below = 0.0 if low is None else scipy.special.ndtr((low - mean) / deviation)

@@ -54,10 +54,10 @@ def path(count=400, period=0.01):
 @pytest.mark.parametrize(
     ("period", "size", "said"),
     [
-        # A jump is at least 0.1 m,
+        # A step counts as a jump if it is at least 0.1 m.
         (0.01, 0.11, True),
         (0.01, 0.09, False),
-        # and more than an acceleration of 500 m/s² causes in one step.
+        # It must also be larger than an acceleration of 500 m/s² can cause in one time step.
         (0.05, 500.0 * 0.05**2 + 0.05, True),
         (0.05, 500.0 * 0.05**2 - 0.05, False),
     ],

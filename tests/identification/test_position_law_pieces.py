@@ -134,20 +134,20 @@ def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_th
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
 
 
-def test_unwinding_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(vehicle):
+def test_the_anti_windup_term_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(vehicle):
     """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
     for form, (piece,) in found.items():
         if form != "decoupled":
-            assert not piece.unwinding.any()
+            assert not piece.anti_windup.any()
     output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
     missing = np.zeros_like(output)
     sinks = output[:, 2] < 0.0
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
     missing[sinks, :2] = output[sinks, :2] - produced
     assert 100 < sinks.sum() < 500
-    np.testing.assert_allclose(found["decoupled"][0].unwinding, integrals(smoothed(missing)), atol=1e-12)
+    np.testing.assert_allclose(found["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
 
 
 def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):

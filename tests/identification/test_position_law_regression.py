@@ -75,7 +75,7 @@ def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, sett
         reference_acceleration=now["reference_acceleration"],
         travel=position - position[0],
         deviation=np.zeros_like(error),
-        unwinding=np.zeros_like(error),
+        anti_windup=np.zeros_like(error),
         counted=time >= begin + settle,
     )
 
@@ -154,12 +154,12 @@ def noisy_pieces(samples=60):
 
 def without_nuisances(piece):
     """Return the piece without its deviation and anti-windup terms."""
-    return piece._replace(deviation=np.zeros_like(piece.error), unwinding=np.zeros_like(piece.error))
+    return piece._replace(deviation=np.zeros_like(piece.error), anti_windup=np.zeros_like(piece.error))
 
 
 def stacked(pieces, axes, terms):
     """Return the regressors, with a constant and a linear trend for each stretch, and the commands of the pieces."""
-    sign = {"velocity": -1.0, "displacement": -1.0, "unwinding": -1.0}
+    sign = {"velocity": -1.0, "displacement": -1.0, "anti_windup": -1.0}
     values = {"position": "error", "displacement": "travel"}
     found, commands, free = [], [], []
     for axis in axes:
@@ -209,7 +209,7 @@ def test_columns_are_the_terms_of_the_law():
         "reference_acceleration": piece.reference_acceleration[:, 1],
         "displacement": -piece.travel[:, 1],
         "deviation": piece.deviation[:, 1],
-        "unwinding": -piece.unwinding[:, 1],
+        "anti_windup": -piece.anti_windup[:, 1],
         "integral": integral(error),
         "double_integral": integral(integral(error)),
     }

@@ -199,7 +199,7 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
 
 
 def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
-    """Estimates are written to the given scenario."""
+    """The model has a level vehicle, but the returned scenario, to which estimates are written, is the given one."""
     logs, scenario = prepare([log_of(3.0, "position")], rotors)
     assert scenario is rotors
     assert logs.scenario.laboratory.autopilot.models_vehicle
