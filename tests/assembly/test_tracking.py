@@ -319,8 +319,8 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_fr
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # A tick reads the previous frame. The next tick comes 10 ms after the frame of the jump, or 20 ms if that frame
-    # is taken at a tick.
+    # A tick reads the previous frame. If the frame that shows the jump is taken at a tick, the next tick reads it 20 ms
+    # later, and otherwise 10 ms later.
     shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
     assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)

@@ -290,7 +290,7 @@ def test_a_crash_satisfies_no_requirement():
         ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
         (
             {"eventually": {"signal": "tilt", "below": 1.0}, "until": {"signal": "tilt", "below": 1.0}},
-            "always with until",
+            "always if it has until",
         ),
         ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than after, 3"),
         (

@@ -134,7 +134,9 @@ def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_th
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
 
 
-def test_the_anti_windup_term_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(vehicle):
+def test_the_anti_windup_term_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(
+    vehicle,
+):
     """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
