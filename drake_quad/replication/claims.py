@@ -411,7 +411,7 @@ def _span_text(values: Sequence[float] | np.ndarray, size: float, form: str) -> 
 
 
 def _listed_text(numbers: Mapping[Cell, Interval], text: Callable[[Interval], str] = Interval.percent) -> str:
-    """Return numbers by cell as text."""
+    """Return text that lists a number for each cell of Table II."""
     return "; ".join(f"{cell.label} {text(number)}" for cell, number in numbers.items())
 
 

@@ -621,7 +621,7 @@ def test_without_an_attitude_the_size_of_gravity_is_known():
     assert "the sign of specific_force looks wrong in z" in remark or "FRD" in remark
 
 
-def test_noise_contradicts_nothing():
+def test_signals_of_noise_do_not_contradict_each_other():
     random = np.random.default_rng(1)
     names = ("position", "velocity", "attitude", "body_rates")
     hovering = {name: 1e-3 * random.normal(size=(len(TIME), 3)) for name in names}
