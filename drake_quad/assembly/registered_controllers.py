@@ -169,7 +169,8 @@ def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
     takes_number = _takes_number(system)
     if num_vehicles > 1 and not takes_number:
         raise InputError(
-            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
+            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles,"
+            " and its ports must have the rows of all these vehicles, as in docs/how_to/your_own_controller.md"
         )
     try:
         return system(num_vehicles=num_vehicles, **parameters) if takes_number else system(**parameters)

@@ -135,7 +135,6 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     if (ports.output not in outputs) if ports.named else (len(outputs) != 1):
         required = f"the output port `{ports.output}`" if ports.named else "a single output port"
         raise InputError(f"{name} must have {required}, but has {_listed(outputs)}")
-    # Ports of random numbers are connected to sources of random numbers.
     random = getattr(system, "random_inputs", {})
     allowed = {port: sizes[port] for port in ports.inputs}
     for port in inputs:

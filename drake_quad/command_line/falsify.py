@@ -39,7 +39,6 @@ _NUM_PRINTED = 12  # number of random parameters that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad falsify robustness --maximize peak_error --flights 4000",
@@ -72,7 +71,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_extra("falsify", "robustness", "cma")
     check_ranges(arguments, {"sigma": (0.1, 8.0), "noise": (1, 100), "flights": (1, 1e9)})
     if arguments.flights < MIN_FLIGHTS * arguments.noise:

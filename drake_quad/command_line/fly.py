@@ -33,7 +33,6 @@ from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     add_controller(result)
@@ -63,7 +62,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:

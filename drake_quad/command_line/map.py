@@ -41,7 +41,6 @@ _WORST_EXTRA_TICKS = 1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
     result.add_argument(
         "--loop", choices=get_args(Loop), default="position", help="loop whose gains are mapped (default: position)"
@@ -70,7 +69,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"size": (2, 200)})
     size = arguments.size or (12 if arguments.quick else 40)
     if arguments.quick:

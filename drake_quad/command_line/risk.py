@@ -34,7 +34,6 @@ _NUM_PRINTED = 8  # number of coordinates that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad risk robustness --event 'peak_error > 0.5' --to 50% --population 500",
@@ -82,7 +81,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"flights": (1, 1e9), "noise-period": (1e-3, 1e4)})
     half_width = parse_percent(arguments.to)
     scenario = scenario_of(arguments)

@@ -31,7 +31,6 @@ _NUM_PRINTED = 12  # number of parameters that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__, "drake-quad sobol robustness --metric rmse --points 16", output="out/sobol", scenario="robustness"
     )
@@ -52,7 +51,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_extra("sobol", "robustness", "SALib")
     scenario = scenario_of(arguments)
     check_metric(scenario, arguments.metric, [*definitions_of(scenario.metrics_type), CRASHED])

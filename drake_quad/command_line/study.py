@@ -46,7 +46,6 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad study robustness --samples 200 --workers 2",
@@ -100,7 +99,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenarios = scenarios_of(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")

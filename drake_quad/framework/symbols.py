@@ -254,7 +254,7 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
         )
         for name, operands, kind, inside in operations
     ]
-    # Version 2 of the format does not depend on which objects are identical.
+    # Version 2 of the format writes a repeated object in full again, so that the bytes depend only on the values.
     return hashlib.sha256(marshal.dumps(([name.encode() for name in names], lines), 2)).hexdigest()
 
 

@@ -34,11 +34,10 @@ _MAX_NUM_ROUNDS = 8
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# Rounds in which a search for a smaller disturbance begins: the first round, and one in which the parameters are
-# already close to their final values.
+# Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Trial factors of the disturbance (force along x, y, z, torque about x, y, z). Trials are necessary, because scoring
-# reduces a disturbance that is much too large only slowly.
+# Factors of the smaller disturbances (force along x, y, z, torque about x, y, z). They are tried because Fisher scoring
+# reduces a much too large disturbance only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a

@@ -7,7 +7,7 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturation share       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
+    saturated fraction       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
 The sums include the ticks in the metric window of the scenario, up to a crash.
 
@@ -271,7 +271,7 @@ def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
 
 _SATURATION = Metric(
     "1",
-    "share of ticks with saturated rotors",
+    "ticks with saturated rotors",
     _SHORTFALL,
     lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),
@@ -298,7 +298,7 @@ class Metrics(NamedTuple):
         variation_x: total variation of the commanded acceleration on X.
         variation_y: total variation of the commanded acceleration on Y.
         variation_z: total variation of the commanded acceleration on Z.
-        saturation_share: fraction of the ticks at which the rotors cannot produce the wrench.
+        saturated_fraction: fraction of the ticks at which the rotors cannot produce the wrench.
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
@@ -313,7 +313,7 @@ class Metrics(NamedTuple):
     variation_x: Annotated[Any, _variation("x")]
     variation_y: Annotated[Any, _variation("y")]
     variation_z: Annotated[Any, _variation("z")]
-    saturation_share: Annotated[Any, _SATURATION]
+    saturated_fraction: Annotated[Any, _SATURATION]
     crash_time: Annotated[Any, Quantity("s")]
 
     @property

@@ -408,7 +408,7 @@ class Crash(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as a height that is too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
-        # A height below the default is deliberately out of reach.
+        # A user lowers the limit below its default to disable it, so such a value is not reported.
         is_strict = self.height > type(self).model_fields["height"].default
         if is_strict and self.height < flight.lowest_height - self.position_error:
             yield InactiveSetting(
@@ -544,7 +544,8 @@ class Scenario(Mission):
         cascade: CascadeControl | None = self.control.cascade()
         if cascade is None:
             raise InputError(
-                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind cascade"
+                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind"
+                " cascade, or write `kind: cascade` with a position controller in its control"
             )
         return cascade
 

@@ -54,7 +54,7 @@ def obstacle_table(study: Study) -> Summary:
         for name, count in ordered
         if count
     ]
-    return Summary(("crashed into", "samples", "share"), rows, [])
+    return Summary(("crashed into", "samples", "fraction"), rows, [])
 
 
 def influence_table(study: Study, name: str, count: int = 3) -> Summary:

@@ -46,7 +46,7 @@ COMMAND = "drake_quad.command_line"
 
 
 def written(result):
-    """Return the files that a command lists as written."""
+    """Return the files after the word "wrote" in the output of a command."""
     return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
 
 

@@ -324,7 +324,8 @@ def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, design
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, designed, ticks):
-    """A loop tolerates a number of delay ticks if its delay margin is 2 % longer, but not if it is 2 % shorter."""
+    """Two designs have delay margins 2 % above and 2 % below a whole number of ticks. Only the first tolerates this
+    number of ticks."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(nominal_hover(scenario))

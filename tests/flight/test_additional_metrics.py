@@ -290,7 +290,7 @@ def test_a_crash_satisfies_no_requirement():
         ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
         (
             {"eventually": {"signal": "tilt", "below": 1.0}, "until": {"signal": "tilt", "below": 1.0}},
-            "always with until",
+            "always if it has until",
         ),
         ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than after, 3"),
         (
@@ -303,6 +303,14 @@ def test_a_crash_satisfies_no_requirement():
 def test_wrong_requirements_are_refused(requirement, message):
     with pytest.raises(InputError, match=message):
         load_scenario("hover", [{"requirements": {"level": requirement}}])
+
+
+def test_an_unknown_metric_is_named_with_the_option_that_registers_it():
+    message = (
+        r"additional\.height_loss\.kind is 'height_loss' by default, but .*; `--import FILE\.py` registers a metric"
+    )
+    with pytest.raises(InputError, match=message):
+        load_scenario("hover", [additional(height_loss={"tolerance": 0.01})])
 
 
 def test_a_requirement_and_a_metric_have_different_names():

@@ -50,7 +50,7 @@ def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path)
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
     observation = {"signals": ["position_error", "velocity_error"]}
     policy = with_policy(
-        pd, arrays, tmp_path, action={"kind": "acceleration", "most": ACTION_LIMIT}, observation=observation
+        pd, arrays, tmp_path, action={"kind": "acceleration", "max_acceleration": ACTION_LIMIT}, observation=observation
     )
     flight, expected = simulate(policy), simulate(pd)
     for name in ("state", "wrench", "acceleration_command", "attitude_command"):

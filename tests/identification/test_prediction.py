@@ -121,7 +121,8 @@ def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, 
 
 @pytest.mark.slow
 def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
-    """The remaining error is from the initial state, the end of a parabola through 50 ms of motion with jerk."""
+    """The remaining error is the error of the initial state, which is the end of a parabola through 50 ms of motion
+    with jerk."""
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:

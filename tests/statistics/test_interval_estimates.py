@@ -21,7 +21,7 @@ def test_quantiles_of_binomial_distributions_agree_with_scipy(total, probability
 
 @pytest.mark.parametrize("total", [1, 2, 3, 10])
 def test_a_count_is_the_quantile_of_its_cumulative_probability(total):
-    """At a probability of one half, cumulative probabilities are exact in floating point."""
+    """The tested probability is one half, for which the cumulative probabilities have no rounding errors."""
     fractions = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
     assert [_binomial_quantile(fraction, total, 0.5) for fraction in fractions] == [*range(total)]
 

@@ -550,7 +550,7 @@ def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False
 
 @pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
 def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
-    """The metrics differ by less than 1e-6."""
+    """The three flights of sample 0 agree within 1e-6, so the system is accepted."""
     ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
     assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
     assert (job.num_vehicles, job.key) == (size, "key, trial")

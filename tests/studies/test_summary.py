@@ -27,7 +27,7 @@ def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **paramet
     errors = rng.gamma(3.0, 0.02, count)
     crash_time = np.where(np.arange(count) < crashed, 3.0, math.inf)
     saturated = np.where(rng.random(count) < 0.2, 0.01, 0.0)
-    numbers = dict.fromkeys(Metrics._fields, errors) | {"saturation_share": saturated, "crash_time": crash_time}
+    numbers = dict.fromkeys(Metrics._fields, errors) | {"saturated_fraction": saturated, "crash_time": crash_time}
     return Study(load_scenario(scenario), 10.0, np.arange(count), parameters, Metrics(**numbers))
 
 
@@ -80,7 +80,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
     found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
     errors = {name for name, metric in METRICS.items() if metric.unit == "m"}
     names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
-    assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
+    assert {*errors, "effort_x", "saturated_fraction"} <= {*names.values()}
     summary = metric_table(found)
     assert [row[0] for row in summary.rows] == [*names]
     assert summary.headings == ("", "mean", "std. dev.", "5 % quantile", "median", "95 % quantile", "")
@@ -151,7 +151,7 @@ def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
 def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
-    assert metric_mean(metrics, "saturation_share") == bounded_mean_interval(metrics.saturation_share[kept])
+    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(metrics.saturated_fraction[kept])
     assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
 
 

@@ -143,7 +143,7 @@ def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
-def test_a_tornado_has_the_means_of_the_tenths(name):
+def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
     found = study()
     figure = plots.plot_influences(found, name)
     assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
@@ -253,7 +253,7 @@ def test_labels_of_metrics_have_units(name, label):
         plots.label_metric(axes.xaxis, [study()], name)
         assert axes.get_xlabel() == label
         # Values are drawn in SI units, and tick labels are in the units of the tables.
-        expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])
+        expected = {"RMSE": "25", "peak": "25", "ticks": "25 %"}.get(label.split()[0])
         assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
 
 

@@ -22,7 +22,7 @@ ESSENTIAL_TERMS = ("position", "velocity")
 """Terms without which there is no position law."""
 REFERENCE_TERMS = ("reference_velocity", "reference_acceleration", "displacement")
 """Terms that need a reference that moves."""
-NUISANCE_TERMS = ("deviation", "unwinding")
+NUISANCE_TERMS = ("deviation", "anti_windup")
 """Nuisance terms, which are fitted but not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
 TYPICAL_DELAY = 0.05
 """Usual delay of a position controller, s."""
@@ -195,7 +195,7 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
         "displacement": -piece.travel[:, axis],
         "double_integral": double_integral,
         "deviation": piece.deviation[:, axis],
-        "unwinding": -piece.unwinding[:, axis],
+        "anti_windup": -piece.anti_windup[:, axis],
     }
     return np.column_stack([columns[name] for name in terms])
 
