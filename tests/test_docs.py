@@ -7,6 +7,7 @@ import pydoc
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.command_line.parser import Parser
+from drake_quad.control.exported.machines import EMULATOR
 from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS
 from drake_quad.framework.records import layout_of
 from drake_quad.reports.page import as_html

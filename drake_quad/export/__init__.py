@@ -1,1 +1,1 @@
-"""Export of controllers as C code, and flights of the exported code."""
+"""Export of controllers as C code."""
