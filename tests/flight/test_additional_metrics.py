@@ -150,7 +150,7 @@ def test_a_metric_of_ones_own_is_a_column_of_flights_and_studies(tmp_path, monke
         "distance_along_x": {},
         "error_quantile": {"probability": 0.5},
     }
-    scenario = load_scenario("robustness", [additional(**metrics)])
+    scenario = load_scenario("robustness", [additional(**metrics)], layers=["controllers/paper:pd"])
     study = run_monte_carlo(scenario, 5, folder=tmp_path, num_workers=1, batch_size=3)
     flights = simulate_samples(scenario, range(5), compiled=True)
     for i, flight in enumerate(flights):
@@ -175,7 +175,7 @@ def test_a_metric_that_worker_processes_cannot_import_is_refused():
         """Largest height."""
         return state.z
 
-    scenario = load_scenario("robustness", [additional(height={})])
+    scenario = load_scenario("hover", [additional(height={})])
     assert simulate(scenario, sample=0).metrics.height > 0.0
     with pytest.raises(InputError, match="a kind that the scenario uses cannot be sent to worker processes; define it"):
         run_monte_carlo(scenario, 2, num_workers=1)
