@@ -267,7 +267,7 @@ def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool)
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
+    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, start)
 
 
@@ -401,6 +401,38 @@ def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered
     else:
         assert found.noise.disturbance[3] == 0.2
         assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
+def test_a_trial_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
+    """The derivatives predict a gain of 100; a search may gain up to three times as much."""
+    predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
+    predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
+    parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
+    needed = -109.0 + 100.0 * ratio
+    found = fitting._Point.of(predictor, parameters, np.zeros(1), noise, min_likelihood=needed)  # type: ignore[arg-type]
+    assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
+    assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
+
+
+def test_a_search_evaluates_its_result_once() -> None:
+    """The predictions at the result are those of the search, even though its last step is rejected."""
+    points: list[bytes] = []
+
+    class Kinked(LinearPredictor):
+        def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+            points.append(parameters[0].tobytes())
+            # The errors change sign abruptly at 0.9, so steps to 1 are rejected.
+            theta = np.where(parameters > 0.9, 0.9 + 30.0 * (parameters - 0.9), parameters)
+            return super().errors(theta)
+
+    predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    found = fitting._Point.of(predictor, parameters, np.zeros(1), NO_NOISE)  # type: ignore[arg-type]
+    assert points.count(found.values.tobytes()) == 1
+    assert points[-1] != found.values.tobytes()
+    errors, _ = predictor.errors(np.array([found.values]))
+    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
 
 
 @pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
