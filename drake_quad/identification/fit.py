@@ -154,22 +154,23 @@ def fit(
     mean = np.array([parameter.start for parameter in parameters])
     values = mean if start is None else start
     prior = np.array([parameter.scale**-2.0 for parameter in parameters])
-    point = _Point.of(predictor, parameters, values, noise)
+    point = _Point.of(predictor, parameters, values, predictor.gains(values, noise), noise)
     untried: list[tuple[float, ...]] = []
     for round_number in range(1, _MAX_NUM_ROUNDS + 1):
         if round_number in _TRIAL_ROUNDS:
             untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
         previous_values, previous_disturbance = point.values, point.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(previous_values, point.noise), point.noise)
-        point = _Point.of(predictor, parameters, previous_values, noise)
+        gains = predictor.gains(previous_values, noise)
+        point = _Point.of(predictor, parameters, previous_values, gains, noise)
         for factors in list(untried):
             improved = _with_smaller_disturbance(predictor, parameters, point, factors)
             if improved is point:
                 untried.remove(factors)
             point = improved
         if round_number == 1 and np.any(np.abs(point.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
-            small_disturbance = _RESTART_DISTURBANCE * point.noise.disturbance
-            restarted = _Point.of(predictor, parameters, mean, point.noise._replace(disturbance=small_disturbance))
+            small = point.noise._replace(disturbance=_RESTART_DISTURBANCE * point.noise.disturbance)
+            restarted = _Point.of(predictor, parameters, mean, predictor.gains(mean, small), small)
             if restarted.likelihood > point.likelihood:
                 point = restarted
         predictor.continue_windows(point.states, point.state_jacobian, point.values, point.gains)
@@ -195,18 +196,23 @@ def _with_smaller_disturbance(
     def reduced(noise: PredictionNoise) -> PredictionNoise:
         return noise._replace(disturbance=np.maximum(noise.disturbance * factors, _MIN_DISTURBANCE))
 
-    noise, likelihood = point.noise, point.likelihood
+    noise, likelihood, gains = point.noise, point.likelihood, point.gains
+    smaller_gains = None
     while np.any(reduced(noise).disturbance < noise.disturbance):
-        gains = predictor.gains(point.values, reduced(noise))
-        white = (gains.whitening @ gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
-        reduced_likelihood = _likelihood(predictor, gains, white)
+        smaller_gains = predictor.gains(point.values, reduced(noise))
+        white = (smaller_gains.whitening @ smaller_gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        reduced_likelihood = _likelihood(predictor, smaller_gains, white)
         if reduced_likelihood <= likelihood:
             break
-        noise, likelihood = reduced(noise), reduced_likelihood
+        noise, likelihood, gains, smaller_gains = reduced(noise), reduced_likelihood, smaller_gains, None
     if noise is not point.noise:
-        point = _Point.of(predictor, parameters, point.values, noise)
+        point, smaller_gains = _Point.of(predictor, parameters, point.values, gains, noise), None
     if parameters and np.any(reduced(noise).disturbance < noise.disturbance):
-        refitted = _Point.of(predictor, parameters, point.values, reduced(noise), min_likelihood=point.likelihood)
+        if smaller_gains is None:
+            smaller_gains = predictor.gains(point.values, reduced(noise))
+        refitted = _Point.of(
+            predictor, parameters, point.values, smaller_gains, reduced(noise), min_likelihood=point.likelihood
+        )
         point = refitted if refitted.likelihood > point.likelihood else point
     return point
 
@@ -260,15 +266,15 @@ class _Point(NamedTuple):
         predictor: Predictor,
         parameters: Sequence[Parameter],
         start: np.ndarray,
+        gains: Gains,
         noise: PredictionNoise,
         *,
         min_likelihood: float = -np.inf,
     ) -> "_Point":
-        """Return the best parameters for a noise, with a filter that is linearised at the initial parameters.
+        """Return the best parameters for a noise, with the gains of a filter that is linearised at the initial ones.
 
         The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
         """
-        gains = predictor.gains(start, noise)
         values, predictions = _least_squares(predictor, parameters, start, gains, noise, min_likelihood=min_likelihood)
         return cls(values, noise, gains, *predictions, _likelihood(predictor, gains, predictions.errors))
 

@@ -357,15 +357,25 @@ def noise_with(torque: float) -> PredictionNoise:
     return PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, torque, torque, torque]), np.ones(6))
 
 
+def point_at(
+    predictor: LinearPredictor, parameters: list[Parameter], noise: PredictionNoise, **options: float
+) -> fitting._Point:
+    """Return the best parameters for a noise, from a search that starts at zero."""
+    start = np.zeros(1)
+    return fitting._Point.of(predictor, parameters, start, predictor.gains(start, noise), noise, **options)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
 def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: float, expected: float) -> None:
     """The disturbance stays above its lower limit, and axes with a factor of one keep their value."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(8.0))
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
+    # The filter of the returned noise is computed once.
+    assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # Likelihood and gains belong to the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
@@ -376,7 +386,7 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise)  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     assert found is at
@@ -391,7 +401,7 @@ def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(1.0))
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
     at = at._replace(values=np.zeros(1), likelihood=-100.0)
@@ -410,7 +420,7 @@ def test_a_trial_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fit
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
     needed = -109.0 + 100.0 * ratio
-    found = fitting._Point.of(predictor, parameters, np.zeros(1), noise, min_likelihood=needed)  # type: ignore[arg-type]
+    found = point_at(predictor, parameters, noise, min_likelihood=needed)
     assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
     assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
 
@@ -428,7 +438,7 @@ def test_a_search_evaluates_its_result_once() -> None:
 
     predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    found = fitting._Point.of(predictor, parameters, np.zeros(1), NO_NOISE)  # type: ignore[arg-type]
+    found = point_at(predictor, parameters, NO_NOISE)
     assert points.count(found.values.tobytes()) == 1
     assert points[-1] != found.values.tobytes()
     errors, _ = predictor.errors(np.array([found.values]))
