@@ -179,7 +179,7 @@ def test_a_tick_with_constant_inputs_is_exact(initial):
 @pytest.mark.slow
 def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
     rng = np.random.default_rng(2)
-    ticks, n = 1000, 60
+    ticks, n = 2000, 60
     firing = np.stack([random_firing(rng, n) for _ in range(ticks)])
     traces = {}
     for forgetting in (1.0, 0.999, 0.9):
