@@ -268,7 +268,7 @@ def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool)
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
+    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, start)
 
 
@@ -360,15 +360,25 @@ def noise_with(torque: float) -> PredictionNoise:
     return PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, torque, torque, torque]), np.ones(6))
 
 
+def point_at(
+    predictor: LinearPredictor, parameters: list[Parameter], noise: PredictionNoise, **options: float
+) -> fitting._Point:
+    """Return the best parameters for a noise, from a search that starts at zero."""
+    start = np.zeros(1)
+    return fitting._Point.of(predictor, parameters, start, predictor.gains(start, noise), noise, **options)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
 def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: float, expected: float) -> None:
     """The disturbance is not reduced below its lower limit, and axes with the factor 1 keep their values."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(8.0))
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
+    # The filter of the returned noise is computed once.
+    assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # Likelihood and gains belong to the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
@@ -379,7 +389,7 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise)  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     assert found is at
@@ -394,7 +404,7 @@ def test_a_smaller_disturbance_may_have_a_larger_likelihood_only_for_other_param
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(1.0))
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
     at = at._replace(values=np.zeros(1), likelihood=-100.0)
@@ -404,6 +414,38 @@ def test_a_smaller_disturbance_may_have_a_larger_likelihood_only_for_other_param
     else:
         assert found.noise.disturbance[3] == 0.2
         assert found.values[0] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
+def test_a_trial_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
+    """The derivatives predict a gain of 100; a search may gain up to three times as much."""
+    predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
+    predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
+    parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
+    needed = -109.0 + 100.0 * ratio
+    found = point_at(predictor, parameters, noise, min_likelihood=needed)
+    assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
+    assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
+
+
+def test_a_search_evaluates_its_result_once() -> None:
+    """The predictions at the result are those of the search, even though its last step is rejected."""
+    points: list[bytes] = []
+
+    class Kinked(LinearPredictor):
+        def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+            points.append(parameters[0].tobytes())
+            # The errors change sign abruptly at 0.9, so steps to 1 are rejected.
+            theta = np.where(parameters > 0.9, 0.9 + 30.0 * (parameters - 0.9), parameters)
+            return super().errors(theta)
+
+    predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    found = point_at(predictor, parameters, NO_NOISE)
+    assert points.count(found.values.tobytes()) == 1
+    assert points[-1] != found.values.tobytes()
+    errors, _ = predictor.errors(np.array([found.values]))
+    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
 
 
 @pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
