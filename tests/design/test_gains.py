@@ -577,7 +577,7 @@ def test_the_search_for_a_regulator_knows_the_derivatives_of_the_cost(pitch, mon
     found = []
 
     def compare(function, start, **options):
-        for logs in (start, start + [0.3, -0.2], start + [0.1, 0.7]):
+        for logs in start + np.array([[0.0, 0.0], [0.3, -0.2], [0.1, 0.7]]):
             numeric = scipy.optimize.approx_fprime(logs, lambda tried: function(tried)[0], 1e-7)
             np.testing.assert_allclose(function(logs)[1], numeric, rtol=1e-5, atol=1e-6)
         found.append(options["jac"])
