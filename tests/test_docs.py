@@ -45,6 +45,7 @@ SHORT_OPTIONS = {
     "risk": ["--set", "duration=0.3", "--event", "peak_error > 0.001", "--population", "500", "--to", "900%"],
     "falsify": ["--set", "duration=0.3", "--flights", "250", "--noise", "1"],
     "sobol": ["--set", "duration=0.3", "--points", "8"],
+    "predict_flights.py": ["--wind", "wind_8_sine"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
