@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.laboratory.metrics import Metric
 from drake_quad.statistics.estimates import proportion_interval, quantile_interval, without_negative_part
 from drake_quad.statistics.interval import INFINITIES, Interval
 from drake_quad.studies.statistics import (
@@ -93,7 +94,7 @@ def metric_table(study: Study) -> Summary:
         is_finite = bool(np.isfinite(values).all())
         spread = float(np.std(values, ddof=1)) if len(values) > 1 and is_finite else math.nan
         infinities = definition.infinities_with_crash if crashed and is_finite else INFINITIES
-        quantiles = (_quantile(all_values, probability, definition.signed) for probability in _QUANTILES)
+        quantiles = (_quantile(all_values, probability, definition) for probability in _QUANTILES)
         rows.append(
             (
                 definition.label,
@@ -115,16 +116,18 @@ def requirement_table(study: Study) -> Summary:
         display = definition.display
         assert display is not None
         infinities = definition.infinities_with_crash if metrics.crashed.any() else INFINITIES
-        quantiles = (_quantile(values_with_crashes(metrics, name), probability, True) for probability in _QUANTILES[:2])
+        quantiles = (
+            quantile_interval(values_with_crashes(metrics, name), probability) for probability in _QUANTILES[:2]
+        )
         texts = [quantile.text(size=display.size, infinities=infinities) for quantile in quantiles]
         rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
     return Summary(("requirement", "satisfied", "5 % quantile of robustness", "median", ""), rows, [])
 
 
-def _quantile(values: np.ndarray, probability: float, signed: bool) -> Interval:
-    """Return a quantile of a metric; if it is finite and not signed, its interval has no negative part."""
-    quantile = quantile_interval(values, probability)
-    return quantile if signed or not math.isfinite(quantile.value) else without_negative_part(quantile)
+def _quantile(values: np.ndarray, probability: float, definition: Metric) -> Interval:
+    """Return a quantile of a metric; if it is finite and cannot be negative, its interval has no negative part."""
+    quantile, is_nonnegative = quantile_interval(values, probability), definition.is_nonnegative
+    return without_negative_part(quantile) if is_nonnegative and math.isfinite(quantile.value) else quantile
 
 
 def _remarks(crashed: int, count: int) -> list[str]:
