@@ -428,15 +428,33 @@ def compute_metrics(
     Raises:
         InputError: if a metric is outside the range that its definition states.
     """
+    known = [
+        name
+        for name, metric in definitions_of(kind).items()
+        if metric.accumulator is not None and (connected is None or all(map(connected, metric.signals)))
+    ]
+    unknown = dict.fromkeys(definitions_of(kind), np.full_like(crash_time, np.nan))
+    return kind(**{**unknown, **values_of(known, sums, period, kind)}, crash_time=crash_time)
+
+
+def values_of(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:
+    """Return the (N,) values of some metrics, by name.
+
+    Args:
+        names: names of metrics that are not computed from a recorded flight.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        period: duration of a tick, s.
+        kind: class of the metrics, from `metrics_type`.
+
+    Raises:
+        InputError: if a metric is outside the range that its definition states.
+    """
     ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
     records = dict(zip(accumulators_of(kind), sums.records, strict=True))
     values = {}
-    for name, metric in definitions_of(kind).items():
-        if metric.accumulator is None:
-            values[name] = np.full_like(crash_time, np.nan)
-            continue
-        value = metric.value(records[metric.accumulator], ticks, period)
-        check_range(name, metric, value)
-        known = connected is None or all(map(connected, metric.signals))
-        values[name] = value if known else np.full_like(value, np.nan)
-    return kind(**values, crash_time=crash_time)
+    for name in names:
+        metric = definitions_of(kind)[name]
+        assert metric.accumulator is not None
+        values[name] = metric.value(records[metric.accumulator], ticks, period)
+        check_range(name, metric, values[name])
+    return values
