@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.laboratory.metrics import Metric
+from drake_quad.laboratory.metrics import Display, Metric
 from drake_quad.statistics.estimates import proportion_interval, quantile_interval, without_negative_part
 from drake_quad.statistics.interval import INFINITIES, Interval
 from drake_quad.studies.statistics import (
@@ -122,6 +122,37 @@ def requirement_table(study: Study) -> Summary:
         texts = [quantile.text(size=display.size, infinities=infinities) for quantile in quantiles]
         rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
     return Summary(("requirement", "satisfied", "5 % quantile of robustness", "median", ""), rows, [])
+
+
+def overview_table(studies: Mapping[str, Study]) -> Summary:
+    """Return crashes, requirements and medians of additional metrics, with a row for each controller.
+
+    A crash counts as worse than any value in the medians. The table has no rows if there are neither requirements nor
+    additional metrics that all studies have.
+
+    Args:
+        studies: study of each controller, by name.
+    """
+    scenarios = [study.scenario for study in studies.values()]
+    requirements = [name for name in scenarios[0].requirements if all(name in each.requirements for each in scenarios)]
+    additional = scenarios[0].metrics.additional
+    metrics = [name for name in additional if all(name in each.metrics.additional for each in scenarios)]
+    if not requirements and not metrics:
+        return Summary((), [], [])
+    definitions = next(iter(studies.values())).metrics.definitions
+    displays = {name: definitions[name].display or Display(definitions[name].unit, 1.0, 3) for name in metrics}
+    rows = []
+    for controller, study in studies.items():
+        medians = []
+        for name, display in displays.items():
+            median = quantile_interval(values_with_crashes(study.metrics, name), 0.5).without_interval()
+            has_crashes = study.metrics.crashed.any() and np.isfinite(values_without_crashes(study.metrics, name)).all()
+            infinities = definitions[name].infinities_with_crash if has_crashes else INFINITIES
+            medians.append(median.text(size=display.size, infinities=infinities))
+        probabilities = [requirement_probability(study.metrics, name).percent() for name in requirements]
+        rows.append((controller, crash_probability(study.metrics).percent(), *probabilities, *medians))
+    headings = [f"median {definitions[name].label} ({display.unit})" for name, display in displays.items()]
+    return Summary(("", "crashed", *requirements, *headings), rows, [])
 
 
 def _quantile(values: np.ndarray, probability: float, definition: Metric) -> Interval:
