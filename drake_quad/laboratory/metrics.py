@@ -407,7 +407,7 @@ def check_range(name: str, metric: Metric, values: Any) -> None:
     low, high = _LIMITS[metric.value_range]
     wrong = (values < low - _ROUNDING_TOLERANCE) | (values > high + _ROUNDING_TOLERANCE)
     if np.any(wrong):
-        value = np.ravel(values)[np.ravel(wrong)][0]
+        value, *_ = np.ravel(values)[np.ravel(wrong)]
         limits = "not negative" if high == math.inf else f"between {low:g} and {high:g}"
         raise InputError(f"the metric {name} is {value:g}, but its value_range {metric.value_range} states {limits}")
 
