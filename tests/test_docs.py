@@ -59,6 +59,10 @@ FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 
+# Libraries that only examples use. A block that imports one of them is skipped if the library is not installed.
+OPTIONAL_LIBRARIES = ("openturns", "optuna")
+
+
 def blocks(language):
     parameters = []
     for page in PAGES:
@@ -92,6 +96,9 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
+    for library in OPTIONAL_LIBRARIES:
+        if re.search(rf"^import {library}\b", block, re.MULTILINE):
+            pytest.importorskip(library)
     path = elsewhere / "block.py"
     path.write_text(block, encoding="utf-8")
     # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block. A process that
@@ -100,6 +107,14 @@ def test_every_python_block_runs(block, elsewhere, capsys):
     printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed
+
+
+def test_other_libraries_are_used_in_at_most_25_lines(root):
+    page = (root / "docs" / "how_to" / "your_own_method.md").read_text(encoding="utf-8")
+    examples = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    imported = {name for text in examples for name in re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)}
+    assert {"SALib", "cma", "optuna", "openturns"} <= imported
+    assert max(len(text.splitlines()) for text in examples) <= 25
 
 
 @pytest.mark.parametrize("block", [*blocks("python"), *blocks("yaml")])

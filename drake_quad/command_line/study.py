@@ -39,6 +39,7 @@ from drake_quad.studies.summary import (
     influence_table,
     metric_table,
     obstacle_table,
+    overview_table,
     requirement_table,
 )
 from drake_quad.studies.worker_pool import WorkerPool
@@ -260,6 +261,7 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
     """Print a paired comparison of each controller with the first, on the samples in which neither crashes."""
     print(f"paired comparison with {next(iter(studies))} on the same samples:")
     print_summary(comparison_table(studies, metric))
+    print_summary(overview_table(studies))
 
 
 def print_summary(summary: Summary) -> None:

@@ -113,7 +113,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
         y: (n,) values of the second variable.
         confidence: probability that the interval contains the true value.
     """
-    if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    if len(x) < 4 or _is_constant(x) or _is_constant(y):
         return Interval(math.nan, math.nan, math.nan)
     return _correlation_interval(float(np.corrcoef(_ranks(x), _ranks(y))[0, 1]), len(x), confidence)
 
@@ -133,7 +133,7 @@ def partial_rank_correlation(
     """
     if not len(covariates):
         return rank_correlation(x, y, confidence)
-    if len(x) < 4 + len(covariates) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    if len(x) < 4 + len(covariates) or _is_constant(x) or _is_constant(y):
         return Interval(math.nan, math.nan, math.nan)
     ranks, others = (np.array([_ranks(row) for row in rows]) for rows in ((x, y), covariates))
     ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
@@ -163,6 +163,11 @@ def _binomial_quantile(fraction: float, total: int, probability: float) -> int:
         return round(total * probability)
     count = math.ceil(scipy.special.bdtrik(fraction, total, probability))
     return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= fraction else count
+
+
+def _is_constant(values: np.ndarray) -> bool:
+    """Return whether all values, which may be infinite, are equal."""
+    return bool(np.all(values == values[0]))
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:

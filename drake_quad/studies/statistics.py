@@ -41,8 +41,8 @@ _MAX_BINS = 20
 def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is computed by `bounded_mean_interval` for a fraction, which has the unit 1 and cannot be negative.
-    Otherwise it is Student's t interval, or its nonnegative part if the metric cannot be negative.
+    The interval is computed by `bounded_mean_interval` for a fraction between 0 and 1. Otherwise it is Student's t
+    interval, or its nonnegative part if the metric cannot be negative.
 
     Args:
         metrics: (n,) metrics of the samples.
@@ -52,10 +52,10 @@ def metric_mean(metrics: Metrics, name: str) -> Interval:
 
 
 def _interval_of_mean(values: np.ndarray, definition: Metric) -> Interval:
-    if definition.unit == "1" and not definition.signed:
+    if definition.value_range == "fraction":
         return bounded_mean_interval(values)
     mean = mean_interval(values)
-    return mean if definition.signed else without_negative_part(mean)
+    return without_negative_part(mean) if definition.is_nonnegative else mean
 
 
 def crash_probability(metrics: Metrics) -> Interval:
@@ -275,7 +275,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     return Comparison(
         len(value),
         mean_interval(difference),
-        unknown if definition.signed else ratio_of_means(value, reference),
+        ratio_of_means(value, reference) if definition.is_nonnegative else unknown,
         proportion_interval(int(np.sum(better)), len(value)),
         only,
         baseline_only,

@@ -31,7 +31,7 @@ _LINE_STYLES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (O
 _MAX_FIELDS = 16
 # Horizontal offset, in points, between the marks of successive controllers, which separates equal values.
 _POINT_OFFSET = 3.0
-# The axis is logarithmic if the largest median exceeds the smallest one by this factor.
+# The axis of a metric that cannot be negative is logarithmic if the largest median exceeds the smallest by this factor.
 _LOG_AXIS_RATIO = 10.0
 
 
@@ -103,7 +103,8 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
     axes.set(ylabel="cumulative share of samples", ylim=(0.0, 1.02))
     survivors = [values_without_crashes(study.metrics, name) for study in studies.values()]
     medians = [median for values in survivors if len(values) and 0.0 < (median := np.median(values)) < np.inf]
-    if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
+    can_be_logarithmic = all(study.metrics.definitions[name].is_nonnegative for study in studies.values())
+    if can_be_logarithmic and medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
     label_metric(axes.xaxis, studies.values(), name)
     _in_percent(axes.yaxis)

@@ -144,10 +144,10 @@ def test_the_named_strength_fields_of_every_kind_exist():
     assert not can_act(load_scenario("hover", {"laboratory.wind": [STILL]}).laboratory.wind)
 
 
-# The racer has no drag, and attitudes of the other two follow an identified response.
+# The attitudes of these vehicles follow an identified response.
 # Planning the whole route through the forest takes several seconds.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
-REMARKED = {"bad_day:racer", "bad_day:crazyflie_onboard", "bad_day:neural_fly"}
+REMARKED = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])

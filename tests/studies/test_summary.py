@@ -17,7 +17,7 @@ from drake_quad.statistics.estimates import (
 )
 from drake_quad.studies.statistics import crash_bins, metric_mean, most_influential_path
 from drake_quad.studies.study import Study
-from drake_quad.studies.summary import comparison_table, crash_text, metric_table
+from drake_quad.studies.summary import comparison_table, crash_text, metric_table, overview_table
 from drake_quad.visualization.study_plots import plot_crash_probability
 
 
@@ -108,6 +108,36 @@ def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count
     assert "-" not in fraction + better
     assert len(summary.remarks) == (crashed > 0)
     assert (difference == "–") == (count == crashed)
+
+
+def thrown(settling_time, recovers, crashed):
+    """Return a study of thrown vehicles, given settling times (s), robustness (m) and the number of crashes."""
+    scenario, count = load_scenario("upset"), len(settling_time)
+    values = dict.fromkeys(scenario.metrics_type._fields, np.ones(count))
+    crash_time = np.where(np.arange(count) < crashed, 1.0, math.inf)
+    values |= {"settling_time": np.array(settling_time), "recovers": np.array(recovers), "crash_time": crash_time}
+    return Study(scenario, 20.0, np.arange(count), {}, scenario.metrics_type(**values))
+
+
+def test_an_overview_has_crashes_requirements_and_medians_of_additional_metrics_for_each_controller():
+    late = [math.inf, math.inf, 4.0, math.inf]
+    studies = {
+        "good": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 0),
+        "late": thrown(late, [-0.1, 0.1, 0.1, -0.2], 0),
+        "crashing": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 3),
+    }
+    summary = overview_table(studies)
+    assert summary.headings[:4] == ("", "crashed", "recovers", "median settling time (s)")
+    assert summary.headings[4:] == ("median overshoot (cm)", "median largest tilt (°)")
+    good, late, crashing = summary.rows
+    assert good[:4] == ("good", proportion_interval(0, 4).percent(), proportion_interval(4, 4).percent(), "3.00")
+    assert good[4:] == ("100", "57.3")
+    assert late[2:4] == (proportion_interval(2, 4).percent(), "∞")
+    assert crashing[2:4] == (proportion_interval(1, 4).percent(), "crash")
+
+
+def test_an_overview_without_requirements_and_additional_metrics_is_empty():
+    assert overview_table({"one": study(4, 0), "other": study(4, 1)}).rows == []
 
 
 def test_intervals_of_positive_means_are_student_s_cut_at_zero():

@@ -265,6 +265,19 @@ def test_axes_are_logarithmic_where_medians_differ_tenfold():
     assert plots.plot_distribution({"a": found, "b": twice}).axes[0].get_xscale() == "linear"
 
 
+@pytest.mark.parametrize(("signal", "scale"), [("tilt", "log"), ("yaw_error", "linear")])
+def test_the_axis_of_a_metric_is_logarithmic_only_if_the_metric_cannot_be_negative(signal, scale):
+    """Samples below zero would not be drawn on a logarithmic axis, although both medians are positive."""
+    scenario = load_scenario("robustness", [{"metrics": {"additional": {"mine": {"kind": "max", "of": signal}}}}])
+    values = np.linspace(0.1, 1.0, 20)
+    studies = {}
+    for name, factor in (("a", 1.0), ("b", 20.0)):
+        fields = dict.fromkeys(scenario.metrics_type._fields, factor * values)
+        metrics = scenario.metrics_type(**{**fields, "crash_time": np.full(20, math.inf)})
+        studies[name] = Study(scenario, 10.0, np.arange(20), {}, metrics)
+    assert plots.plot_distribution(studies, "mine").axes[0].get_xscale() == scale
+
+
 def test_the_overview_of_studies_has_their_means_and_crashes():
     studies = {"one": study(), "other": study(3, 5, 80)}
     _, axes = plot_study(studies, "peak_error")
