@@ -24,10 +24,11 @@ from drake_quad.command_line.options import (
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.errors import did_you_mean, join_names
+from drake_quad.scenario.batch import check_pairs
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.cluster import dask_pool
-from drake_quad.studies.monte_carlo import run_monte_carlo
+from drake_quad.studies.monte_carlo import DRAWS, run_monte_carlo, with_draws
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import metric_mean, most_influential_path, worst
 from drake_quad.studies.stopping import StoppingRule
@@ -64,6 +65,12 @@ def options() -> argparse.ArgumentParser:
         metavar="RULE",
         help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or 'rmse ± 1 %%' of the mean; can"
         " be given several times; --samples is then the largest number of samples",
+    )
+    result.add_argument(
+        "--draws",
+        choices=DRAWS,
+        help="draws of the random parameters: independent samples, or replicates that cover the distributions evenly,"
+        " whose means are often more precise (default: random, unless the scenario states its draws)",
     )
     result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
     result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
@@ -148,6 +155,9 @@ def main(arguments: argparse.Namespace) -> None:
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
+    if arguments.draws is not None:
+        scenarios = {name: with_draws(each, arguments.draws, arguments.samples) for name, each in scenarios.items()}
+    check_pairs(scenarios)
     print_flight_remarks(scenarios.values())
     print_comparison_remarks(scenarios)
     for name, scenario in scenarios.items():
@@ -212,6 +222,9 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
         f" {method}; {crash_text(study)}"
     )
+    if (draws := study.scenario.draws) is not None:
+        count = len({*draws.replicates(study.samples)})
+        print(f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, which give the intervals")
     print_summary(metric_table(study))
     if study.scenario.requirements:
         print_summary(requirement_table(study))

@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError, InputWarning
+from drake_quad.errors import InputError, InputWarning, lookup
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.draws import LATIN_HYPERCUBE, MAX_SIZE, SOBOL, DesignedDraws
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.statistics.replicates import MIN_REPLICATES
 from drake_quad.studies.flying import (
     BatchJob,
     build_fleet,
@@ -43,6 +46,12 @@ _TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 _TRIAL_TOLERANCE = 1e-6
 
 
+RANDOM = "random"
+"""Kind of draws of independent samples."""
+DRAWS = (RANDOM, LATIN_HYPERCUBE, SOBOL)
+"""Kinds of draws of a study."""
+
+
 class StudyInterrupted(KeyboardInterrupt):
     """Interruption of a study by Ctrl-C, whose message says how many samples are saved."""
 
@@ -64,6 +73,7 @@ def run_monte_carlo(
     policy: Callable[[int], Any] | None = None,
     compiled: bool = True,
     until: Sequence[str] = (),
+    draws: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
     """Fly samples 0 to n - 1 of a scenario's study in fleets.
@@ -96,7 +106,11 @@ def run_monte_carlo(
         compiled: True to compile the diagram to machine code, except for systems that cannot be compiled; False to
             simulate the uncompiled diagram.
         until: rules such as `crash ± 0.2 %` or `rmse ± 1 %`. The study ends as soon as all of them are met, or after n
-            samples. They are evaluated after fixed numbers of samples, see `drake_quad.studies.stopping`.
+            samples. They are evaluated after fixed numbers of samples, see `drake_quad.studies.stopping`. The samples
+            must be independent.
+        draws: draws of the random parameters: `random` for independent samples, or `latin_hypercube` or `sobol` for at
+            least 16 independent replicates that cover the distributions evenly; by default the draws of the scenario.
+            Intervals follow from the spread of the replicates. Wind and noise are independent in all samples.
         progress: function that is called with the number of completed samples, and n.
 
     Returns:
@@ -116,6 +130,13 @@ def run_monte_carlo(
     num_workers = num_cores() if num_workers is None else num_workers
     check_counts(num_samples=num_samples, num_workers=num_workers, batch_size=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
+    if draws is not None:
+        scenario = with_draws(scenario, draws, num_samples)
+    if until and scenario.draws is not None:
+        raise InputError(
+            f"a study with {scenario.draws.kind} draws cannot end early: the stopping rules are valid for independent"
+            " samples; use random draws, or leave out the rules"
+        )
     plan = plan_route(scenario)
     rules = [StoppingRule.parse(text, scenario) for text in until]
     user_systems = UserSystems(position_controller, control, wind, policy)
@@ -160,6 +181,32 @@ def run_monte_carlo(
     finally:
         delete_fleets()
     return rows.study()
+
+
+def with_draws(scenario: Scenario, kind: str, num_samples: int) -> Scenario:
+    """Return a scenario with draws of a kind for a study.
+
+    Args:
+        scenario: scenario of the study.
+        kind: `random`, `latin_hypercube` or `sobol`.
+        num_samples: number of samples of the study, which is divided into at least `MIN_REPLICATES` replicates.
+
+    Raises:
+        InputError: there is no such kind, the scenario has no distribution, or there are too few samples.
+    """
+    if kind == RANDOM:
+        return scenario.model_copy(update={"draws": None})
+    lookup(dict.fromkeys(DRAWS), kind, "kind of draws")
+    if not distributions_in(scenario):
+        raise InputError(f"{scenario.name} contains no distribution, so {kind} draws have no effect")
+    size = min(num_samples // MIN_REPLICATES, MAX_SIZE)
+    if size < 2:
+        raise InputError(
+            f"{kind} draws need at least {2 * MIN_REPLICATES} samples: {MIN_REPLICATES} replicates of two samples"
+        )
+    if kind == SOBOL:
+        size = 2 ** (size.bit_length() - 1)
+    return scenario.model_copy(update={"draws": DesignedDraws.model_validate({"kind": kind, "size": size})})
 
 
 def _saved_text(rows: StudyRows | None) -> str:

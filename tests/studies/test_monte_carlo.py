@@ -657,3 +657,50 @@ def test_a_study_without_any_flown_sample_states_the_reason(tmp_path):
 
 def broken(num_vehicles):
     raise ArithmeticError("broken")
+
+
+@pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
+def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
+    options = {"num_samples": 40, "draws": kind}
+    found = run(tmp_path, **options)
+    assert found.scenario.draws.size == 2
+    assert len({*found.replicates.indices}) == 20
+    content = (tmp_path / "results.csv").read_bytes()
+    with ThreadPoolExecutor(1) as executor:
+        other = run(executor=executor, num_workers=1, batch_size=3, **options)
+    np.testing.assert_array_equal(other.metrics, found.metrics)
+    (tmp_path / "results.csv").write_bytes(b"".join(content.splitlines(keepends=True)[:12]))
+    resumed = run(tmp_path, resume=True, **options)
+    assert (tmp_path / "results.csv").read_bytes() == content
+    assert 0.0 < resumed.simulated_time < found.simulated_time
+    # The scenario of the folder flies the same sample.
+    alone = simulate(load_scenario(tmp_path / "scenario.yaml"), sample=33)
+    assert alone.metrics.rmse == pytest.approx(found.metrics.rmse[33], rel=1e-9)
+    assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
+
+
+def test_wind_and_noise_of_designed_draws_are_those_of_independent_samples():
+    """With fields that have no effect, the flights are those of independent draws."""
+    harmless = load_scenario(
+        "laboratory:low_wind", ["duration=0.3", "vehicle.gravity={uniform: {min: 9.81, max: 9.8100001}}"]
+    )
+    designed, independent = (
+        run_monte_carlo(harmless, 32, num_workers=1, draws=kind).metrics.rmse for kind in ("sobol", "random")
+    )
+    np.testing.assert_allclose(designed, independent, rtol=1e-5)
+    assert np.ptp(designed) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"draws": "halton"}, "there is no kind of draws called .halton.; there are random, latin_hypercube, sobol"),
+        ({"draws": "sobol", "num_samples": 31}, "sobol draws need at least 32 samples: 16 replicates of two samples"),
+        ({"draws": "sobol", "num_samples": 64, "until": ["rmse ± 1 %"]}, "a study with sobol draws cannot end early"),
+    ],
+)
+def test_impossible_draws_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        run(**options)
+    with pytest.raises(InputError, match="hover contains no distribution, so sobol draws have no effect"):
+        run_monte_carlo(load_scenario("hover"), 100, draws="sobol")
