@@ -12,10 +12,12 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.simulation import fly_with_metrics, simulate
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.models import Scenario
+from drake_quad.studies.processes import Workers
 from drake_quad.studies.provenance import code_difference, provenance, source_digest
 from drake_quad.studies.study import rows_of
+from drake_quad.studies.worker_pool import WorkerPool
 
 # Each thread has separate diagrams, since an executor may have several threads.
 _thread_data = threading.local()
@@ -60,6 +62,32 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     return rows_of(batch, metrics, fleet.obstacle_hit()[: len(batch)])
 
 
+def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
+    """Fly points of the unit cube, and return the rows (n, 1 + metrics) of the flights.
+
+    Args:
+        job: common data of all batches.
+        flights: (n, 1 + d + periods) index of each flight, its point, and the samples whose wind and noise are used in
+            each period; see `Batch.at_points`.
+
+    Returns:
+        Index and metrics of each flight, in the order of the given flights.
+
+    Raises:
+        InputError: the code of this process differs from the code of the process that started the search.
+    """
+    metrics = fly_with_metrics(_fleet(job, len(flights)), batch_at(job.scenario, flights))
+    return np.column_stack([flights[:, 0], *metrics])
+
+
+def batch_at(scenario: Scenario, flights: np.ndarray) -> Batch:
+    """Return the batch of the flights of `fly_points`."""
+    end = 1 + len(coordinates(scenario))
+    periods = flights[:, end:].astype(np.int64).T.tolist()
+    noise = None if scenario.noise is None else periods
+    return Batch.at_points(scenario, flights[:, 1:end], periods[0], noise=noise)
+
+
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """Fly the last sample alone twice, then all samples together, and return the three rows of the last sample."""
     last = samples[-1:]
@@ -79,6 +107,12 @@ def build_fleet(job: BatchJob) -> None:
     """Build the fleet of a job and simulate its first ticks, so that forked processes inherit the compiled fleet."""
     fleet = _fleet(job, job.num_vehicles)
     fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
+
+
+def build_before_fork(pool: WorkerPool, job: BatchJob) -> None:
+    """Build the fleet of a job if the workers of a pool will be forked from this process, and inherit the fleet."""
+    if not job.user_systems.specified and isinstance(pool, Workers) and pool.forks_workers:
+        build_fleet(job)
 
 
 def delete_fleets() -> None:

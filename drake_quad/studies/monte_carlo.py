@@ -1,6 +1,5 @@
 """Monte Carlo studies of a scenario."""
 
-import math
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +23,7 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.replicates import MIN_REPLICATES
 from drake_quad.studies.flying import (
     BatchJob,
-    build_fleet,
+    build_before_fork,
     code_versions,
     crash_cause,
     delete_fleets,
@@ -35,8 +34,8 @@ from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.processes import Workers, check_counts, check_importable, num_cores
 from drake_quad.studies.stopping import StoppingRule, checkpoints
 from drake_quad.studies.study import Study, columns_of
-from drake_quad.studies.study_folder import StudyRows, open_study
-from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
+from drake_quad.studies.study_folder import StudyRows, open_study, saying_what_is_saved
+from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches, size_of_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
 _RECORDED_BATCH_SIZE = 64  # a few megabytes per vehicle are recorded for half a minute of flight
@@ -50,10 +49,6 @@ RANDOM = "random"
 """Kind of draws of independent samples."""
 DRAWS = (RANDOM, LATIN_HYPERCUBE, SOBOL)
 """Kinds of draws of a study."""
-
-
-class StudyInterrupted(KeyboardInterrupt):
-    """Interruption of a study by Ctrl-C, whose message says how many samples are saved."""
 
 
 def run_monte_carlo(
@@ -143,9 +138,12 @@ def run_monte_carlo(
     if executor is None or isinstance(executor, Workers):
         check_fleet_fits(min(batch_size or 1, num_samples), "batch")
         check_importable({**user_systems.specified, "a kind that the scenario uses": scenario})
-    rows = None
+    rows: StudyRows | None = None
     try:
-        with _open_pool(executor, num_workers, time_limit) as pool:
+        with (
+            saying_what_is_saved(lambda: "nothing was written" if rows is None else rows.saved),
+            _open_pool(executor, num_workers, time_limit) as pool,
+        ):
             job = BatchJob(
                 uuid.uuid4().hex,
                 code_versions(user_systems),
@@ -163,21 +161,13 @@ def run_monte_carlo(
             ) as rows:
                 for count in checkpoints(num_samples) if rules else [num_samples]:
                     missing, default = rows.missing(count), _default_batch_size(scenario)
-                    size = _size_of_batches(len(missing), pool.num_workers, batch_size, default)
+                    size = size_of_batches(len(missing), pool.num_workers, batch_size, default)
                     _fly(pool, job._replace(num_vehicles=size), rows, missing, progress)
                     if rules and len(rows) and all(rule.is_met(rows.metrics(count)) for rule in rules):
                         break
             if rows.failures and not len(rows):
                 sample, reason = min(rows.failures.items())
                 raise RuntimeError(f"no sample can be flown; sample {sample}: {reason}")
-    except KeyboardInterrupt:
-        raise StudyInterrupted(f"interrupted: {_saved_text(rows)}") from None
-    except OSError as error:
-        raise OSError(f"{error}; {_saved_text(rows)}") from error
-    except RuntimeError as error:
-        raise RuntimeError(f"{error}; {_saved_text(rows)}") from error
-    except MemoryError as error:
-        raise MemoryError(f"there is not enough memory; {_saved_text(rows)}") from error
     finally:
         delete_fleets()
     return rows.study()
@@ -209,10 +199,6 @@ def with_draws(scenario: Scenario, kind: str, num_samples: int) -> Scenario:
     return scenario.model_copy(update={"draws": DesignedDraws.model_validate({"kind": kind, "size": size})})
 
 
-def _saved_text(rows: StudyRows | None) -> str:
-    return "nothing was written" if rows is None else rows.saved
-
-
 def _fly(
     pool: WorkerPool,
     job: BatchJob,
@@ -228,8 +214,8 @@ def _fly(
             progress(len(rows) + len(rows.failures), rows.num_samples)
 
     report()
-    if missing and not job.user_systems.specified and isinstance(pool, Workers) and pool.forks_workers:
-        build_fleet(job)
+    if missing:
+        build_before_fork(pool, job)
     batches = (missing[first : first + size] for first in range(0, len(missing), size))
     for outcome in fly_batches(pool, partial(fly_batch, job), batches):
         rows.add(outcome)
@@ -300,11 +286,3 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
 def _default_batch_size(scenario: Scenario) -> int:
     """Return the default number of samples in a batch, which is smaller if metrics need recorded signals."""
     return _RECORDED_BATCH_SIZE if recorded_metrics_of(scenario.metrics_type) else _DEFAULT_BATCH_SIZE
-
-
-def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None, default: int) -> int:
-    """Return the number of samples in a batch; by default, all workers receive equally many batches of similar size."""
-    if batch_size is None:
-        rounds = math.ceil(num_samples / (num_workers * default))
-        batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
-    return max(min(batch_size, num_samples), 1)

@@ -346,6 +346,8 @@ class Record(BaseModel):
         policy: name of the function that returns the user's policy, if any.
         flown: kinds of simulated diagrams, "compiled" or "wired" (uncompiled), in the order of their last use.
         versions: versions and digests of the code that was used, in the order of their last use.
+        settings: settings that determine the flights of a search, such as the event whose probability is estimated;
+            None for a study of the first samples.
         columns: meaning of each column of the results.
     """
 
@@ -360,11 +362,20 @@ class Record(BaseModel):
     policy: str | None = None
     flown: list[Literal["compiled", "wired"]] = ["wired"]
     versions: list[dict[str, str]]
+    settings: dict[str, str] | None = None
     columns: dict[str, str]
 
     @classmethod
     def of(
-        cls, scenario: Scenario, num_samples: int, duration: float, user_systems: UserSystems, *, compiled: bool
+        cls,
+        scenario: Scenario,
+        num_samples: int,
+        duration: float,
+        user_systems: UserSystems,
+        *,
+        compiled: bool,
+        settings: Mapping[str, str] | None = None,
+        columns: Mapping[str, str] | None = None,
     ) -> "Record":
         """Return the record of a new study.
 
@@ -374,7 +385,11 @@ class Record(BaseModel):
             duration: duration of a flight, s.
             user_systems: functions that return the user's systems.
             compiled: True if the diagrams are compiled to machine code.
+            settings: settings that determine the flights of a search.
+            columns: meaning of each column of the results; by default that of the columns of a study.
         """
+        if columns is None:
+            columns = {name: column_description(scenario, name) for name in columns_of(scenario)}
         return cls(
             samples=num_samples,
             seed=scenario.seed,
@@ -382,7 +397,8 @@ class Record(BaseModel):
             **{name: _import_path(function) for name, function in user_systems.specified.items()},
             flown=["compiled" if compiled else "wired"],
             versions=[provenance()],
-            columns={name: column_description(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
+            settings=None if settings is None else {**settings},
+            columns={**columns, CHECKSUM: column_description(scenario, CHECKSUM)},
         )
 
     def write(self, path: Path) -> None:

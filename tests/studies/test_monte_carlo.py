@@ -19,12 +19,12 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
 from drake_quad.studies.flying import BatchJob, build_fleet, fly_batch, fly_trial
-from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
+from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
 from drake_quad.studies.study import columns_of, format_of, read_record, read_study
-from drake_quad.studies.study_folder import open_study
-from drake_quad.studies.worker_pool import Outcome, WorkerPool
+from drake_quad.studies.study_folder import StudyInterrupted, open_study
+from drake_quad.studies.worker_pool import Outcome, WorkerPool, size_of_batches
 
 pytestmark = pytest.mark.usefixtures("package_functions")
 
@@ -482,7 +482,7 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
     ],
 )
 def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers, batch_size, sizes):
-    size = run_module._size_of_batches(count, num_workers, batch_size, 1024)
+    size = size_of_batches(count, num_workers, batch_size, 1024)
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 
@@ -499,7 +499,7 @@ def test_memory_is_used_only_for_flown_samples(tmp_path):
     scenario = load_scenario("hover", ["duration=0.05"])
     tracemalloc.start()
     try:
-        with ThreadPoolExecutor(1) as executor, pytest.raises(run_module.StudyInterrupted, match="4 of 2000000000"):
+        with ThreadPoolExecutor(1) as executor, pytest.raises(StudyInterrupted, match="4 of 2000000000"):
             run_monte_carlo(scenario, count, folder=tmp_path, executor=executor, batch_size=2, progress=stop)
         _, peak = tracemalloc.get_traced_memory()
     finally:
@@ -598,7 +598,7 @@ def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, 
         build_fleet(job)
         assert list(fleets["fleets"]) == [5]
 
-    monkeypatch.setattr(run_module, "build_fleet", prepare_and_tell)
+    monkeypatch.setattr(flying, "build_fleet", prepare_and_tell)
     run(tmp_path, num_samples=7)
     assert prepared == [5]
     assert fleets == {}
