@@ -25,6 +25,7 @@ from drake_quad.command_line import (
     replicate,
     study,
     tune,
+    workers,
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
@@ -375,15 +376,15 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         made.append((arguments, named))
         yield "a crew"
 
-    monkeypatch.setattr(study, "Workers", crew)
-    monkeypatch.setattr(study, "dask_pool", crew)
+    monkeypatch.setattr(workers, "Workers", crew)
+    monkeypatch.setattr(workers, "dask_pool", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
+        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
     assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
-        study.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
+        workers.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
     ):
         pass
 
