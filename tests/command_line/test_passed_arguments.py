@@ -391,7 +391,9 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
 
 def test_studies_without_random_parameters_get_a_single_remark(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
-    given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse")
+    given = argparse.Namespace(
+        scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse", draws=None, samples=40
+    )
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
@@ -402,6 +404,21 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
     given.scenario, given.controller = "robustness", []
     assert [*study.scenarios_of(given)] == ["robustness"]
     assert capsys.readouterr().err.count("has no distribution") == 1
+
+
+def test_controllers_with_different_random_parameters_are_not_compared_with_sobol_draws(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
+    )
+    given = argparse.Namespace(
+        scenario="hover", controller=["controllers/paper:pd", f"{mine}:mine"], seed=None, over=None,
+        set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"], metric="rmse", draws="sobol", samples=40,
+    )
+    with pytest.raises(InputError, match=r"mine and pd have different random parameters \(vehicle.linear_drag\)"):
+        study.scenarios_of(given)
+    given.draws = "latin_hypercube"
+    assert {each.draws.kind for each in study.scenarios_of(given).values()} == {"latin_hypercube"}
 
 
 @pytest.fixture

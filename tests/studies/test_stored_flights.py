@@ -115,7 +115,7 @@ def test_other_searches_are_not_continued(search, tmp_path):
 
 SEARCHES = {
     "risk": lambda scenario, **more: (
-        estimate_risk(scenario, "peak_error > 0.005", size=500, half_width=1.0, noise_period=0.05, **more).probability
+        estimate_risk(scenario, "peak_error > 0.0013", size=500, half_width=1.0, noise_period=0.05, **more).probability
     ),
     "falsify": lambda scenario, **more: find_worst_case(
         scenario, "peak_error", max_flights=3 * MIN_FLIGHTS, num_noise=1, **more
