@@ -18,13 +18,21 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
-from drake_quad.flight.simulation import fly_with_metrics
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import coordinates
 from drake_quad.scenario.models import NoiseSamples, Scenario
 from drake_quad.statistics.subset_simulation import MAX_NOISE
-from drake_quad.studies.flying import BatchJob, batch_at, build_before_fork, code_versions, delete_fleets, fly_points
+from drake_quad.studies.flying import (
+    BatchJob,
+    batch_at,
+    build_before_fork,
+    code_versions,
+    delete_fleets,
+    fleet_of,
+    fly_points,
+    point_rows,
+)
 from drake_quad.studies.processes import Workers, check_importable
 from drake_quad.studies.worker_pool import WorkerPool, fly_batches, size_of_batches
 
@@ -39,8 +47,8 @@ class Evaluator:
             number for the whole flight.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
-        pool: workers that fly the points, such as `Workers` or a Dask cluster from `dask_pool`; by default, one fleet
-            in this process. The metrics do not depend on the workers.
+        pool: workers that fly the points, such as `Workers` or a Dask cluster from `dask_pool`; by default, a few
+            fleets in this process. The metrics do not depend on the workers.
 
     Attributes:
         scenario: scenario.
@@ -72,13 +80,14 @@ class Evaluator:
             self.num_periods = math.ceil(flight_duration(scenario, plan) / noise_period)
             noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)
             scenario = scenario.model_copy(update={"noise": noise})
-        self.scenario, self._pool, self._num_vehicles = scenario, pool, num_vehicles
+        self.scenario, self._pool, self._fleets = scenario, pool, dict[int, StudyFleet]()
+        # Workers compare the versions of the code with theirs.
+        code = {} if pool is None else code_versions(own)
+        self._job = BatchJob(uuid.uuid4().hex, code, scenario, plan, num_vehicles, own, compiled)
         if pool is None:
-            self._fleet = StudyFleet(scenario, plan, num_vehicles, user_systems=own, compiled=compiled)
-        else:
-            if isinstance(pool, Workers):
-                check_importable({**own.specified, "a kind that the scenario uses": scenario})
-            self._job = BatchJob(uuid.uuid4().hex, code_versions(own), scenario, plan, num_vehicles, own, compiled)
+            fleet_of(self._job, self._fleets, num_vehicles)
+        elif isinstance(pool, Workers):
+            check_importable({**own.specified, "a kind that the scenario uses": scenario})
 
     def __call__(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Fly a vehicle for each point, and return the metrics, (n,) arrays.
@@ -136,10 +145,10 @@ class Evaluator:
     def _flown(self, flights: np.ndarray) -> Iterator[np.ndarray]:
         """Yield the rows of `fly_points` for each finished batch of flights (n, 1 + d + num_periods)."""
         if self._pool is None:
-            for part in _parts(flights, self._num_vehicles):
-                yield np.column_stack([part[:, 0], *fly_with_metrics(self._fleet, batch_at(self.scenario, part))])
+            for part in _parts(flights, self._job.num_vehicles):
+                yield point_rows(fleet_of(self._job, self._fleets, len(part)), part)
             return
-        size = size_of_batches(len(flights), self._pool.num_workers, None, self._num_vehicles)
+        size = size_of_batches(len(flights), self._pool.num_workers, None, self._job.num_vehicles)
         job = self._job._replace(num_vehicles=size)
         build_before_fork(self._pool, job)
         try:

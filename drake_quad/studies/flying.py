@@ -76,8 +76,12 @@ def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
     Raises:
         InputError: the code of this process differs from the code of the process that started the search.
     """
-    metrics = fly_with_metrics(_fleet(job, len(flights)), batch_at(job.scenario, flights))
-    return np.column_stack([flights[:, 0], *metrics])
+    return point_rows(_fleet(job, len(flights)), flights)
+
+
+def point_rows(fleet: StudyFleet, flights: np.ndarray) -> np.ndarray:
+    """Fly points of the unit cube in a fleet, and return the rows of `fly_points`."""
+    return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, batch_at(fleet.scenario, flights))])
 
 
 def batch_at(scenario: Scenario, flights: np.ndarray) -> Batch:
@@ -121,11 +125,7 @@ def delete_fleets() -> None:
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """Return a fleet with at least as many vehicles as there are samples.
-
-    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
-    fleets.
-    """
+    """Return a fleet of this thread with at least as many vehicles as there are samples; see `fleet_of`."""
     if getattr(_thread_data, "key", None) != job.key:
         delete_fleets()
         mismatch = code_difference(job.code, code_versions(job.user_systems))
@@ -133,10 +133,23 @@ def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
             raise InputError(f"a worker on {platform.node()} has {mismatch}")
         _thread_data.fleets = {}
         _thread_data.key = job.key
+    return fleet_of(job, _thread_data.fleets, num_samples)
+
+
+def fleet_of(job: BatchJob, fleets: dict[int, StudyFleet], num_samples: int) -> StudyFleet:
+    """Return a fleet with at least as many vehicles as there are samples, and build it if there is none.
+
+    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
+    fleets.
+
+    Args:
+        job: common data of all batches.
+        fleets: existing fleets of the job by size.
+        num_samples: number of samples, at most the size of the largest fleet.
+    """
     size = job.num_vehicles
     while size > 1 and (size + 1) // 2 >= num_samples:
         size = (size + 1) // 2
-    fleets: dict[int, StudyFleet] = _thread_data.fleets
     if size not in fleets:
         fleets[size] = StudyFleet(job.scenario, job.plan, size, user_systems=job.user_systems, compiled=job.compiled)
     return fleets[size]

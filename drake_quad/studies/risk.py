@@ -206,10 +206,10 @@ def estimate_risk(
     check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _FRACTION):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _FRACTION)}")
-    # Most calls evaluate one proposal for each chain.
-    num_chains = round(_FRACTION * size)
+    # Most calls evaluate one proposal for each chain of the runs that fly together.
+    num_vehicles = MIN_RUNS * round(_FRACTION * size)
     evaluator = Evaluator(
-        scenario, num_vehicles=num_chains, noise_period=noise_period, own=own, compiled=compiled, pool=pool
+        scenario, num_vehicles=num_vehicles, noise_period=noise_period, own=own, compiled=compiled, pool=pool
     )
     runs: list[SubsetRun] = []
     estimate: Interval | None = None

@@ -412,8 +412,14 @@ def test_controllers_with_different_random_parameters_are_not_compared_with_sobo
         "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
     )
     given = argparse.Namespace(
-        scenario="hover", controller=["controllers/paper:pd", f"{mine}:mine"], seed=None, over=None,
-        set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"], metric="rmse", draws="sobol", samples=40,
+        scenario="hover",
+        controller=["controllers/paper:pd", f"{mine}:mine"],
+        seed=None,
+        over=None,
+        set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"],
+        metric="rmse",
+        draws="sobol",
+        samples=40,
     )
     with pytest.raises(InputError, match=r"mine and pd have different random parameters \(vehicle.linear_drag\)"):
         study.scenarios_of(given)
