@@ -85,6 +85,7 @@ figures: $(VENV)/.installed $(VENV)/.installed-docs
 		$(foreach name,lqg indi pd,--controller controllers/designed/laboratory:$(name))
 	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 19 docs/pictures/replay.png
 	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 7.5:13.5 docs/pictures/replay.webp
+	rm -rf out/falsify/page
 	$(VENV)/bin/drake-quad falsify robustness --controller controllers/designed/robustness:lqg --minimize near \
 		--set "requirements={near: {always: {signal: position_error, below: 0.5}}}" --output out/falsify/page
 	cp out/falsify/page/worst.png docs/pictures/worst_case.png

@@ -36,7 +36,7 @@ OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
-    "study": ["--samples", "4", "--set", "duration=1"],
+    "study": ["--samples", "32", "--set", "duration=1"],
     "replay": ["--samples", "3", "--set", "duration=1"],
     "map": ["--quick", "--size", "4"],
     "compare": ["--quick", "--samples", "2"],

@@ -31,6 +31,7 @@ from drake_quad.scenario.controls.cascade import CascadeControl
 from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
+from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
@@ -490,6 +491,9 @@ class Scenario(Mission):
     )
     noise: NoiseSamples | None = Field(
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
+    )
+    draws: DesignedDraws | None = Field(
+        default=None, description="draws of the samples of a study; independent draws if not given"
     )
 
     def _summary(self) -> list[str]:
