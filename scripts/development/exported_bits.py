@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML
 
 from drake_quad import InputError, draw_sample, export_controller, exported_controller, load_scenario, simulate
 from drake_quad.control.exported.description import read_description
@@ -58,7 +58,7 @@ def cases(only: str) -> list[tuple[str, str]]:
     result = [(scenario, "") for scenario in SCENARIOS]
     for name, laboratories in LABORATORIES.items():
         file = shipped_folder() / "controllers" / f"{name}.yaml"
-        controllers = [f"controllers/{name}:{key}" for key in yaml.safe_load(file.read_text())]
+        controllers = [f"controllers/{name}:{key}" for key in YAML(typ="safe").load(file)]
         result += [(laboratory, controller) for laboratory in laboratories for controller in controllers]
     return [case for case in result if only in " ".join(case)]
 
