@@ -71,6 +71,7 @@ def test_a_later_batch_has_the_results_of_a_first_batch(scenario, kind):
     first = fleet.fly(range(4))
     fleet.fly(range(10, 14))
     assert_metrics_alike(fleet.fly(range(4)), first)
+    assert_metrics_alike(StudyFleet(study, plan, 4, compiled=False).fly(range(4)), first)
 
 
 @for_each_autopilot
@@ -129,9 +130,10 @@ class PlainHeightOnly(LeafSystem):
 
 
 @pytest.mark.slow
-def test_a_users_control_can_command_the_autopilot(scenario):
+@for_each_autopilot
+def test_a_users_control_can_command_the_autopilot(scenario, kind):
     """The vehicle pitches and flies along x, with the compiled FleetSystem and with the uncompiled LeafSystem."""
-    study = scenario("response", "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
+    study = scenario(kind, "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
     flights = [
         simulate(study, sample=1, control=make_control(), compiled=compiled)
         for make_control, compiled in ((HeightOnly, False), (HeightOnly, True), (PlainHeightOnly, True))

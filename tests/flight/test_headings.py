@@ -53,13 +53,13 @@ def structure_of(value):
 
 
 def features_of(controller):
-    """Return the structure of each part of a controller, and pairs of the kinds that it combines."""
+    """Return the structure of each part of a controller, and the kinds of parts that it combines."""
     scenario, layers, overrides = base_of(controller)
     scenario = load_scenario(scenario, overrides, layers=[*layers, controller])
     control, autopilot = scenario.control.model_dump(), scenario.laboratory.autopilot.kind
     parts = {(name, structure_of(value)) for name, value in control.items()}
     position = control.get("position") or {}
-    return parts | {(autopilot, control.get("kind")), (control.get("kind"), position.get("kind"))}
+    return parts | {(autopilot, control.get("kind"), position.get("kind"), control.get("network") is None)}
 
 
 def states_of_flight(controller, turn, duration=0.8):
