@@ -145,13 +145,19 @@ class Step:
             lines.append(f"const {real} time = ({real})controller->step * {period};")
         for member in self._changed:
             lines.append(f"{self._structs.type_of(self.states[member].layout)} next_{member} = controller->{member};")
-        for divisor, statements in sorted(self._statements.items()):
-            if divisor == 1:
-                lines += statements
-            elif statements:
-                lines += [f"if (controller->step % {divisor} == 0) {{", *(f"    {each}" for each in statements), "}"]
+        lines += self._block(1)
         lines += [f"controller->{member} = next_{member};" for member in self._changed]
         return [*lines, "controller->step += 1;"]
+
+    def _block(self, divisor: int) -> list[str]:
+        """Return the statements for each multiple of `divisor` steps; those for larger multiples are nested in them."""
+        used = [1, *(each for each in sorted(self._statements) if each > 1 and self._statements[each])]
+        lines = [*self._statements[divisor]]
+        for inner in used[1:]:
+            if max(each for each in used if each < inner and inner % each == 0) == divisor:
+                nested = [f"    {line}" for line in self._block(inner)]
+                lines += [f"if (controller->step % {inner} == 0) {{", *nested, "}"]
+        return lines
 
     # Structure of the diagram
 

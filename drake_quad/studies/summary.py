@@ -97,9 +97,7 @@ def metric_table(study: Study) -> Summary:
         is_finite = bool(np.isfinite(values).all())
         spread = float(np.std(values, ddof=1)) if len(values) > 1 and is_finite else math.nan
         infinities = definition.infinities_with_crash if crashed and is_finite else INFINITIES
-        quantiles = (
-            _quantile(all_values, probability, definition, study.replicates) for probability in _QUANTILES
-        )
+        quantiles = (_quantile(all_values, probability, definition, study.replicates) for probability in _QUANTILES)
         rows.append(
             (
                 definition.label,
