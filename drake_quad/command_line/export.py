@@ -13,6 +13,7 @@ from drake_quad.command_line.output import print_files, print_table
 from drake_quad.control.exported.description import ExportDescription
 from drake_quad.control.exported.machines import CORES, code_size, has_cross_compiler
 from drake_quad.export.controller import PRECISIONS, export_controller
+from drake_quad.export.projects import PROJECTS
 
 
 def options() -> argparse.ArgumentParser:
@@ -33,6 +34,11 @@ def options() -> argparse.ArgumentParser:
         "--name", default="controller", help="name of the files, and prefix of all names in C (default: %(default)s)"
     )
     result.add_argument("--mixer", action="store_true", help="also compute rotor commands from the wrench")
+    result.add_argument(
+        "--project",
+        choices=PROJECTS,
+        help="also write a project for the firmware of a vehicle, such as the Crazyflie's out-of-tree controllers",
+    )
     result.add_argument("--reference", action="store_true", help="add a function that evaluates the planned reference")
     return result
 
@@ -48,6 +54,7 @@ def main(arguments: argparse.Namespace) -> None:
         precision=arguments.precision,
         mixer=arguments.mixer,
         reference=arguments.reference,
+        project=arguments.project,
     )
     print_table(summary(export.description, folder))
     print_files(export.files)

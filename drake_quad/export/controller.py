@@ -14,6 +14,7 @@ from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.errors import InputError, join_names
 from drake_quad.export.diagram_code import DiagramCode, diagram_code
+from drake_quad.export.projects import project_files
 from drake_quad.export.reference_code import reference_code
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import plan_route
@@ -52,6 +53,7 @@ def export_controller(
     precision: str = "double",
     mixer: bool = False,
     reference: bool = False,
+    project: str | None = None,
 ) -> Export:
     """Write the controller of a scenario as C99, and return what was written.
 
@@ -69,6 +71,8 @@ def export_controller(
             last bit.
         mixer: True to compute rotor commands from the wrench as well.
         reference: True to add a function that evaluates the planned reference.
+        project: name of a project around the code, one of `drake_quad.export.projects.PROJECTS`, which is written to a
+            folder of this name.
 
     Raises:
         InputError: if the controller contains distributions or is not a formula, or the name is not an identifier.
@@ -93,13 +97,21 @@ def export_controller(
     stream = io.StringIO()
     save_scenario(scenario, stream)
     description = _description(scenario, code, name, precision, stream.getvalue())
+    project_texts = {} if project is None else project_files(project, description)
+    header, source = (f"{_opening(description)}\n{text}" for text in (code.header, code.source))
     folder = output_folder(output)
     files = [
-        write_text(folder / f"{name}.h", f"{_opening(description, code)}\n{code.header}"),
-        write_text(folder / f"{name}.c", f"{_opening(description, code)}\n{code.source}"),
+        write_text(folder / f"{name}.h", header),
+        write_text(folder / f"{name}.c", source),
         write_text(folder / DESCRIPTION_FILE, json.dumps(description._asdict(), indent=2) + "\n"),
         write_text(folder / "scenario.yaml", stream.getvalue()),
     ]
+    if project is not None:
+        sources = {f"src/{name}.h": header, f"src/{name}.c": source}
+        for path, text in {**project_texts, **sources}.items():
+            file = folder / project / path
+            output_folder(file.parent)
+            files.append(write_text(file, text))
     return Export(files, description)
 
 
@@ -153,7 +165,7 @@ def _description(
     )
 
 
-def _opening(description: ExportDescription, code: DiagramCode) -> str:
+def _opening(description: ExportDescription) -> str:
     """Return the comment at the beginning of both files."""
     number = PRECISIONS[description.precision].num_bytes
     lines = [
