@@ -28,7 +28,7 @@ from drake_quad.process_settings import single_threaded_blas
 
 _MAX_CENTERS = 60  # largest number of centers; the bound changes by less than the tolerance long before
 _MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
-_CENTER_TOLERANCE = 1e-3  # Newton decrement, squared, at which a center is accurate enough
+_CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
 _CENTER_WEIGHT = 0.05  # fraction of the previous β² that keeps a center strictly feasible for the next one
 _MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
 _CIRCLE_TOLERANCE = 1e-6  # largest distance from the unit circle of an eigenvalue that counts as a frequency
@@ -64,7 +64,14 @@ class MuBound:
     G: np.ndarray
 
 
-def mu_bound(matrix: np.ndarray, blocks: Sequence[Block], *, tolerance: float = 1e-3, stop: float = 0.0) -> MuBound:
+def mu_bound(
+    matrix: np.ndarray,
+    blocks: Sequence[Block],
+    *,
+    tolerance: float = 1e-3,
+    stop: float = 0.0,
+    starts: Sequence[MuBound] = (),
+) -> MuBound:
     """Return an upper bound of the structured singular value of a matrix.
 
     Args:
@@ -72,6 +79,7 @@ def mu_bound(matrix: np.ndarray, blocks: Sequence[Block], *, tolerance: float = 
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy with which the bound is minimised.
         stop: bound that is good enough, so that the minimisation may end.
+        starts: bounds of similar matrices, the best of whose scalings is the first guess.
 
     Raises:
         ValueError: if the sizes of the blocks do not match the matrix.
@@ -84,20 +92,23 @@ def mu_bound(matrix: np.ndarray, blocks: Sequence[Block], *, tolerance: float = 
     # F(x) = β² D - Mᴴ D M - j (G M - Mᴴ G) must be positive definite.
     of_G = -1j * (basis_G @ M - M.conj().T @ basis_G)
     of_D = -M.conj().T @ basis_D @ M
-    D, G = np.eye(r, dtype=complex), np.zeros((r, r), dtype=complex)
-    square = np.linalg.norm(M, 2) ** 2
-    best = MuBound(max(math.sqrt(square), _MIN_BOUND), D, G)
-    if r == 0 or best.value <= max(stop, _MIN_BOUND):
+    if r == 0:
+        return MuBound(_MIN_BOUND, np.zeros((0, 0)), np.zeros((0, 0)))
+    scalings = [(np.eye(r, dtype=complex), np.zeros((r, r), dtype=complex)), *((each.D, each.G) for each in starts)]
+    squares = [_smallest_square(M, D, G) for D, G in scalings]
+    square = min(squares)
+    best = MuBound(_value(square), *scalings[squares.index(square)])
+    if best.value <= max(stop, _MIN_BOUND):
         return best
+    D, G = best.D, best.G
     traces = np.trace(basis_D, axis1=1, axis2=2).real
-    x = np.concatenate([_coordinates(D, basis_D), np.zeros(len(basis_G))])
+    x = np.concatenate([_coordinates(D, basis_D), _coordinates(G, basis_G)]) * (r / np.trace(D).real)
     level = 1.05 * square
     for _ in range(_MAX_CENTERS):
         x = _center(x, np.concatenate([level * basis_D + of_D, of_G]), basis_D, traces)
         D, G = (np.tensordot(part, basis, 1) for part, basis in zip(np.split(x, [len(basis_D)]), (basis_D, basis_G)))
-        needed = M.conj().T @ D @ M + 1j * (G @ M - M.conj().T @ G)
-        square = float(scipy.linalg.eigh(needed, D, eigvals_only=True)[-1])
-        value = max(math.sqrt(max(square, 0.0)), _MIN_BOUND)
+        square = _smallest_square(M, D, G)
+        value = _value(square)
         gain = best.value - value
         if value < best.value:
             best = MuBound(value, D, G)
@@ -105,6 +116,16 @@ def mu_bound(matrix: np.ndarray, blocks: Sequence[Block], *, tolerance: float = 
             break
         level = (1.0 - _CENTER_WEIGHT) * square + _CENTER_WEIGHT * level
     return best
+
+
+def _smallest_square(M: np.ndarray, D: np.ndarray, G: np.ndarray) -> float:
+    """Return the smallest β² that the scalings prove; negative if they prove any bound."""
+    needed = M.conj().T @ D @ M + 1j * (G @ M - M.conj().T @ G)
+    return float(scipy.linalg.eigh(needed, D, eigvals_only=True)[-1])
+
+
+def _value(square: float) -> float:
+    return max(math.sqrt(max(square, 0.0)), _MIN_BOUND)
 
 
 def _center(x: np.ndarray, F_basis: np.ndarray, D_basis: np.ndarray, traces: np.ndarray) -> np.ndarray:
@@ -222,14 +243,18 @@ def peak_mu_bound(
     if not len(D):
         return PeakBound(_MIN_BOUND, 0.0)
     slack = 1.0 + 0.5 * tolerance
+    A, scales = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    B, C = B / scales[0][:, np.newaxis], C * scales[0]
     gaps = [(0.0, math.pi)]
     level, peak = max(stop, _MIN_BOUND), (0.0, 0.0)
+    found: list[MuBound] = []
 
     def prove(omega: float) -> None:
         """Compute scalings at a frequency, and remove all frequencies that they cover from the gaps."""
         nonlocal level, gaps, peak
         response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
-        bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack)
+        bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
+        found.append(bound)
         level, peak = max(level, slack * bound.value), max(peak, (bound.value, omega))
         gaps = _without(gaps, _covered(A, B, C, D, bound, level))
 
