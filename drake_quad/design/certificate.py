@@ -38,7 +38,8 @@ _MAX_CHOICES = 32  # largest number of combinations of discrete values
 _MAX_CORNERS = 64  # largest number of corners of the box in a search
 _NUM_CANDIDATES = 48  # loops of a round of the search
 _NUM_ROUNDS = 3  # rounds of the search around the most unstable loop
-_NUM_BISECTIONS = 8
+_NUM_BISECTIONS = 7
+_MIN_SCALE = 1e-3  # smallest scale of the search
 _SHORTER = 0.97  # scale of a round, relative to the smallest unstable scale so far
 _MAX_FITS = 3  # number of boxes to which models are fitted
 _CLOSE = 0.94  # a bound above this fraction of the size of the box needs no model of a smaller box
@@ -123,9 +124,9 @@ def certify_hover(
         InputError: if no distribution acts on hover, or the loop has no linear model.
     """
     box = _Box(scenario, own, progress or (lambda count, step: None))
-    centre = box.radii(np.zeros((1, len(box.ranges))), "centre")
+    centre = box.radii(*box.everywhere(np.zeros((1, len(box.ranges)))), "centre")
     if (centre >= 1.0).any():
-        return box.certificate(0.0, 0.0, np.zeros(len(box.ranges)), int(np.argmax(centre[0])))
+        return box.certificate(0.0, 0.0, np.zeros(len(box.ranges)), int(np.argmax(centre)))
     unstable_scale, z, combination = _find_unstable(box)
     size, stable_scale, frequency, error = min(unstable_scale, MAX_SCALE), 0.0, 0.0, 0.0
     for _ in range(_MAX_FITS):
@@ -137,10 +138,12 @@ def certify_hover(
         size = math.sqrt(size * found.scale) if found.scale > 0.5 * size else 0.7 * size
     # Exact loops in the certified box check the model once more.
     points = np.vstack([_corners(box), box.generator.uniform(-1.0, 1.0, (_NUM_CANDIDATES, len(box.ranges)))])
-    radii = box.radii(stable_scale * points, "check")
+    points, combinations = box.everywhere(points)
+    radii = box.radii(stable_scale * points, combinations, "check")
     if (radii >= 1.0).any():
-        row, combination = np.unravel_index(int(np.argmax(radii)), radii.shape)
-        unstable_scale, z, stable_scale = stable_scale, points[row] * stable_scale, 0.0
+        worst = int(np.argmax(radii))
+        unstable_scale, z, combination = stable_scale, points[worst] * stable_scale, int(combinations[worst])
+        stable_scale = 0.0
     return box.certificate(stable_scale, unstable_scale, z, int(combination), frequency, error)
 
 
@@ -160,7 +163,7 @@ class _Box:
         if own == UserSystems():
             decoupled_loop(hovering)  # raises InputError if the loop has no linear model
         self.choices = choices
-        self.combinations = np.array([*product(*(choice.values for choice in choices))]).reshape(-1, len(choices))
+        self.combinations = np.array([*product(*(choice.values for choice in choices))])
         if len(self.combinations) > _MAX_CHOICES:
             raise InputError(
                 f"{scenario.name} has {len(self.combinations)} combinations of discrete values, but at most"
@@ -179,26 +182,34 @@ class _Box:
         """Return the values (K, k) of the parameters with a range."""
         return np.stack([each.at(column) for each, column in zip(self.ranges, z.T, strict=True)], axis=1)
 
-    def loops(self, values: np.ndarray, step: str) -> np.ndarray:
-        """Return the system matrices (K, combinations, n, n) for values (K, k) and all combinations of choices."""
-        rows = np.hstack(
-            [np.repeat(values, len(self.combinations), axis=0), np.tile(self.combinations, (len(values), 1))]
-        )
+    def loops(self, values: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
+        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices."""
+        rows = np.hstack([values, self.combinations[combinations]])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
             loops.append(self._fleet(rows[first : first + _MAX_LOOPS]))
             self.num_loops += len(loops[-1])
             self._progress(len(loops[-1]), step)
-        result = np.concatenate(loops)
-        return result.reshape(len(values), len(self.combinations), *result.shape[1:])
+        return np.concatenate(loops)
 
-    def radii(self, z: np.ndarray, step: str) -> np.ndarray:
-        """Return the spectral radii (K, combinations) at scaled parameters (K, k); infinite without an equilibrium.
+    def all_loops(self, values: np.ndarray, step: str) -> np.ndarray:
+        """Return the system matrices (K, combinations, n, n) for values (K, k) and all combinations of choices."""
+        count = len(self.combinations)
+        indices = np.tile(np.arange(count), len(values))
+        loops = self.loops(np.repeat(values, count, axis=0), indices, step)
+        return loops.reshape(len(values), count, *loops.shape[1:])
+
+    def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
+        """Return the spectral radii (K,) at scaled parameters (K, k); infinite without an equilibrium.
 
         Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box.
         """
-        loops = self.loops(self._with_rigid_bodies(z), step)
-        return spectral_radii(loops.reshape(-1, *loops.shape[2:])).reshape(loops.shape[:2])
+        return spectral_radii(self.loops(self._with_rigid_bodies(z), combinations, step))
+
+    def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return each of the parameters (K, k) with each combination of choices."""
+        count = len(self.combinations)
+        return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
 
     def certificate(
         self,
@@ -247,7 +258,7 @@ class _Box:
     def _leave_out_inactive(self) -> None:
         """Leave out the ranges that have no effect on any loop, such as that of a quadratic drag at rest."""
         k = len(self.ranges)
-        loops = self.loops(self.values(np.vstack([np.zeros((1, k)), np.eye(k), -np.eye(k)])), "effects")
+        loops = self.all_loops(self.values(np.vstack([np.zeros((1, k)), np.eye(k), -np.eye(k)])), "effects")
         sizes = np.abs(loops).max(axis=-1, keepdims=True)
         changes = np.abs(loops[1:] - loops[0]) > _MIN_EFFECT * (sizes[0] + sizes[1:])
         changes |= ~np.isfinite(loops[1:])
@@ -312,59 +323,58 @@ def _find_unstable(box: _Box) -> tuple[float, np.ndarray, int]:
     The search begins at the corners of the box. Random changes of the direction of the most unstable corner, which may
     lead to the inside of the box, then refine it.
     """
-    directions, scale = _corners(box), 1.0
-    radii = box.radii(scale * directions, "search")
+    (directions, combinations), scale = box.everywhere(_corners(box)), 1.0
+    radii = box.radii(scale * directions, combinations, "search")
     while not (radii >= 1.0).any() and scale < MAX_SCALE:
         scale = min(2.0 * scale, MAX_SCALE)
-        radii = box.radii(scale * directions, "search")
+        radii = box.radii(scale * directions, combinations, "search")
     if not (radii >= 1.0).any():
         return math.inf, np.zeros(len(box.ranges)), 0
-    stable = 0.0
-    while (radii >= 1.0).any():
+    high, unstable, stable = scale, radii, 0.5 * scale if scale > 1.0 else 0.0
+    while scale <= 1.0 and (radii >= 1.0).any() and scale > _MIN_SCALE:
         high, unstable = scale, radii
-        if scale < 1e-3:
-            break
-        stable, scale = 0.5 * scale, 0.5 * scale
-        radii = box.radii(scale * directions, "search")
-    scale, direction, combination = _bisect(box, directions, unstable, stable, high)
+        scale *= 0.5
+        radii = box.radii(scale * directions, combinations, "search")
+        stable = scale
+    scale, direction, combination = _bisect(box, directions, combinations, unstable, stable, high)
     spread = 0.5
     for _ in range(_NUM_ROUNDS):
         changed = direction + spread * box.generator.standard_normal((_NUM_CANDIDATES, len(direction)))
         changed = np.clip(changed, -1.0, 1.0)
-        radii = box.radii(_SHORTER * scale * changed, "search")
+        same = np.full(len(changed), combination)
+        radii = box.radii(_SHORTER * scale * changed, same, "search")
         if (radii >= 1.0).any():
-            scale, direction, combination = _bisect(box, changed, radii, 0.8 * scale, _SHORTER * scale)
+            scale, direction, _ = _bisect(box, changed, same, radii, 0.8 * scale, _SHORTER * scale)
         else:
             spread *= 0.5
     return scale, scale * direction, combination
 
 
 def _bisect(
-    box: _Box, directions: np.ndarray, radii: np.ndarray, stable: float, unstable: float
+    box: _Box, directions: np.ndarray, combinations: np.ndarray, radii: np.ndarray, stable: float, unstable: float
 ) -> tuple[float, np.ndarray, int]:
     """Return the smallest scale at which a direction is unstable, with the direction and its combination.
 
     Args:
         box: random parameters.
         directions: (K, k) directions.
-        radii: (K, combinations) spectral radii at the scale `unstable`.
+        combinations: (K,) combinations of choices.
+        radii: (K,) spectral radii at the scale `unstable`.
         stable: scale at which all directions are taken to be stable.
         unstable: scale at which some are unstable.
     """
-    order = np.argsort(-radii.max(axis=1))
-    candidates = order[radii.max(axis=1)[order] >= 1.0][:_NUM_CANDIDATES]
-    row, combination = np.unravel_index(int(np.argmax(radii)), radii.shape)
-    best = directions[row], int(combination)
+    order = np.argsort(-radii)
+    candidates = order[radii[order] >= 1.0][:_NUM_CANDIDATES]
+    best = candidates[0]
     for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (stable + unstable)
-        radii = box.radii(middle * directions[candidates], "search")
+        radii = box.radii(middle * directions[candidates], combinations[candidates], "search")
         if (radii >= 1.0).any():
-            row, combination = np.unravel_index(int(np.argmax(radii)), radii.shape)
-            best, unstable = (directions[candidates[row]], int(combination)), middle
-            candidates = candidates[radii.max(axis=1) >= 1.0]
+            best, unstable = candidates[int(np.argmax(radii))], middle
+            candidates = candidates[radii >= 1.0]
         else:
             stable = middle
-    return unstable, *best
+    return unstable, directions[best], int(combinations[best])
 
 
 class _Bound(NamedTuple):
@@ -380,7 +390,7 @@ def _bound(box: _Box, size: float) -> _Bound:
     k = len(box.ranges)
     exponents = _best_exponents(box, size)
     points = fitting_points(k, box.generator)
-    loops = box.loops(_warped_values(box, size, points, exponents), "model")
+    loops = box.all_loops(_warped_values(box, size, points, exponents), "model")
     if not np.isfinite(loops).all() or not (spectral_radii(loops[0]) < 1.0).all():
         return _Bound(0.0, 0.0, math.inf)
     # Eigenvalues of a loop are those of its strongly coupled groups of states.
@@ -418,7 +428,7 @@ def _best_exponents(box: _Box, size: float) -> list[float]:
     points = np.zeros((k, len(steps), k))
     points[range(k), :, range(k)] = size * steps
     values = box.values(points.reshape(-1, k)).reshape(points.shape)
-    loops = box.loops(values.reshape(-1, k), "model")
+    loops = box.all_loops(values.reshape(-1, k), "model")
     loops = loops.reshape(k, len(steps), *loops.shape[1:])
     size_of_row = np.abs(loops[0, 0]).max(axis=-1, keepdims=True)
     flat = (loops / np.where(size_of_row > 0.0, size_of_row, 1.0)).reshape(k, len(steps), -1)

@@ -12,7 +12,7 @@ products of parameters. Powers and singular values that are left out are an erro
 """
 
 import math
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -146,7 +146,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
     sizes = [left.shape[1] for left in lefts]
     N = scipy.linalg.block_diag(*diagonals) if sizes else np.zeros((0, 0))
     ends = np.cumsum([0, *sizes])
-    rows = [slice(low, high) for low, high in zip(ends[:-1], ends[1:], strict=True)]
+    rows = [slice(low, high) for low, high in pairwise(ends)]
     planes = changes[1 + num_axes :]
     for number, (i, j) in enumerate(combinations(range(k), 2)):
         if sizes[i] and sizes[j]:
@@ -168,13 +168,10 @@ def _mixed_blocks(
     (L1, R1), (L2, R2) = first, second
     # Orthonormal bases make the equations small.
     left, right = np.linalg.qr(np.hstack([L1, L2]))[0], np.linalg.qr(np.vstack([R1, R2]).T)[0]
-    equations = np.hstack(
-        [np.kron(left.T @ L1, (R2 @ right).T), np.kron(left.T @ L2, (R1 @ right).T)]
-    )
+    equations = np.hstack([np.kron(left.T @ L1, (R2 @ right).T), np.kron(left.T @ L2, (R1 @ right).T)])
     target = (left.T @ mixed @ right).ravel()
     ridge = _RIDGE * np.linalg.norm(equations, 2)
     stacked = np.vstack([equations, ridge * np.eye(equations.shape[1])])
     x = np.linalg.lstsq(stacked, np.append(target, np.zeros(equations.shape[1])), rcond=None)[0]
     r1, r2 = L1.shape[1], L2.shape[1]
     return x[: r1 * r2].reshape(r1, r2), x[r1 * r2 :].reshape(r2, r1)
-

@@ -23,7 +23,8 @@ from drake_quad.scenario.models import Scenario
 
 _NUM_SETTLING_TICKS = 4  # after these ticks, the periodic grids of a diagram coincide exactly
 _EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an equilibrium, in SI units
-_MAX_NEWTON_STEPS = 12  # largest number of steps until an equilibrium is found
+_MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
+_MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
 _STEP = 1e-3  # step of the differences, relative to a state that is larger than 1 in SI units
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
 
@@ -68,19 +69,7 @@ class HoverFleet:
         self.states = period_map.states
         # Saturated and diverging loops overflow, and are then reported as NaN.
         with np.errstate(all="ignore"), single_threaded_blas():
-            x = period_map.start
-            for _ in range(_MAX_NEWTON_STEPS):
-                change = period_map(x) - x
-                unsettled = ~(np.abs(change).max(axis=0) < _EQUILIBRIUM_TOLERANCE)
-                usable = np.isfinite(change).all(axis=0)
-                if not (unsettled & usable).any():
-                    break
-                matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
-                usable &= np.isfinite(matrix).all(axis=(1, 2))
-                step = np.linalg.solve(matrix[usable], change[:, usable].T[:, :, np.newaxis])[:, :, 0]
-                x[:, usable] += step.T
-                if not usable.any():
-                    break
+            x, unsettled = _equilibria(period_map)
             A = period_map.jacobian(x, 4)
         A[unsettled] = np.nan
         rows = rotor_rows(self.states)
@@ -88,6 +77,27 @@ class HoverFleet:
             A[:, rows] = self._pattern @ A[:, rows]
             A[:, :, rows] = A[:, :, rows] @ np.linalg.inv(self._pattern)
         return A
+
+
+def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
+    """Return the equilibria (n, N) near hover, and the mask (N,) of the loops in which none is found."""
+    x = period_map.start
+    inverse: np.ndarray | None = None
+    largest = np.full(x.shape[1], np.inf)
+    for _ in range(_MAX_NEWTON_STEPS):
+        change = period_map(x) - x
+        before, largest = largest, np.abs(change).max(axis=0)
+        unsettled = ~(largest < _EQUILIBRIUM_TOLERANCE)
+        active = unsettled & np.isfinite(change).all(axis=0)
+        if not active.any():
+            break
+        # The derivatives are computed again only where the steps with the old ones converge slowly.
+        if inverse is None or (largest > _MIN_CONTRACTION * before)[active].any():
+            matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
+            matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
+            inverse = np.linalg.inv(matrix)
+        x[:, active] += (inverse[active] @ change[:, active].T[:, :, np.newaxis])[:, :, 0].T
+    return x, unsettled
 
 
 class _PeriodMap:

@@ -279,8 +279,8 @@ def _covered(
 ) -> list[tuple[float, float]]:
     """Return the intervals of [0, π] in which the scalings of a bound prove that μ is below a level.
 
-    At the ends of an interval, Mᴴ D M + j (G M - Mᴴ G) - level² D is singular. There z is an eigenvalue of a pencil with
-    the states x of M, the states of Mᴴ, and the input u.
+    At the ends of an interval, Mᴴ D M + j (G M - Mᴴ G) - level² D is singular. There z is an eigenvalue of a pencil
+    with the states x of M, the states of Mᴴ, and the input u.
     """
     n, r = B.shape
     # With y = C x + D u, the form is yᴴ v₁ + uᴴ v₂ with v₁ = S y - j G u and v₂ = j G y - level² S u.
