@@ -41,8 +41,9 @@ _NUM_ROUNDS = 3  # rounds of the search around the most unstable loop
 _NUM_BISECTIONS = 7
 _MIN_SCALE = 1e-3  # smallest scale of the search
 _SHORTER = 0.97  # scale of a round, relative to the smallest unstable scale so far
-_MAX_FITS = 3  # number of boxes to which models are fitted
-_CLOSE = 0.94  # a bound above this fraction of the size of the box needs no model of a smaller box
+_MAX_FITS = 6  # number of boxes to which models are fitted
+_BELOW = 0.99  # size of the first box, relative to the smallest unstable scale, so that all its loops have an equilibrium
+_CLOSE = 0.94  # a bound above this fraction of the size of a box needs no model of another box
 _MAX_LOOPS = 512  # loops that are computed at the same time
 _MIN_EFFECT = 1e-6  # smallest relative change of a loop by a parameter that acts on it
 _MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
@@ -128,14 +129,17 @@ def certify_hover(
     if (centre >= 1.0).any():
         return box.certificate(0.0, 0.0, np.zeros(len(box.ranges)), int(np.argmax(centre)))
     unstable_scale, z, combination = _find_unstable(box)
-    size, stable_scale, frequency, error = min(unstable_scale, MAX_SCALE), 0.0, 0.0, 0.0
+    stable_scale, frequency, error = 0.0, 0.0, 0.0
+    size = largest = _BELOW * min(unstable_scale, MAX_SCALE)
     for _ in range(_MAX_FITS):
         found = _bound(box, size)
         if found.scale > stable_scale:
             stable_scale, frequency, error = found
-        if found.scale > _CLOSE * size:
+        if found.scale < _CLOSE * size:
+            largest = size
+        elif size > _CLOSE * largest:
             break
-        size = math.sqrt(size * found.scale) if found.scale > 0.5 * size else 0.7 * size
+        size = math.sqrt(max(stable_scale, 0.25 * largest) * largest)
     # Exact loops in the certified box check the model once more.
     points = np.vstack([_corners(box), box.generator.uniform(-1.0, 1.0, (_NUM_CANDIDATES, len(box.ranges)))])
     points, combinations = box.everywhere(points)
