@@ -42,6 +42,7 @@ SHORT_OPTIONS = {
     "replicate": ["--workers", "1"],
     "risk": ["--set", "duration=0.3", "--event", "peak_error > 0.001", "--population", "500", "--to", "900%"],
     "falsify": ["--set", "duration=0.3", "--flights", "250", "--noise", "1"],
+    "certify": ["--set", "laboratory.command_link.delay_ticks=1", "--vary", "vehicle.rotor_time_constant=30%"],
     "sobol": ["--set", "duration=0.3", "--points", "8"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],

@@ -42,9 +42,12 @@ _NUM_BISECTIONS = 7
 _MIN_SCALE = 1e-3  # smallest scale of the search
 _SHORTER = 0.97  # scale of a round, relative to the smallest unstable scale so far
 _MAX_FITS = 6  # number of boxes to which models are fitted
-_BELOW = 0.99  # size of the first box, relative to the smallest unstable scale, so that all its loops have an equilibrium
+_BELOW = (
+    0.99  # size of the first box, relative to the smallest unstable scale, so that all its loops have an equilibrium
+)
 _CLOSE = 0.94  # a bound above this fraction of the size of a box needs no model of another box
 _MAX_LOOPS = 512  # loops that are computed at the same time
+_MIN_DECAY = 1e-7  # smallest distance of a pole from the unit circle that is no rounding error
 _MIN_EFFECT = 1e-6  # smallest relative change of a loop by a parameter that acts on it
 _MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
 _EXPONENTS = (1.0, 0.0, -0.5, -1.0)  # powers of a value on which a loop may depend linearly; 0 for the logarithm
@@ -122,10 +125,15 @@ def certify_hover(
         progress: function that is called with numbers of loops and a description of the present step.
 
     Raises:
-        InputError: if no distribution acts on hover, or the loop has no linear model.
+        InputError: if no distribution acts on hover, or the loop has no linear model or a pole at 1.
     """
     box = _Box(scenario, own, progress or (lambda count, step: None))
     centre = box.radii(*box.everywhere(np.zeros((1, len(box.ranges)))), "centre")
+    if np.abs(centre - 1.0).min() < _MIN_DECAY:
+        raise InputError(
+            f"the loop of {scenario.name} has poles at 1 in hover, as the weights of a network that learns, so it is"
+            " not asymptotically stable and cannot be certified"
+        )
     if (centre >= 1.0).any():
         return box.certificate(0.0, 0.0, np.zeros(len(box.ranges)), int(np.argmax(centre)))
     unstable_scale, z, combination = _find_unstable(box)

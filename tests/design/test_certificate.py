@@ -6,8 +6,8 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.design.certificate import Range, certify_hover, parameters_in_hover
 from drake_quad.linear.closed_loop import closed_loop
-from drake_quad.linear.hover_fleet import HoverFleet
 from drake_quad.linear.fractional_model import spectral_radii
+from drake_quad.linear.hover_fleet import HoverFleet
 from drake_quad.scenario.hovering import at_rest, symmetric_hover
 from drake_quad.scenario.paths import map_leaves
 
@@ -92,3 +92,10 @@ def test_a_range_is_scaled_about_its_centre_and_stays_positive():
 def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():
     with pytest.raises(InputError, match="no distribution with a range in hover acts on hover"):
         certify_hover(load_scenario("hover", ["laboratory.command_link.delay_ticks={choice: [1, 2]}"]))
+
+
+@pytest.mark.slow
+def test_a_network_that_learns_cannot_be_certified(diagrams):
+    learning = load_scenario("hover", [LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
+    with pytest.raises(InputError, match="has poles at 1 in hover"):
+        certify_hover(learning)

@@ -74,8 +74,10 @@ def test_no_uncertainty_smaller_than_the_bound_makes_the_matrix_singular():
     blocks = [Block(2, is_real=True), Block(1, is_real=True), Block(1, is_real=False)]
     bound = mu_bound(M, blocks).value
     smallest = np.inf
-    for a, b, angle in zip(*generator.uniform(-1.0, 1.0, (2, 5000)), generator.uniform(-np.pi, np.pi, 5000), strict=True):
-        sizes = np.linalg.eigvals(M @ np.diag([a, a, b, np.exp(1j * angle)]))
+    for a, b, angle in zip(
+        *generator.uniform(-1.0, 1.0, (2, 5000)), generator.uniform(-np.pi, np.pi, 5000), strict=True
+    ):
+        sizes = np.linalg.eigvals(M @ np.diag([a, a, b, np.exp(1j * np.pi * angle)]))
         smallest = min(smallest, 1.0 / np.abs(sizes[np.abs(sizes.imag) < 0.02 * np.abs(sizes)]).max(initial=1e-9))
     assert 1.0 / bound <= smallest * 1.001
     assert smallest < 1.3 / bound
