@@ -1,0 +1,148 @@
+"""Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
+
+The ranges of all distributions are multiplied by a scale about their centres. Below the first printed scale, every
+combination of parameters is stable, by the structured singular value of the exact sampled loop. At the second one, the
+command has found an unstable loop.
+"""
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.output import (
+    flying_command,
+    print_columns,
+    print_files,
+    print_joint_disk_margin,
+    remark,
+)
+from drake_quad.command_line.progress import new_bar
+from drake_quad.design.certificate import MAX_SCALE, Certificate, certify_hover
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_table
+from drake_quad.linear.link_margins import joint_disk_margin
+from drake_quad.number_parsing import parse_float
+from drake_quad.scenario.batch import median_scenario
+from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.distributions import Uniform
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.numbers import number_at
+from drake_quad.scenario.paths import distributions_in, map_leaves
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the argument parser of the command."""
+    result = parser(
+        __doc__,
+        "drake-quad certify laboratory:nominal --vary vehicle.mass=10% --vary vehicle.rotor_time_constant=10%",
+        output="out/certify",
+        scenario="robustness",
+    )
+    result.add_argument(
+        "--vary",
+        metavar="FIELD=PERCENT%",
+        action="append",
+        default=[],
+        help="give a field a range of this size about its value, as in vehicle.mass=10%%; the scenario's own"
+        " distributions are then replaced by their medians; can be given several times",
+    )
+    add_controller(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    scenario = with_ranges(scenario_of(arguments), arguments.vary)
+    folder = output_folder(folder_of(arguments, scenario))
+    print_flight_remarks([scenario])
+    began = time.perf_counter()
+    with new_bar(desc=scenario.name, unit=" loops") as bar:
+
+        def show(count: int, step: str) -> None:
+            bar.set_postfix_str(step, refresh=False)
+            bar.update(count)
+
+        found = certify_hover(scenario, progress=show)
+    seconds = time.perf_counter() - began
+    median = median_scenario(scenario)
+    print_certificate(scenario, found)
+    if found.stable_scale > 0.0:
+        print_joint_disk_margin(joint_disk_margin(median))
+    print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
+    files = [write_values(folder / "certificate.csv", median, found)]
+    if found.values:
+        file = folder / "unstable.yaml"
+        unstable = map_leaves(median, lambda path, value: found.values.get(path, value))
+        save_scenario(unstable, file)
+        files.append(file)
+        print("fly with the unstable parameters")
+        print(f"  {flying_command('fly', unstable, file)}")
+    print_files(files)
+
+
+def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
+    """Return the scenario in which the fields of `--vary` have uniform distributions.
+
+    Raises:
+        InputError: if a text is not FIELD=PERCENT%, or the scenario does not contain the number.
+    """
+    if not texts:
+        if not distributions_in(scenario):
+            raise InputError(
+                f"{scenario.name} contains no distribution; give ranges of fields, as in --vary vehicle.mass=10%"
+            )
+        return scenario
+    median, ranges = median_scenario(scenario), {}
+    for text in texts:
+        path, _, percent = text.partition("=")
+        try:
+            fraction = 0.01 * parse_float(percent.removesuffix("%"))
+        except (ValueError, argparse.ArgumentTypeError):
+            fraction = math.nan
+        if not percent.endswith("%") or not 0.0 < fraction < 1.0:
+            raise InputError(f"--vary {text}: must be FIELD=PERCENT% between 0 % and 100 %, as in vehicle.mass=10%")
+        value = number_at(median, path)
+        if value == 0.0:
+            raise InputError(f"--vary {text}: {path} is 0, so a percentage of it is no range")
+        low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
+        ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
+    return map_leaves(median, lambda path, value: ranges.get(path, value))  # type: ignore[no-any-return]
+
+
+def print_certificate(scenario: Scenario, found: Certificate) -> None:
+    """Print the bounds of the scale, the unstable loop, and what the certificate leaves out."""
+    print(f"{scenario.name}: hover in still air, with the ranges of {len(found.parameters)} parameters scaled at once")
+    print(f"  stable up to scale {found.stable_scale:.3g}" if found.stable_scale else "  no stable scale is certified")
+    if math.isfinite(found.unstable_scale):
+        print(f"  unstable at scale  {found.unstable_scale:.3g}")
+        median = median_scenario(scenario)
+        rows = []
+        for path, value in found.values.items():
+            unit = unit_at(median, path)
+            rows.append((path, f"{number_at(median, path):.4g}", f"{value:.4g}", "" if unit == "1" else unit))
+        print_columns(("parameter", "median", "unstable", "unit"), rows)
+    else:
+        print(f"  no unstable loop up to scale {MAX_SCALE:g}")
+    if found.stable_scale < 0.9 * found.unstable_scale:
+        remark("the bounds are far apart, since the model does not follow how the loop depends on the parameters")
+    if found.left_out:
+        remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
+
+
+def write_values(path: Path, median: Scenario, found: Certificate) -> Path:
+    """Write a table with the bounds of the scale, and with the values of the parameters in the unstable loop."""
+    values = np.array([number_at(median, each) for each in found.values])
+    return write_table(
+        path,
+        {
+            "parameter": ["stable_scale", "unstable_scale", *found.values],
+            "median": ["", "", *values],
+            "unstable": [found.stable_scale, found.unstable_scale, *found.values.values()],
+        },
+    )

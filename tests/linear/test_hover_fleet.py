@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.linear.closed_loop import decoupled_loop
+from drake_quad.linear.hover_fleet import HoverFleet
+from drake_quad.scenario.hovering import at_rest, symmetric_hover
+from drake_quad.scenario.paths import map_leaves
+
+FIELDS = ("vehicle.mass", "vehicle.rotor_time_constant", "laboratory.command_link.delay_ticks")
+VALUES = np.array([[0.68, 0.05, 1.0], [0.75, 0.04, 2.0], [0.61, 0.08, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def resting():
+    return symmetric_hover(at_rest(load_scenario("hover")))
+
+
+def test_the_loops_of_a_fleet_are_those_of_their_scenarios(resting):
+    fleet = HoverFleet(resting, FIELDS)
+    loops = fleet(VALUES)
+    for row, loop in zip(VALUES, loops, strict=True):
+        numbers = dict(zip(FIELDS, row.tolist(), strict=True))
+        scenario = map_leaves(resting, lambda path, value, numbers=numbers: numbers.get(path, value))
+        exact = decoupled_loop(scenario)
+        # A delay line is as long as the longest delay in the fleet, so only the poles are compared.
+        poles = [np.sort(np.abs(np.linalg.eigvals(A)))[::-1][:20] for A in (loop, exact.A)]
+        assert poles[0] == pytest.approx(poles[1], abs=1e-5)
+    assert len(fleet.states) == loops.shape[1]
+
+
+def test_a_vehicle_that_is_too_heavy_to_hover_has_no_loop(resting):
+    loops = HoverFleet(resting, ["vehicle.mass"])(np.array([[0.68], [50.0]]))
+    assert np.isfinite(loops[0]).all()
+    assert np.isnan(loops[1]).all()
