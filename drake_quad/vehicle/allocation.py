@@ -8,7 +8,7 @@ If the rotors cannot produce the whole wrench, a `Priority` determines the order
 With roll and pitch torque first, each part is chosen within the freedom that the earlier parts leave:
 
 1. Roll and pitch torque are multiplied by the same fraction in [0, 1], which keeps their direction. It is the largest
-fraction that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
+   fraction that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
 2. The thrust is the feasible value nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum
    speed, and increased if a rotor would fall below idle speed.
 3. The yaw torque is the feasible value nearest to the commanded yaw torque.
