@@ -3,20 +3,20 @@
 For each controller, a compiled flight of 10 s is compared with a flight of the code in double precision, bit by bit.
 The steps of this flight are repeated with each compiler and each level of optimisation. In single precision, the RMSE
 and the largest difference of a command are compared. The script prints a table.
-
-    python scripts/development/exported_bits.py --only lqg
 """
 
-import argparse
 import shutil
 import tempfile
 from pathlib import Path
 from typing import ClassVar
 
+from drake_quad.command_line.running import run
+
 import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, draw_sample, export_controller, exported_controller, load_scenario, simulate
+from drake_quad.command_line.options import bare_parser
 from drake_quad.control.exported.description import read_description
 from drake_quad.control.exported.machines import COMPILER_FLAGS, HostMachine
 from drake_quad.scenario.files.shipped import shipped_folder
@@ -103,12 +103,13 @@ def bits(values: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="", help="text that laboratory or controller contains")
+    options = bare_parser(__doc__, "python scripts/development/exported_bits.py --only lqg")
+    options.add_argument("--only", default="", help="text that laboratory or controller contains")
+    only = options.parse_args().only
     with tempfile.TemporaryDirectory() as folder:
-        for laboratory, controller in cases(parser.parse_args().only):
+        for laboratory, controller in cases(only):
             print(f"{laboratory} {controller}: {row(laboratory, controller, Path(folder))}", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
