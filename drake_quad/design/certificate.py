@@ -97,7 +97,7 @@ class Certificate:
         choices: paths of the parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
         values: values of all parameters in the unstable loop, by path; empty if there is none.
-        frequency: frequency at which the bound is smallest, rad/s.
+        frequency: frequency at which the bound is smallest, rad/s; 0 if the whole box of the model is stable.
         model_error: relative error of the scale by the linear fractional model, which the bound contains.
         num_loops: number of exact loops.
     """
@@ -415,7 +415,8 @@ def _bound(box: _Box, size: float) -> _Bound:
         for combination in range(loops.shape[1]):
             part = loops[:, combination][:, states][:, :, states]
             cases.append((float(spectral_radii(part).max()), combination, part))
-    level, frequency, worst_error = 0.0, 0.0, 0.0
+    # The model is fitted to loops in the box, so no bound below 1 is needed.
+    level, frequency, worst_error = 1.0, 0.0, 0.0
     for _, _, part in sorted(cases, key=lambda case: -case[0]):
         if np.ptp(part, axis=0).max() < _MIN_EFFECT * np.abs(part).max():
             continue  # this group does not depend on the parameters
@@ -429,8 +430,7 @@ def _bound(box: _Box, size: float) -> _Bound:
             return _Bound(0.0, 0.0, error)
         if found.value * (1.0 + error) > level:
             level, frequency, worst_error = found.value * (1.0 + error), found.frequency, error
-    fraction = min(1.0, 1.0 / level) if level else 1.0
-    return _Bound(_unwarped_scale(box, size, fraction, exponents), frequency, worst_error)
+    return _Bound(_unwarped_scale(box, size, 1.0 / level, exponents), frequency, worst_error)
 
 
 def _best_exponents(box: _Box, size: float) -> list[float]:
