@@ -37,7 +37,6 @@ _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 _NUM_SETTLING_TICKS = 4
 # Largest change of the state over a period in an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
-_ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the states of rotors
 _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 
 
@@ -72,7 +71,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(loop_periods(resting).values()))
+    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(_periods(resting).values()))
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
@@ -91,7 +90,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
-    for name, other in loop_periods(resting).items():
+    for name, other in _periods(resting).items():
         if other > period:
             raise InputError(
                 f"{name} is {other:g} s, but must be at most {period:g} s, the link period, for margins at the link"
@@ -121,7 +120,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     Raises:
         InputError: an error of `closed_loop`.
     """
-    period = max(loop_periods(hovering).values())
+    period = max(_periods(hovering).values())
     plan = plan_route(hovering)
     diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=Exported(period))
     context = diagram.CreateDefaultContext()
@@ -183,7 +182,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
-    for name, other in loop_periods(resting).items():
+    for name, other in _periods(resting).items():
         if not 0.0 < other <= period:
             raise InputError(
                 f"{name} is {other:g} s, but must be at most {period:g} s, one tick, for the design of gains"
@@ -245,24 +244,11 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     return rotor_action(commanded, nominal).wrench
 
 
-def rotor_rows(states: Sequence[str]) -> list[int]:
-    """Return the indices of the states that are speeds of rotors."""
-    return [i for i, name in enumerate(states) if _ROTOR_SPEED in name]
-
-
-def wrench_of_rotors(resting: Scenario) -> np.ndarray:
-    """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
-
-    Raises:
-        InputError: the rotors cannot hold the vehicle in hover.
-    """
-    return _wrench_pattern(_hover_speeds(resting), vehicle_parameters(resting.vehicle))
-
-
 def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
     """Return the system near hover, with thrust and torques of the rotors as states instead of rotor speeds."""
-    rotors = rotor_rows(system.states)
-    prefix, _, _ = system.states[rotors[0]].partition(_ROTOR_SPEED)
+    suffix = "vehicle.rotor_speed."
+    rotors = [i for i, name in enumerate(system.states) if suffix in name]
+    prefix, _, _ = system.states[rotors[0]].partition(suffix)
     names = [f"{prefix}vehicle.rotors.{name}" for name in Wrench._fields]
     pattern = _wrench_pattern(hover, parameters)
     return system.transformed(rotors, pattern, names)
@@ -329,7 +315,7 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
     return pattern / np.abs(pattern).max(axis=1, keepdims=True)
 
 
-def loop_periods(scenario: Scenario) -> dict[str, float]:
+def _periods(scenario: Scenario) -> dict[str, float]:
     """Return all periods of a loop by name, s; 0 for a vehicle that moves continuously."""
     periods = {join_path(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
