@@ -17,7 +17,6 @@ from drake_quad.export.projects import PROJECTS
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad export robustness --controller controllers/lqg:lqg_robustness --precision single",
@@ -44,7 +43,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenario = scenario_of(arguments)
     folder = folder_of(arguments, scenario)
     export = export_controller(

@@ -171,7 +171,9 @@ def test_a_controller_that_is_no_formula_is_refused_with_the_reason(tmp_path):
 
 def test_a_random_gain_is_refused(tmp_path):
     scenario = load_scenario("hover", ["control.position.k_p=[6, 6, {uniform: {min: 5, max: 7}}]"])
-    with pytest.raises(InputError, match=r"control\.position\.k_p.* is a distribution"):
+    with pytest.raises(
+        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code contains a number"
+    ):
         export_controller(scenario, tmp_path)
 
 
