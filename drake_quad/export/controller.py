@@ -12,11 +12,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import laboratory_recipes
-from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.errors import InputError, join_names
 from drake_quad.export.diagram_code import diagram_code
 from drake_quad.export.projects import project_files
 from drake_quad.export.reference_code import reference_code
+from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.c_code import DOUBLE, SINGLE, identifier, wrapped

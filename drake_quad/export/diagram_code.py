@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.control.exported.description import CodeInterface
 from drake_quad.export.step import Member, Step
 from drake_quad.export.structs import Structs, initializer, struct_text, summary
+from drake_quad.exported.description import CodeInterface
 from drake_quad.framework.c_code import (
     MULTIPLY_ADD_FUNCTION,
     WORD_FUNCTIONS,

@@ -11,10 +11,10 @@ from exported_comparison import commands
 from random_scenarios import scenario_of, structures
 
 from drake_quad import InputError, draw_sample, load_scenario, simulate
-from drake_quad.control.exported.description import read_description
-from drake_quad.control.exported.machines import CORES, CROSS_COMPILER, EMULATOR, HostMachine, code_size
-from drake_quad.control.exported.system import exported_controller
 from drake_quad.export.controller import export_controller
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import CORES, CROSS_COMPILER, EMULATOR, HostMachine, code_size
+from drake_quad.exported.system import exported_controller
 from drake_quad.scenario.layouts import rotors_of
 
 ROOT = Path(__file__).parents[2]

@@ -12,8 +12,8 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, export_controller, exported_controller, load_scenario, simulate
-from drake_quad.control.exported.machines import CROSS_COMPILER
 from drake_quad.export.projects import project_files
+from drake_quad.exported.machines import CROSS_COMPILER
 
 STUBS = Path(__file__).parent / "crazyflie_stubs"
 STRICT = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion")

@@ -53,8 +53,8 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
     if adjacent:
         own = found.uncertainty(blocks)
     else:
-        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.predictions.jacobian, found.predictions.jacobian), blocks)
-        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.predictions.jacobian, found.errors), blocks)
+        told = sums_over_blocks(np.einsum("wkp,wkq->wpq", found.jacobian, found.jacobian), blocks)
+        scores = sums_over_blocks(np.einsum("wkp,wk->wp", found.jacobian, found.errors), blocks)
         own = jackknife(told, scores, prior=prior)
     np.testing.assert_allclose(own.covariance, expected * np.outer(wider, wider), rtol=1e-9)
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)

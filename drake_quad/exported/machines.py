@@ -18,8 +18,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription, read_description
 from drake_quad.errors import InputError, shorten_text
+from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription, read_description
 
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Options with which a C compiler keeps the order and rounding of all operations."""
