@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from invented_experiment import invented_experiment, metrics_of
+from invented_experiment import invented_experiment, metrics_of, paper_scenario
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_fraction
@@ -436,7 +436,7 @@ def even(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
             for (wind, controller, metric), value in dict(cells).items()
             if controller == cell.controller and wind in (None, cell.wind)
         }
-        studies[cell] = Study(None, 27.0, np.arange(3), {}, metrics(3, **numbers))
+        studies[cell] = Study(paper_scenario(), 27.0, np.arange(3), {}, metrics(3, **numbers))
     sweeps = []
     for settings, numbers in ((NOISE_SETTINGS, noise), (Q_SETTINGS, fractions)):
         rmse = np.ones((15, 3))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from invented_experiment import paper_scenario
 
 from drake_quad import load_scenario
 from drake_quad.files import read_table
@@ -86,7 +87,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
     rng = np.random.default_rng(1)
     cells = {
         cell: Study(
-            None, 27.0, np.arange(9), {},
+            paper_scenario(), 27.0, np.arange(9), {},
             Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in Metrics._fields[1:]), np.full(9, np.inf)),
         )
         for i, cell in enumerate(cells_of(COMPARED_CONTROLLERS))
