@@ -482,9 +482,8 @@ class FleetSystem(_Base):
         self.initializations.append(computation)
         indices = [group.index for group in computation.writes]
 
-        # The formula runs only once per simulation, so compiling it would take longer than interpreting it.
         def write(system: FleetSystem, context: Context, groups: Any) -> None:
-            computation.interpret(system, context, [groups.get_mutable_vector(index) for index in indices])
+            computation.run(system, context, [groups.get_mutable_vector(index) for index in indices])
 
         self.DeclareInitializationDiscreteUpdateEvent(MethodType(write, self))
 

@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator, Simulator_
 from pydrake.systems.framework import DiagramBuilder, DiagramBuilder_
 
 from drake_quad import InputError
+from drake_quad.framework.elementary import arctan2
 from drake_quad.framework.fleet_system import TIME, FleetSystem, fleet_system
 from drake_quad.framework.wiring import split_output, subsystem
 from drake_quad.signals import Acceleration, PositionError, Row, Wind
@@ -270,3 +271,28 @@ def test_the_template_of_a_class_has_the_classes_for_all_scalar_types():
 
 def test_drake_finds_the_modules_of_other_templates():
     assert cpp_template._get_module_from_stack.__module__ == "pydrake.common.cpp_template"
+
+
+def angles(wind):
+    return arctan2(wind.y, wind.x), arctan2(wind.z, wind.y), arctan2(wind.x, wind.z)
+
+
+@fleet_system(float)
+class InitializedAngles(FleetSystem):
+    """System whose state has angles as initial values, and which computes the same angles in flight."""
+
+    def declare(self, *, parameters=Wind(0.0, 0.0, 0.0)):
+        wind = self.parameter("wind", lambda wind: wind)
+        state = self.state("error", lambda wind: PositionError(0.0, 0.0, 0.0))
+        self.initialize(lambda wind: PositionError(*angles(wind)), wind, writes=[state])
+        self.output("pd", lambda wind: Acceleration(*angles(wind)), wind)
+        self.state_output(state)
+
+
+def test_initial_values_have_the_bits_of_the_same_formula_in_flight():
+    winds = np.random.default_rng(5).normal(size=(3, 400))
+    simulator = Simulator(InitializedAngles(400, parameters=Wind(*winds)))
+    simulator.Initialize()
+    context, system = simulator.get_context(), simulator.get_system()
+    initial, now = (system.GetOutputPort(name).Eval(context) for name in ("error", "pd"))
+    np.testing.assert_array_equal(initial, now)
