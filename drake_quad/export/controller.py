@@ -13,8 +13,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import laboratory_recipes
 from drake_quad.errors import InputError, join_names
-from drake_quad.export.diagram_code import diagram_code
-from drake_quad.export.projects import project_files
+from drake_quad.export.diagram_code import HEADER_END, diagram_code
+from drake_quad.export.projects.project import ExportedCode
+from drake_quad.export.projects.registered import project_files
 from drake_quad.export.reference_code import reference_code
 from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.files import output_folder, write_text
@@ -22,6 +23,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.framework.c_code import DOUBLE, SINGLE, identifier, wrapped
 from drake_quad.framework.wiring import build, split_output
 from drake_quad.planning.duration import flight_duration
+from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.saving import save_scenario
@@ -72,8 +74,8 @@ def export_controller(
             last bit.
         mixer: True to compute rotor commands from the wrench as well.
         reference: True to add a function that evaluates the planned reference.
-        project: name of a project around the code, one of `drake_quad.export.projects.PROJECTS`, which is written to a
-            folder of this name.
+        project: name of a project to write around the code, in a folder of this name; a key of
+            `drake_quad.export.projects.registered.PROJECTS`.
 
     Raises:
         InputError: if the controller contains distributions or is not a formula, or the name is not an identifier.
@@ -94,7 +96,7 @@ def export_controller(
             plan, name=name, inputs=[*code.interface.inputs], precision=PRECISIONS[precision]
         )
         code = code._replace(
-            header=code.header.replace("\n#endif\n", f"\n{declaration}\n#endif\n"),
+            header=f"{code.header.removesuffix(HEADER_END)}{declaration}\n{HEADER_END}",
             source=f"{code.source}\n{definition}",
         )
     stream = io.StringIO()
@@ -107,8 +109,11 @@ def export_controller(
         version=version("drake_quad"),
         **dataclasses.asdict(code.interface),
     )
-    project_texts = {} if project is None else project_files(project, description)
     header, source = (f"{_opening(description)}\n{text}" for text in (code.header, code.source))
+    project_texts = {}
+    if project is not None:
+        exported = ExportedCode(description, header, source, code.structs, nominal_parameters(scenario), reference)
+        project_texts = project_files(project, exported)
     folder = output_folder(output)
     files = [
         write_text(folder / f"{name}.h", header),
@@ -116,12 +121,10 @@ def export_controller(
         write_text(folder / DESCRIPTION_FILE, json.dumps(dataclasses.asdict(description), indent=2) + "\n"),
         write_text(folder / "scenario.yaml", stream.getvalue()),
     ]
-    if project is not None:
-        sources = {f"src/{name}.h": header, f"src/{name}.c": source}
-        for path, text in {**project_texts, **sources}.items():
-            file = folder / project / path
-            output_folder(file.parent)
-            files.append(write_text(file, text))
+    for path, text in project_texts.items():
+        file = folder / str(project) / path
+        output_folder(file.parent)
+        files.append(write_text(file, text))
     return Export(files, description)
 
 

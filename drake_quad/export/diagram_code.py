@@ -6,7 +6,7 @@ from typing import NamedTuple
 from pydrake.systems.framework import Diagram
 
 from drake_quad.export.step import Member, Step
-from drake_quad.export.structs import Structs, initializer, struct_text, summary
+from drake_quad.export.structs import Struct, StructMember, Structs, initializer, summary
 from drake_quad.exported.description import CodeInterface
 from drake_quad.framework.c_code import (
     MULTIPLY_ADD_FUNCTION,
@@ -19,8 +19,10 @@ from drake_quad.framework.c_code import (
 )
 from drake_quad.framework.wiring import subsystem
 
+HEADER_END = "#ifdef __cplusplus\n}\n#endif\n\n#endif\n"
+"""Last lines of a header, after all declarations."""
 # C has no structs without members.
-_NO_MEMBERS = ("    char unused;",)
+_NO_MEMBERS = (StructMember("char", "unused"),)
 
 
 class DiagramCode(NamedTuple):
@@ -30,11 +32,13 @@ class DiagramCode(NamedTuple):
         header: text of the header, without its opening comment.
         source: text of the source file, without its opening comment.
         interface: interface and size of the code.
+        structs: definitions of the structs in the header.
     """
 
     header: str
     source: str
     interface: CodeInterface
+    structs: Sequence[Struct]
 
 
 def diagram_code(
@@ -63,7 +67,8 @@ def diagram_code(
         num_parameters=sum(member.layout.num_rows for member in step.parameters.values()),
         num_operations=step.num_operations,
     )
-    return DiagramCode(_header(name, step, structs, diagram), _source(name, step, functions), interface)
+    definitions = _structs(name, step, structs, diagram)
+    return DiagramCode(_header(name, step, definitions), _source(name, step, functions), interface, definitions)
 
 
 def _step_head(name: str) -> str:
@@ -73,30 +78,42 @@ def _step_head(name: str) -> str:
     )
 
 
-def _header(name: str, step: Step, structs: Structs, diagram: Diagram) -> str:
-    """Return the text of the header."""
+def _structs(name: str, step: Step, structs: Structs, diagram: Diagram) -> list[Struct]:
+    """Return the definitions of all structs."""
     inputs = [structs.member(key, layout) for key, layout in step.inputs.items()]
     outputs = [structs.member(key, layout) for key, layout in step.outputs.items()]
     parameters = [structs.member(key, each.layout, _origin(each, diagram)) for key, each in step.parameters.items()]
     memory = [structs.member(key, each.layout, f"state of {each.path}") for key, each in step.states.items()]
-    memory.append("    uint32_t step;                         /* number of steps since the start */")
-    guard, divisor = f"{name.upper()}_H", step.output_divisor
-    outputs_text = f"Outputs, which are written at every {f'{divisor} steps' if divisor > 1 else 'step'}"
+    memory.append(StructMember("uint32_t", "step", "number of steps since the start"))
+    divisor = step.output_divisor
+    return [
+        *structs.definitions,
+        Struct(f"{name}_inputs_t", "Inputs of a step", inputs or _NO_MEMBERS),
+        Struct(
+            f"{name}_outputs_t",
+            f"Outputs, which are written at every {f'{divisor} steps' if divisor > 1 else 'step'}",
+            outputs,
+        ),
+        Struct(f"{name}_parameters_t", "Parameters, which may change between steps", parameters or _NO_MEMBERS),
+        Struct(f"{name}_t", "State of the controller", memory),
+    ]
+
+
+def _header(name: str, step: Step, structs: Sequence[Struct]) -> str:
+    """Return the text of the header."""
+    guard = f"{name.upper()}_H"
     head = "\n".join(wrapped(f"{_step_head(name)};"))
     blocks = [
         f"#ifndef {guard}\n#define {guard}\n",
         "#include <stdint.h>\n",
+        '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         f"/* Time between two steps, s. */\n#define {name.upper()}_PERIOD {step.period!r}\n",
-        *structs.texts,
-        struct_text(f"{name}_inputs_t", "Inputs of a step", inputs or _NO_MEMBERS),
-        struct_text(f"{name}_outputs_t", outputs_text, outputs),
-        struct_text(f"{name}_parameters_t", "Parameters, which may change between steps", parameters or _NO_MEMBERS),
-        struct_text(f"{name}_t", "State of the controller", memory),
+        *map(str, structs),
         f"/* Parameters of the exported scenario. */\nextern const {name}_parameters_t {name}_default_parameters;\n",
         f"/* Set the initial state. */\nvoid {name}_init({name}_t *controller);\n",
         "/* Compute the outputs and advance the state by one period. Call this function every"
         f" {step.period:g} s. */\n{head}\n",
-        "#endif\n",
+        HEADER_END,
     ]
     return "\n".join(blocks)
 

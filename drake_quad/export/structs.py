@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from drake_quad.framework.c_code import identifier
 from drake_quad.framework.records import ROW, Layout
@@ -11,6 +11,46 @@ from drake_quad.signals import Quantity, field_quantities
 
 # Column at which the comments of struct members begin.
 _COMMENT_COLUMN = 44
+
+
+class StructMember(NamedTuple):
+    """Member of a C struct.
+
+    Attributes:
+        type_name: C type, or type of the elements of an array.
+        name: name of the member.
+        comment: comment on the member; may be empty.
+        sizes: sizes of an array, the first index first; empty if the member is no array.
+    """
+
+    type_name: str
+    name: str
+    comment: str = ""
+    sizes: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the declaration in C."""
+        declaration = f"    {self.type_name} {self.name}{''.join(f'[{size}]' for size in self.sizes)};"
+        return f"{declaration:{_COMMENT_COLUMN - 1}} /* {self.comment} */" if self.comment else declaration
+
+
+class Struct(NamedTuple):
+    """Definition of a C struct.
+
+    Attributes:
+        type_name: C type.
+        comment: comment on the struct.
+        members: members of the struct.
+    """
+
+    type_name: str
+    comment: str
+    members: Sequence[StructMember]
+
+    def __str__(self) -> str:
+        """Return the definition in C."""
+        head = f"/* {self.comment} */\ntypedef struct {{"
+        return "\n".join([head, *map(str, self.members), f"}} {self.type_name};", ""])
 
 
 class Structs:
@@ -21,11 +61,11 @@ class Structs:
         real: C type of a number.
 
     Attributes:
-        texts: definitions, each after the definitions of the structs that it contains.
+        definitions: definitions, each after the definitions of the structs that it contains.
     """
 
     def __init__(self, prefix: str, real: str) -> None:
-        self.texts: list[str] = []
+        self.definitions: list[Struct] = []
         self._prefix, self._real = prefix, real
         self._names: dict[Layout, str] = {}
 
@@ -40,22 +80,22 @@ class Structs:
             while name in taken:
                 name, number = f"{base}_{number}_t", number + 1
             self._names[layout] = name
-            self.texts.append(struct_text(name, summary(layout.kind), members))
+            self.definitions.append(Struct(name, summary(layout.kind), members))
         return self._names[layout]
 
-    def member(self, name: str, layout: Layout, comment: str = "") -> str:
-        """Return the declaration of a struct member that has the C type of a layout, with a comment."""
-        return _with_comment(f"    {self.type_of(layout)} {identifier(name)};", comment)
+    def member(self, name: str, layout: Layout, comment: str = "") -> StructMember:
+        """Return a struct member that has the C type of a layout."""
+        return StructMember(self.type_of(layout), identifier(name), comment)
 
-    def _field(self, name: str, layout: Layout, comment: str = "") -> str:
-        """Return the declaration of a struct member, which is an array for a tuple of equal parts, with a comment."""
-        sizes = ""
+    def _field(self, name: str, layout: Layout, comment: str = "") -> StructMember:
+        """Return a struct member, which is an array for a tuple of equal parts."""
+        sizes: tuple[int, ...] = ()
         while layout.kind is tuple and _is_uniform(layout):
-            sizes += f"[{len(layout.parts)}]"
+            sizes += (len(layout.parts),)
             layout = layout.parts[0]
-        return _with_comment(f"    {self.type_of(layout)} {identifier(name)}{sizes};", comment)
+        return StructMember(self.type_of(layout), identifier(name), comment, sizes)
 
-    def _members(self, layout: Layout) -> list[str]:
+    def _members(self, layout: Layout) -> list[StructMember]:
         if layout.kind is tuple:
             if _is_uniform(layout):
                 return [self._field("values", layout)]
@@ -66,15 +106,6 @@ class Structs:
             for name, part in zip(layout.kind._fields, layout.parts, strict=True)  # type: ignore[attr-defined]
             if part.num_rows
         ]
-
-
-def _with_comment(declaration: str, comment: str) -> str:
-    return f"{declaration:{_COMMENT_COLUMN - 1}} /* {comment} */" if comment else declaration
-
-
-def struct_text(name: str, text: str, members: Sequence[str]) -> str:
-    """Return the definition of a struct with a comment."""
-    return "\n".join([f"/* {text} */", "typedef struct {", *members, f"}} {name};", ""])
 
 
 def accessors(layout: Layout) -> list[str]:

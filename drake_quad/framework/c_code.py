@@ -201,13 +201,17 @@ _MAX_PLAIN_WORD = 64
 _MAX_INLINE_LENGTH = 60
 # Number of weights in a line of a table.
 _TABLE_COLUMNS = 6
-# Words that cannot be names of variables: keywords, macros and functions of the included headers, and own functions.
+# Words that cannot be names of variables: keywords of C and C++, macros and functions of the included headers, and
+# functions of the exported code.
 _RESERVED_WORDS = """
 auto bool break case char const continue default do double else enum extern false float for goto if inline int long
 register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile while
 result results time bits_of number_of acos asin atan atan2 ceil copysign cos cosh erf exp fabs floor fma
 multiply_add exact_sum upper_half fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh
 trunc y0 y1 yn INFINITY NAN NULL I main
+and asm catch class compl concept const_cast constexpr decltype delete dynamic_cast explicit export friend mutable
+namespace new noexcept not nullptr operator or private protected public reinterpret_cast requires static_assert
+static_cast template this throw try typeid typename using virtual wchar_t xor
 """
 _RESERVED = frozenset(_RESERVED_WORDS.split())
 

@@ -2,155 +2,333 @@
 
 import ctypes
 import dataclasses
+import importlib.util
+import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.math import RollPitchYaw
+from project_builds import (
+    SINGLE_ONLY,
+    Platform,
+    assert_flies_as_exported,
+    library_of,
+    needs_compilers,
+    objects_of,
+    quaternion,
+)
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, export_controller, exported_controller, load_scenario, simulate
-from drake_quad.export.projects import project_files
-from drake_quad.exported.machines import CROSS_COMPILER
+from drake_quad.export.projects.project import ExportedCode
+from drake_quad.export.projects.registered import PROJECTS, project_files
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import CROSS_COMPILER, HostMachine
+from drake_quad.planning.nominal import nominal_parameters
+from drake_quad.vehicle.px4_units import torque_units
 
-STUBS = Path(__file__).parent / "crazyflie_stubs"
-STRICT = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion")
-
-
-class Attitude(ctypes.Structure):
-    _fields_ = [("timestamp", ctypes.c_uint32), *((name, ctypes.c_float) for name in ("roll", "pitch", "yaw"))]
-
-
-class Point(ctypes.Structure):
-    _fields_ = [("timestamp", ctypes.c_uint32), *((name, ctypes.c_float) for name in "xyz")]
-
-
-class Quaternion(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_float) for name in "xyzw"]
+SHORT = ["duration=1", "metrics={start: 0, end: null}"]
+# None of the platforms has a snap of the reference.
+WRENCH = ["figure_eight", [*SHORT, "control.position.feed_forward=jerk"]]
+WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=acceleration"]]
+ATTITUDE = ["onboard", SHORT]
+ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
+HALF_TURN = np.array([1.0, -1.0, -1.0])  # from north, west, up to north, east, down, and back
+HOVER_THRUST = 0.375
 
 
-class Sensors(ctypes.Structure):
-    _fields_ = [("acc", ctypes.c_float * 3), ("gyro", ctypes.c_float * 3)]
+def exported(folder, project, scenario, precision="single", **options):
+    """Export a scenario with a project, and return the scenario and the folder of the project."""
+    scenario = load_scenario(*scenario)
+    export_controller(scenario, folder, precision=precision, name="mine", project=project, **options)
+    return scenario, folder / project
 
 
-class State(ctypes.Structure):
-    _fields_ = [
-        ("attitude", Attitude),
-        ("quaternion", Quaternion),
-        ("position", Point),
-        ("velocity", Point),
-        ("acc", Point),
-    ]
+def angles_of(wxyz):
+    """Return roll, pitch and yaw of a quaternion in single precision."""
+    return RollPitchYaw(Quaternion(np.asarray(wxyz) / np.linalg.norm(wxyz))).vector()
 
 
-class Setpoint(ctypes.Structure):
-    _fields_ = [
-        ("attitude", Attitude),
-        ("rate", Attitude),
-        ("quaternion", Quaternion),
-        ("position", Point),
-        ("velocity", Point),
-        ("acceleration", Point),
-        ("jerk", Point),
-        ("mode", ctypes.c_int * 7),
-    ]
+def crazyflie_inputs(measured, reference, jerk):
+    w, *vector = quaternion(measured[3:6])
+    rates = np.degrees(measured[9:])
+    yaw = np.degrees(reference[9:11])
+    return [*measured[:3], *measured[6:9], *vector, w, *rates, *reference[:9], *jerk, *yaw]
 
 
-class Control(ctypes.Structure):
-    _fields_ = [("wrench", ctypes.c_float * 4), ("mode", ctypes.c_int)]
-
-
-class Firmware(LeafSystem):
-    """The project in the loop: signals are converted to the units of the firmware, which calls the project."""
-
-    def __init__(self, library, period):
-        super().__init__()
-        self._library, self._calls, self._period = library, 0, period
-        self._control = Control()
-        for name, rows in (("measurement", 12), ("reference", 11), ("reference_jerk", 3)):
-            self.DeclareVectorInputPort(name, rows)
-        self.DeclareDiscreteState(4)
-        self.DeclareVectorOutputPort("wrench", 4, self._calc)
-        library.controllerOutOfTreeInit()
-
-    def _calc(self, context, output):
-        step = round(context.get_time() / self._period)
-        if step == self._calls:  # Drake evaluates the output once for each step
-            self._calls += 1
-            self._call(context, step)
-        output.SetFromVector(self._control.wrench[:])
-
-    def _call(self, context, step):
-        measured, reference, jerk = (self.get_input_port(i).Eval(context) for i in range(3))
-        w, x, y, z = RollPitchYaw(measured[3:6]).ToQuaternion().wxyz()
-        degrees = np.degrees(measured[3:6]) * [1.0, -1.0, 1.0]
-        state = State(
-            Attitude(0, *degrees), Quaternion(x, y, z, w), Point(0, *measured[:3]), Point(0, *measured[6:9]), Point()
-        )
-        sensors = Sensors((0.0, 0.0, 1.0), tuple(np.degrees(measured[9:])))
-        setpoint = Setpoint(
-            Attitude(0, 0.0, 0.0, np.degrees(reference[9])),
-            Attitude(0, 0.0, 0.0, np.degrees(reference[10])),
-            Quaternion(),
-            *(Point(0, *reference[first : first + 3]) for first in (0, 3, 6)),
-            Point(0, *jerk),
-            (1, 1, 1, 1, 1, 1, 0),
-        )
-        milliseconds = round(1000.0 * self._period * step)
-        arguments = (ctypes.byref(each) for each in (self._control, setpoint, sensors, state))
-        self._library.controllerOutOfTree(*arguments, ctypes.c_uint32(milliseconds))
-
-
-def sources(folder):
-    return [str(folder / "crazyflie" / "src" / name) for name in ("app.c", "mine.c")]
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@needs_compilers
 @pytest.mark.slow
 def test_the_crazyflie_project_flies_as_the_exported_code(tmp_path):
-    """The code has no snap in the firmware, so the controller that is compared uses none."""
-    options = ["duration=1", "metrics={start: 0, end: null}", "control.position.feed_forward=jerk"]
-    scenario = load_scenario("figure_eight", options)
-    export_controller(scenario, tmp_path, precision="single", name="mine", project="crazyflie")
-    library = tmp_path / "project.so"
-    stub = tmp_path / "stub.c"
-    stub.write_text('#include <stdint.h>\n#include "task.h"\nvoid vTaskDelay(uint32_t ticks) { (void)ticks; }\n')
-    command = ["cc", *STRICT, "-shared", "-fPIC", "-I", str(STUBS), "-I", str(tmp_path), "-o", str(library)]
-    subprocess.run([*command, *sources(tmp_path), str(stub), "-lm"], check=True)
-    expected = simulate(scenario, control=exported_controller(tmp_path)())
-    found = simulate(scenario, control=Firmware(ctypes.CDLL(str(library)), 0.02))
-    np.testing.assert_allclose(found["wrench"], expected["wrench"], rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found["state"], expected["state"], rtol=1e-4, atol=1e-5)
-    assert np.abs(expected["wrench"][:, 1:]).max(axis=0).min() > 1e-6
+    scenario, project = exported(tmp_path, "crazyflie", WRENCH)
+    library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
+    library.start()
+    system = Platform(library, 0.02, crazyflie_inputs, lambda command: command[:4])
+    assert_flies_as_exported(scenario, tmp_path, system)
 
 
 @pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
 @pytest.mark.slow
 def test_the_crazyflie_project_compiles_for_its_microcontroller(tmp_path):
-    export_controller(
-        load_scenario("bad_day:crazyflie"), tmp_path, precision="single", name="mine", project="crazyflie"
-    )
+    _, project = exported(tmp_path, "crazyflie", ["bad_day:crazyflie"])
     core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
-    for source in sources(tmp_path):
-        command = [CROSS_COMPILER, *STRICT, *core, "-I", str(STUBS), "-c", "-o", str(tmp_path / "object.o"), source]
-        subprocess.run(command, check=True)
+    objects_of(project, "crazyflie.h", "crazyflie_driver.c", languages={".c": (CROSS_COMPILER, "-std=c99", *core)})
+
+
+def px4_library(project):
+    return library_of(project, "px4.hpp", "px4_driver.cpp", options=SINGLE_ONLY, macros=["-DNAME_main=mine_main"])
+
+
+def px4_inputs(measured, reference, jerk):
+    """Return the inputs in PX4's frames. Half a turn about x keeps w and x of a quaternion."""
+    q = quaternion(measured[3:6]) * np.array([1.0, *HALF_TURN])
+    vectors = [measured[:3], measured[6:9], measured[9:], reference[:3], reference[3:6], reference[6:9], jerk]
+    place, velocity, rates, *setpoint = (vector * HALF_TURN for vector in vectors)
+    return np.concatenate([place, velocity, q, rates, *setpoint, -reference[9:11]])
+
+
+def px4_start(library, period):
+    library.start.argtypes = [ctypes.c_float]
+    assert library.start(HOVER_THRUST) == round(1e6 * period)
+    library.engage(True)
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
+    scenario, project = exported(tmp_path, "px4", WRENCH)
+    nominal = nominal_parameters(scenario)
+    units = np.array([nominal.mass * nominal.gravity / HOVER_THRUST, *torque_units(nominal, HOVER_THRUST)])
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    system = Platform(library, 0.02, px4_inputs, lambda command: command[:4] * units * [-1.0, *HALF_TURN])
+    assert_flies_as_exported(scenario, tmp_path, system)
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
+    """The attitude setpoint of PX4 contains a yaw rate, but no feed-forward of the other body rates."""
+    scenario, project = exported(tmp_path, "px4", ATTITUDE)
+    nominal = nominal_parameters(scenario)
+
+    def decode(command):
+        angles = angles_of(command[:4] * [1.0, *HALF_TURN])
+        thrust = -command[4] / HOVER_THRUST * nominal.mass * nominal.gravity
+        return [thrust, *angles, 0.0, 0.0, -command[5]]
+
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    system = Platform(library, 0.02, px4_inputs, decode, ("attitude_target", 7))
+    assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5])
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp_path):
+    _, project = exported(tmp_path, "px4", WRENCH)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    rng = np.random.default_rng(3)
+    inputs, commands = rng.normal(size=(3, 30)), []
+    inputs[:, 6:10] /= np.linalg.norm(inputs[:, 6:10], axis=1, keepdims=True)
+    command = np.zeros(8)
+
+    def step(number, row):
+        pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs[row], command))
+        library.step(ctypes.c_uint64(1_000_000 + 20_000 * number), *pointers)
+        return [*command]
+
+    commands = [step(number, number) for number in range(3)]
+    library.engage(False)
+    num_commands = library.num_commands()
+    step(3, 2)
+    assert library.num_commands() == num_commands == 3
+    library.engage(True)
+    assert [step(4 + number, number) for number in range(3)] == commands
+
+
+def ros2_library(project, attitude=0):
+    main = {"mine_node.cpp": ["-Dmain=node_main"]}
+    macros = [f"-DCOMMANDS_ATTITUDE={attitude}"]
+    library = library_of(project, "ros2.hpp", "ros2_driver.cpp", macros=macros, file_macros=main)
+    assert library.start() == 20000
+    return library
+
+
+def ros2_inputs(measured, reference, jerk):
+    R_WB = RotationMatrix(RollPitchYaw(measured[3:6])).matrix()
+    orientation, heading = quaternion(measured[3:6]), quaternion([0.0, 0.0, reference[9]])
+    vectors = measured[:3], R_WB.T @ measured[6:9], orientation, measured[9:], reference[:9], heading, reference[10:]
+    return np.concatenate(vectors)
+
+
+@needs_compilers
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_the_ros2_project_commands_the_wrench_of_the_exported_code(precision, tmp_path):
+    scenario, project = exported(tmp_path, "ros2", WITHOUT_JERK, precision)
+    system = Platform(ros2_library(project), 0.02, ros2_inputs, lambda command: command[:4])
+    assert_flies_as_exported(scenario, tmp_path, system)
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_ros2_project_commands_the_attitude_of_the_exported_code(tmp_path):
+    scenario, project = exported(tmp_path, "ros2", ATTITUDE_WITHOUT_JERK)
+    nominal = nominal_parameters(scenario)
+
+    def decode(command):
+        return [command[4] / 0.5 * nominal.mass * nominal.gravity, *angles_of(command[:4]), 0.0, 0.0, 0.0]
+
+    system = Platform(ros2_library(project, 1), 0.02, ros2_inputs, decode, ("attitude_target", 7))
+    assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5, 6])
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
+    _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
+    library = ros2_library(project)
+    library.tick(ctypes.c_uint64(0))
+    assert library.num_commands() == 0
+    level = np.array([0.0] * 6 + [1.0] + [0.0] * 6)
+    library.send_odometry(level.ctypes.data_as(ctypes.c_void_p))
+    library.tick(ctypes.c_uint64(100_000))
+    library.tick(ctypes.c_uint64(250_000))
+    assert library.num_commands() == 1
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_python_project_flies_with_the_bits_of_the_exported_code(tmp_path):
+    scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double")
+    subprocess.run(["make", "--silent"], cwd=project, check=True)
+    mine = module_of(project / "mine.py")
+    controller, inputs = mine.Controller(), mine.Inputs()
+    assert mine.PERIOD == 0.02
+
+    class System(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self._steps = 0
+            for name, _ in mine.Inputs._fields_:
+                self.DeclareVectorInputPort(name, ctypes.sizeof(getattr(inputs, name)) // 8)
+            self.DeclareDiscreteState(1)
+            self.DeclareVectorOutputPort("wrench", 4, self._calc)
+
+        def _calc(self, context, output):
+            if round(context.get_time() / mine.PERIOD) == self._steps:  # Drake evaluates the output once for each step
+                self._steps += 1
+                for index, (name, _) in enumerate(mine.Inputs._fields_):
+                    signal, values = getattr(inputs, name), self.get_input_port(index).Eval(context)
+                    for (field, _), value in zip(signal._fields_, values, strict=True):
+                        setattr(signal, field, value)
+                self._outputs = controller.step(inputs)
+            wrench = self._outputs.wrench
+            output.SetFromVector([getattr(wrench, field) for field, _ in wrench._fields_])
+
+    expected = simulate(scenario, control=exported_controller(tmp_path)())
+    found = simulate(scenario, control=System())
+    for name in found:
+        np.testing.assert_array_equal(found[name], expected[name])
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_python_project_evaluates_the_reference_and_accepts_new_parameters(tmp_path):
+    scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double", reference=True)
+    subprocess.run(["make", "--silent"], cwd=project, check=True)
+    mine = module_of(project / "mine.py")
+    first, second, inputs = mine.Controller(), mine.Controller(), mine.Inputs()
+    first.set_reference(0.5, inputs)
+    reference = simulate(scenario)["reference"][25]
+    values = [getattr(inputs.reference, name) for name, _ in inputs.reference._fields_]
+    np.testing.assert_allclose(values, reference, atol=1e-12)
+    second.parameters.position_pd_gains.k_p.x *= 2.0
+    assert first.step(inputs).wrench.tau_y != second.step(inputs).wrench.tau_y
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_arduino_project_calls_the_controller_at_its_period(tmp_path):
+    _, project = exported(tmp_path, "arduino", WRENCH)
+    macros = ['-DHEADER="mine.h"', "-DINPUTS=mine_inputs_t", "-DOUTPUTS=mine_outputs_t"]
+    library = library_of(
+        project, "arduino.h", "arduino_driver.cpp", options=SINGLE_ONLY, macros=macros, unlinked=["board.cpp"]
+    )
+    description, machine = read_description(tmp_path), HostMachine(tmp_path)
+    state = HostMachine.initial_state(tmp_path, description)
+    rng, begin = np.random.default_rng(2), 2**32 - 50_000  # the clock overflows
+    inputs = rng.normal(size=(6, sum(description.inputs.values()))).astype(np.float32)
+    command = np.full(4, np.nan, np.float32)
+
+    def run(microseconds, row):
+        pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs[row], command))
+        library.run(ctypes.c_uint32(microseconds), *pointers)
+
+    library.start(ctypes.c_uint32(begin))
+    library.arm(True)
+    for number in range(5):
+        run(begin + 20_000 * number + 100, number)
+        state, expected = machine.step(state, inputs[number].tobytes())
+        assert command.tobytes() == expected
+        run(begin + 20_000 * number + 10_000, 5)
+        assert command.tobytes() == expected, "a step before the end of the period"
+    assert library.num_late_steps() == 0
+    run(begin + 20_000 * 7 + 100, 0)
+    assert library.num_late_steps() == 1
+    library.arm(False)
+    run(begin + 20_000 * 9, 0)
+    assert library.has_stopped()
+
+
+def module_of(path):
+    """Return the module in a file."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def hover_code(tmp_path_factory):
+    """Exported code for hover in single precision."""
+    scenario = load_scenario("hover")
+    export = export_controller(scenario, tmp_path_factory.mktemp("hover"), precision="single", name="mine")
+    return ExportedCode(export.description, "", "", (), nominal_parameters(scenario), False)
+
+
+FIRMWARE = ["crazyflie", "px4"]
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("projects", "changes", "message"),
     [
-        ({"name": "controller"}, "needs another name than controller, which is a header of the firmware"),
-        ({"precision": "double"}, "needs single precision"),
-        ({"outputs": {"attitude_target": 7}}, "needs a controller that commands a wrench, not attitude_target"),
-        ({"period": 0.0125}, "needs a period of whole milliseconds, not 0.0125 s"),
-        ({"inputs": {"measurement": 12, "gyroscope": 3}}, "cannot provide the input gyroscope"),
+        (["crazyflie"], {"name": "controller"}, "needs another --name than controller, which is a header"),
+        (FIRMWARE, {"precision": "double"}, "needs --precision single"),
+        (["crazyflie"], {"outputs": {"attitude_target": 7}}, "commands wrench, not attitude_target"),
+        (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
+        (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),
+        (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period of whole microseconds"),
+        ([*FIRMWARE, "ros2"], {"inputs": {"measurement": 12, "gyroscope": 3}}, "cannot provide the input gyroscope"),
     ],
 )
-def test_code_that_does_not_fit_the_crazyflie_is_refused(changes, message, tmp_path):
-    export = export_controller(load_scenario("hover"), tmp_path, precision="single", name="mine")
-    with pytest.raises(InputError, match=message):
-        project_files("crazyflie", dataclasses.replace(export.description, **changes))
-    with pytest.raises(InputError, match="project is 'kite'; it must be one of crazyflie"):
-        project_files("kite", export.description)
+def test_code_that_does_not_fit_a_project_is_refused(hover_code, projects, changes, message):
+    code = hover_code._replace(description=dataclasses.replace(hover_code.description, **changes))
+    for project in projects:
+        with pytest.raises(InputError, match=f"project {project} .*{message}"):
+            project_files(project, code)
+
+
+def test_an_unknown_project_is_refused(hover_code):
+    with pytest.raises(InputError, match=f"project is 'kite'; it must be one of {', '.join(PROJECTS)}"):
+        project_files("kite", hover_code)
+
+
+def test_no_file_of_a_project_contains_a_placeholder(hover_code):
+    for project in PROJECTS:
+        for path, text in project_files(project, hover_code).items():
+            assert not re.search("@[A-Z_0-9]+@", path + text), (project, path)

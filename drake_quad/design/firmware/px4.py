@@ -10,9 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.px4_units import torque_units
 
 # Limit on the horizontal integrals of the velocity loop, m/s². PX4 limits them by anti-windup only, so that this value
 # is never reached.
@@ -25,30 +24,6 @@ _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
 _LINK_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
-
-
-def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
-    """Return the torques about x, y, z for a normalised torque of 1, N m.
-
-    The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
-    pitch is the larger of the root mean squares of their columns, times √2. The scale of yaw is the largest entry of
-    its column.
-
-    Args:
-        nominal: parameters of the nominal vehicle.
-        hover_thrust: normalised thrust in hover, MPC_THR_HOVER.
-    """
-    effectiveness = np.array(
-        [
-            [rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor, 1.0]
-            for rotor in nominal.rotors
-        ]
-    ).T
-    mixer = np.linalg.pinv(effectiveness)
-    tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
-    yaw_scale = float(np.max(mixer[:, 2]))
-    rotor_thrust = nominal.mass * nominal.gravity / (4.0 * hover_thrust)
-    return rotor_thrust / tilt_scale, rotor_thrust / tilt_scale, rotor_thrust / yaw_scale
 
 
 def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#define M2T(milliseconds) ((uint32_t)(milliseconds))
+
 typedef uint32_t stabilizerStep_t;
 typedef struct { float x, y, z; } Axis3f;
 typedef struct { uint32_t timestamp; float roll, pitch, yaw; } attitude_t;
@@ -40,3 +42,5 @@ void controllerOutOfTreeInit(void);
 bool controllerOutOfTreeTest(void);
 void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const sensorData_t *sensors,
     const state_t *state, const stabilizerStep_t stabilizerStep);
+void appMain(void);
+void vTaskDelay(uint32_t ticks);

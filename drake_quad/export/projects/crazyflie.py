@@ -1,0 +1,41 @@
+"""Out-of-tree controller of the Crazyflie's firmware."""
+
+from drake_quad.errors import InputError
+from drake_quad.export.projects.project import (
+    ExportedCode,
+    Project,
+    check_command,
+    check_inputs,
+    check_single_precision,
+    whole_steps,
+)
+
+# Period at which the firmware calls the controller, s.
+_FIRMWARE_PERIOD = 0.001
+# Names of headers of the firmware that are likely names of a controller.
+_FIRMWARE_HEADERS = ("app", "controller", "estimator", "stabilizer", "state", "task")
+
+
+def _placeholders(code: ExportedCode) -> dict[str, str]:
+    """Return the values of the template's placeholders.
+
+    Raises:
+        InputError: if the code does not command a wrench in single precision with a period of whole milliseconds.
+    """
+    description = code.description
+    if description.name in _FIRMWARE_HEADERS:
+        raise InputError(
+            f"project crazyflie needs another --name than {description.name}, which is a header of the firmware"
+        )
+    check_command("crazyflie", description, ["wrench"])
+    check_inputs("crazyflie", description)
+    check_single_precision("crazyflie", description)
+    # The firmware knows no snap, which is zero.
+    jerk = ".reference_jerk = {.x = setpoint->jerk.x, .y = setpoint->jerk.y, .z = setpoint->jerk.z},"
+    return {
+        "CALLS": str(whole_steps("crazyflie", description, _FIRMWARE_PERIOD, "milliseconds")),
+        "JERK": jerk if "reference_jerk" in description.inputs else "",
+    }
+
+
+CRAZYFLIE = Project(_placeholders, code_folder="src")

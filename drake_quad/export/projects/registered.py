@@ -1,0 +1,61 @@
+"""All projects, and their files."""
+
+import re
+from pathlib import Path
+
+from drake_quad.errors import InputError
+from drake_quad.export.projects.arduino import ARDUINO
+from drake_quad.export.projects.crazyflie import CRAZYFLIE
+from drake_quad.export.projects.project import ExportedCode, Project
+from drake_quad.export.projects.px4 import PX4
+from drake_quad.export.projects.python import PYTHON
+from drake_quad.export.projects.ros2 import ROS2
+
+PROJECTS: dict[str, Project] = {
+    "arduino": ARDUINO,
+    "crazyflie": CRAZYFLIE,
+    "px4": PX4,
+    "python": PYTHON,
+    "ros2": ROS2,
+}
+"""Projects, by name."""
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def project_files(name: str, code: ExportedCode) -> dict[str, str]:
+    """Return the files of a project with the exported code, by their paths in the folder of the project.
+
+    Args:
+        name: name of the project, a key of `PROJECTS`.
+        code: exported code.
+
+    Raises:
+        InputError: if there is no such project, or the code does not fit it.
+    """
+    if name not in PROJECTS:
+        raise InputError(f"project is {name!r}; it must be one of {', '.join(PROJECTS)}")
+    project, description = PROJECTS[name], code.description
+    values = {
+        "NAME": description.name,
+        "NAME_UPPER": description.name.upper(),
+        "SCENARIO": description.scenario,
+        "MEASUREMENT": code.measurement,
+        "HAS_REFERENCE": str(int(code.has_reference)),
+        **project.placeholders(code),
+    }
+
+    def filled(text: str) -> str:
+        # Values may contain placeholders themselves.
+        while (after := re.sub("@([A-Z_0-9]+)@", lambda match: values[match[1]], text)) != text:
+            text = after
+        return text
+
+    # Templates in Python end in .py.in, so that no tool takes them for modules.
+    folder = _TEMPLATES / name
+    files = {
+        filled(path.relative_to(folder).as_posix().removesuffix(".in")): filled(path.read_text(encoding="utf-8"))
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+    code_file = filled(f"{project.code_folder}/{description.name}").removeprefix("./")
+    return {**files, f"{code_file}.h": code.header, f"{code_file}.c": code.source}

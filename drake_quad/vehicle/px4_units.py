@@ -1,0 +1,33 @@
+"""Units of PX4's normalised torques.
+
+PX4 commands thrust and torques between 0 and 1. It assumes that a rotor's thrust is proportional to its command, with
+the weight at MPC_THR_HOVER, and normalises torques by its mixer (`ControlAllocationPseudoInverse`).
+"""
+
+import numpy as np
+
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
+    """Return the torques about x, y, z for a normalised torque of 1, N m.
+
+    The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
+    pitch is the larger of the root mean squares of their columns, times √2. The scale of yaw is the largest entry of
+    its column.
+
+    Args:
+        nominal: parameters of the nominal vehicle.
+        hover_thrust: normalised thrust in hover, MPC_THR_HOVER.
+    """
+    effectiveness = np.array(
+        [
+            [rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor, 1.0]
+            for rotor in nominal.rotors
+        ]
+    ).T
+    mixer = np.linalg.pinv(effectiveness)
+    tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
+    yaw_scale = float(np.max(mixer[:, 2]))
+    rotor_thrust = nominal.mass * nominal.gravity / (4.0 * hover_thrust)
+    return rotor_thrust / tilt_scale, rotor_thrust / tilt_scale, rotor_thrust / yaw_scale

@@ -1,2 +1,0 @@
-#pragma once
-void vTaskDelay(uint32_t ticks);

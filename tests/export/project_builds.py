@@ -1,0 +1,142 @@
+"""Compilation of exported projects with declarations of the published interfaces, and flights with them."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.systems.framework import LeafSystem
+
+from drake_quad import exported_controller, simulate
+
+STUBS = Path(__file__).parent / "stubs"
+WARNINGS = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC")
+# Microcontrollers without a unit for double precision need this warning.
+SINGLE_ONLY = ("-Wdouble-promotion",)
+# Inline variables of the declarations must not be shared by the libraries of several tests.
+CPP = ("c++", "-std=c++17", "-fno-gnu-unique")
+LANGUAGES = {".c": ("cc", "-std=c99"), ".cpp": CPP, ".ino": (*CPP, "-x", "c++")}
+needs_compilers = pytest.mark.skipif(not (shutil.which("cc") and shutil.which("c++")), reason="no C and C++ compilers")
+
+
+def forwarding_headers(sources, stub, folder):
+    """Write a header for each header of a platform that the sources include; it includes the declarations instead."""
+    for source in sources:
+        for name in re.findall(r'^#include [<"]([^>"]+)[>"]', source.read_text(), re.MULTILINE):
+            local = (source.parent / name).exists()
+            standard = re.fullmatch(r"(math|stdbool|stdint|string)\.h|chrono|cmath|memory", name)
+            if not local and not standard:
+                header = folder / name
+                header.parent.mkdir(parents=True, exist_ok=True)
+                header.write_text(f'#include "{STUBS / stub}"\n')
+
+
+def objects_of(project, stub, driver, *, languages=None, options=(), macros=(), file_macros=None, unlinked=()):
+    """Compile a project and a driver, and return the object files.
+
+    Args:
+        project: folder of the project.
+        stub: file with declarations of the platform's interface.
+        driver: source file that calls the project as the platform does.
+        languages: compiler and options for each suffix of a source file, instead of those of this computer.
+        options: options for all files.
+        macros: options that define macros for the driver.
+        file_macros: options that define macros for a file of the project, by the name of the file.
+        unlinked: names of files whose object files are not returned.
+    """
+    languages = languages or LANGUAGES
+    sources = [path for path in sorted(project.rglob("*")) if path.suffix in LANGUAGES]
+    headers, objects = project / "platform", []
+    forwarding_headers(sources, stub, headers)
+    for source in [*sources, STUBS / driver]:
+        output = project / f"{source.stem}.o"
+        file_options = macros if source.name == driver else (file_macros or {}).get(source.name, ())
+        folders = ["-I", str(headers), "-I", str(sources[0].parent), "-I", str(STUBS)]
+        command = [
+            *languages[source.suffix],
+            *WARNINGS,
+            *options,
+            *file_options,
+            *folders,
+            "-c",
+            "-o",
+            str(output),
+            str(source),
+        ]
+        subprocess.run(command, check=True)
+        if source.name not in unlinked:
+            objects.append(str(output))
+    return objects
+
+
+def library_of(project, stub, driver, **options):
+    """Return the shared library of a project and a driver; the options are those of `objects_of`."""
+    library = project / "project.so"
+    objects = objects_of(project, stub, driver, **options)
+    subprocess.run(["c++", "-shared", "-o", str(library), *objects, "-lm"], check=True)
+    return ctypes.CDLL(str(library))
+
+
+class Platform(LeafSystem):
+    """Project in the loop: signals are converted to the inputs of the project's platform, which calls the project.
+
+    Args:
+        library: library with the function `step`.
+        period: period of the controller, s.
+        encode: function that returns the inputs of `step`, given the measured state, the reference and its jerk.
+        decode: function that returns the command of the controller, given that of `step`.
+        output: name and number of rows of the command.
+    """
+
+    def __init__(self, library, period, encode, decode, output=("wrench", 4)):
+        super().__init__()
+        self._step, self._period, self._steps = library.step, period, 0
+        self._encode, self._decode = encode, decode
+        self._command = np.zeros(8)
+        for name, rows in (("measurement", 12), ("reference", 11), ("reference_jerk", 3)):
+            self.DeclareVectorInputPort(name, rows)
+        self.DeclareDiscreteState(1)
+        self.DeclareVectorOutputPort(*output, self._calc)
+
+    def _calc(self, context, output):
+        step = round(context.get_time() / self._period)
+        if step == self._steps:  # Drake evaluates the output once for each step
+            self._steps += 1
+            signals = [self.get_input_port(i).Eval(context) for i in range(3)]
+            inputs = np.array(self._encode(*signals), dtype=float)
+            pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs, self._command))
+            # The platforms begin at a later time than zero.
+            self._step(ctypes.c_uint64(round(1e6 * (1.0 + self._period * step))), *pointers)
+        output.SetFromVector(self._decode(self._command))
+
+
+def assert_flies_as_exported(scenario, folder, system, *, unavailable=()):
+    """Assert that a project flies as the exported code.
+
+    Args:
+        scenario: scenario from which the code was exported.
+        folder: folder with the exported code.
+        system: project in the loop.
+        unavailable: rows of the command that the platform cannot send, which are zero.
+    """
+
+    class Controller(exported_controller(folder)):
+        def _stepped(self, context, *, whole_divisor):
+            state, outputs = super()._stepped(context, whole_divisor=whole_divisor)
+            outputs[list(unavailable)] = 0.0
+            return state, outputs
+
+    expected, found = simulate(scenario, control=Controller()), simulate(scenario, control=system)
+    command = next(name for name in ("wrench", "attitude_target") if name in expected)
+    np.testing.assert_allclose(found[command], expected[command], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found["state"], expected["state"], rtol=1e-4, atol=1e-5)
+    assert np.ptp(expected[command], axis=0)[:3].min() > 1e-6
+
+
+def quaternion(angles):
+    """Return the quaternion w, x, y, z of roll, pitch and yaw."""
+    return RollPitchYaw(angles).ToQuaternion().wxyz()

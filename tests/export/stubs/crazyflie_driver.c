@@ -1,0 +1,44 @@
+/* Calls the project for the Crazyflie as its firmware does. */
+#include "crazyflie.h"
+
+void vTaskDelay(uint32_t ticks)
+{
+    (void)ticks;
+}
+
+void start(void)
+{
+    controllerOutOfTreeInit();
+}
+
+/* inputs: position, velocity, quaternion x y z w, body rates, reference position, velocity, acceleration, jerk, yaw and
+ * yaw rate, in the units of the firmware. */
+void step(uint64_t microseconds, const double *inputs, double *command)
+{
+    static const state_t no_state;
+    static const sensorData_t no_sensors;
+    static const setpoint_t no_setpoint;
+    state_t state = no_state;
+    sensorData_t sensors = no_sensors;
+    setpoint_t setpoint = no_setpoint;
+    control_t control;
+    const double *p = inputs;
+#define POINT(target) (target).x = (float)p[0], (target).y = (float)p[1], (target).z = (float)p[2], p += 3
+    POINT(state.position);
+    POINT(state.velocity);
+    POINT(state.attitudeQuaternion);
+    state.attitudeQuaternion.w = (float)*p++;
+    POINT(sensors.gyro);
+    POINT(setpoint.position);
+    POINT(setpoint.velocity);
+    POINT(setpoint.acceleration);
+    POINT(setpoint.jerk);
+    setpoint.attitude.yaw = (float)p[0];
+    setpoint.attitudeRate.yaw = (float)p[1];
+    setpoint.mode.x = setpoint.mode.y = setpoint.mode.z = setpoint.mode.yaw = modeAbs;
+    controllerOutOfTree(&control, &setpoint, &sensors, &state, (uint32_t)(microseconds / 1000));
+    command[0] = control.thrustSi;
+    command[1] = control.torqueX;
+    command[2] = control.torqueY;
+    command[3] = control.torqueZ;
+}
