@@ -12,11 +12,12 @@ from drake_quad.assembly.control import control_setting
 from drake_quad.design.firmware.crazyflie import MAX_THRUST, crazyflie_layer, output_scales
 from drake_quad.design.firmware.layer import firmware_layer
 from drake_quad.design.firmware.parameters import defaults_of, read_parameters
-from drake_quad.design.firmware.px4 import px4_layer, torque_units
+from drake_quad.design.firmware.px4 import px4_layer
 from drake_quad.flight.mission import plan_route
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.signals import AttitudeTarget, Reference, State
 from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
+from drake_quad.vehicle.px4_units import torque_units
 
 FOLDER = Path(__file__).parent
 DEGREE = math.pi / 180.0
@@ -115,19 +116,6 @@ def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
         ]
         outputs = np.clip([row["roll_out"], -row["pitch_out"], row["yaw_out"]], -32767.0, 32767.0)
         np.testing.assert_allclose(torque / (inertia * per_unit), outputs, atol=3.0)
-
-
-def test_torque_units_of_px4_match_its_mixer_for_an_x_layout():
-    """A unit of roll or pitch changes each rotor by 1/√2, and a unit of yaw by 1. Hover is at a thrust of 0.4."""
-    nominal = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
-    lever, ratio = abs(nominal.rotors[0].y), nominal.rotors[0].drag_factor / nominal.rotors[0].thrust_factor
-    unit = nominal.mass * nominal.gravity / (4.0 * 0.4)
-    roll, _, yaw = torque_units(nominal, 0.4)
-    levers = {abs(rotor.y) for rotor in nominal.rotors} | {abs(rotor.x) for rotor in nominal.rotors}
-    # The shorter of the two lever arms determines the scale of both roll and pitch.
-    assert roll == pytest.approx(4.0 * math.sqrt(0.5) * unit * min(levers), rel=1e-9)
-    assert yaw == pytest.approx(4.0 * unit * ratio, rel=1e-9)
-    assert lever in levers
 
 
 def test_a_rate_error_causes_the_same_torque_as_in_px4():
