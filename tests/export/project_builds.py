@@ -12,6 +12,8 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import exported_controller, simulate
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import HostMachine
 
 STUBS = Path(__file__).parent / "stubs"
 WARNINGS = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC")
@@ -81,6 +83,14 @@ def library_of(project, stub, driver, **options):
     return ctypes.CDLL(str(library))
 
 
+def call(library, seconds, inputs):
+    """Return the command of a project at a time, given the inputs of its driver."""
+    inputs, command = np.array(inputs, dtype=float), np.zeros(8)
+    pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs, command))
+    library.step(ctypes.c_uint64(round(1e6 * seconds)), *pointers)
+    return command
+
+
 class Platform(LeafSystem):
     """Project in the loop: signals are converted to the inputs of the project's platform, which calls the project.
 
@@ -94,9 +104,8 @@ class Platform(LeafSystem):
 
     def __init__(self, library, period, encode, decode, output=("wrench", 4)):
         super().__init__()
-        self._step, self._period, self._steps = library.step, period, 0
+        self._library, self._period, self._steps = library, period, 0
         self._encode, self._decode = encode, decode
-        self._command = np.zeros(8)
         for name, rows in (("measurement", 12), ("reference", 11), ("reference_jerk", 3)):
             self.DeclareVectorInputPort(name, rows)
         self.DeclareDiscreteState(1)
@@ -107,10 +116,8 @@ class Platform(LeafSystem):
         if step == self._steps:  # Drake evaluates the output once for each step
             self._steps += 1
             signals = [self.get_input_port(i).Eval(context) for i in range(3)]
-            inputs = np.array(self._encode(*signals), dtype=float)
-            pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs, self._command))
             # The platforms begin at a later time than zero.
-            self._step(ctypes.c_uint64(round(1e6 * (1.0 + self._period * step))), *pointers)
+            self._command = call(self._library, 1.0 + self._period * step, self._encode(*signals))
         output.SetFromVector(self._decode(self._command))
 
 
@@ -135,6 +142,37 @@ def assert_flies_as_exported(scenario, folder, system, *, unavailable=()):
     np.testing.assert_allclose(found[command], expected[command], rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(found["state"], expected["state"], rtol=1e-4, atol=1e-5)
     assert np.ptp(expected[command], axis=0)[:3].min() > 1e-6
+
+
+def random_signals(seed, description):
+    """Yield measured state, reference, its jerk, and the same numbers as inputs of exported code; angles are large."""
+    rng = np.random.default_rng(seed)
+    for _ in range(8):
+        signals = {"measurement": rng.normal(size=12), "reference": rng.normal(size=11)}
+        signals |= {"reference_jerk": rng.normal(size=3), "reference_snap": np.zeros(4)}
+        signals["measurement"][3:6] = rng.uniform(-1.0, 1.0, 3) * [3.0, 1.4, 3.0]
+        inputs = np.concatenate([signals[name] for name in description.inputs])
+        yield *[*signals.values()][:3], inputs.astype(description.number_type)
+
+
+def assert_commands_as_exported(folder, library, encode, decode, *, unavailable=()):
+    """Assert that a project commands what the exported code commands, at large random inputs.
+
+    Args:
+        folder: folder with the exported code.
+        library: library of the project.
+        encode: see `Platform`.
+        decode: see `Platform`.
+        unavailable: rows of the command that the platform cannot send, which are zero.
+    """
+    description, machine = read_description(folder), HostMachine(folder)
+    state = HostMachine.initial_state(folder, description)
+    for number, (*signals, inputs) in enumerate(random_signals(1, description)):
+        state, outputs = machine.step(state, inputs.tobytes())
+        expected = np.frombuffer(outputs, description.number_type).astype(float)
+        expected[list(unavailable)] = 0.0
+        command = call(library, 1.0 + description.period * number, encode(*signals))
+        np.testing.assert_allclose(decode(command), expected, rtol=1e-4, atol=1e-4)
 
 
 def quaternion(angles):

@@ -12,7 +12,9 @@ import pytest
 from project_builds import (
     SINGLE_ONLY,
     Platform,
+    assert_commands_as_exported,
     assert_flies_as_exported,
+    call,
     library_of,
     needs_compilers,
     objects_of,
@@ -36,6 +38,7 @@ WRENCH = ["figure_eight", [*SHORT, "control.position.feed_forward=jerk"]]
 WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=acceleration"]]
 ATTITUDE = ["onboard", SHORT]
 ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
+DISABLED, ABSOLUTE = 0, 1  # modes of the Crazyflie's setpoint
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # from north, west, up to north, east, down, and back
 HOVER_THRUST = 0.375
 
@@ -65,8 +68,29 @@ def test_the_crazyflie_project_flies_as_the_exported_code(tmp_path):
     scenario, project = exported(tmp_path, "crazyflie", WRENCH)
     library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
     library.start()
+    assert_commands_as_exported(tmp_path, library, crazyflie_inputs, lambda command: command[:4])
+    library.set_modes(ABSOLUTE, DISABLED, ABSOLUTE)  # yaw as a quaternion
+    assert_commands_as_exported(tmp_path, library, crazyflie_inputs, lambda command: command[:4])
+    library.set_modes(ABSOLUTE, ABSOLUTE, DISABLED)
     system = Platform(library, 0.02, crazyflie_inputs, lambda command: command[:4])
     assert_flies_as_exported(scenario, tmp_path, system)
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_crazyflie_project_without_setpoints_holds_the_yaw_and_stops_the_motors(tmp_path):
+    _, project = exported(tmp_path, "crazyflie", WRENCH)
+    library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
+    library.start()
+    measured, reference = np.linspace(-1.0, 1.0, 12), np.linspace(-2.0, 1.0, 11)
+    holding = crazyflie_inputs(measured, [*reference[:9], measured[5], reference[10]], np.ones(3))
+    expected = call(library, 1.0, holding)
+    library.set_modes(ABSOLUTE, DISABLED, DISABLED)
+    np.testing.assert_allclose(
+        call(library, 1.02, crazyflie_inputs(measured, reference, np.ones(3))), expected, rtol=1e-4
+    )
+    library.set_modes(DISABLED, ABSOLUTE, DISABLED)
+    np.testing.assert_array_equal(call(library, 1.04, holding), 0.0)
 
 
 @pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
@@ -103,7 +127,13 @@ def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
     units = np.array([nominal.mass * nominal.gravity / HOVER_THRUST, *torque_units(nominal, HOVER_THRUST)])
     library = px4_library(project)
     px4_start(library, 0.02)
-    system = Platform(library, 0.02, px4_inputs, lambda command: command[:4] * units * [-1.0, *HALF_TURN])
+
+    def decode(command):
+        return command[:4] * units * [-1.0, *HALF_TURN]
+
+    assert_commands_as_exported(tmp_path, library, px4_inputs, decode)
+    assert library.offboard_request() == 2, "thrust and torques"
+    system = Platform(library, 0.02, px4_inputs, decode)
     assert_flies_as_exported(scenario, tmp_path, system)
 
 
@@ -121,6 +151,8 @@ def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
 
     library = px4_library(project)
     px4_start(library, 0.02)
+    assert_commands_as_exported(tmp_path, library, px4_inputs, decode, unavailable=[4, 5])
+    assert library.offboard_request() == 1, "an attitude"
     system = Platform(library, 0.02, px4_inputs, decode, ("attitude_target", 7))
     assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5])
 
@@ -132,22 +164,59 @@ def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp
     library = px4_library(project)
     px4_start(library, 0.02)
     rng = np.random.default_rng(3)
-    inputs, commands = rng.normal(size=(3, 30)), []
-    inputs[:, 6:10] /= np.linalg.norm(inputs[:, 6:10], axis=1, keepdims=True)
-    command = np.zeros(8)
-
-    def step(number, row):
-        pointers = (each.ctypes.data_as(ctypes.c_void_p) for each in (inputs[row], command))
-        library.step(ctypes.c_uint64(1_000_000 + 20_000 * number), *pointers)
-        return [*command]
-
-    commands = [step(number, number) for number in range(3)]
+    inputs = [px4_inputs(rng.normal(size=12), rng.normal(size=11), rng.normal(size=3)) for _ in range(3)]
+    commands = [[*call(library, 1.0 + 0.02 * number, inputs[number])] for number in range(3)]
     library.engage(False)
-    num_commands = library.num_commands()
-    step(3, 2)
-    assert library.num_commands() == num_commands == 3
+    call(library, 1.06, inputs[2])
+    assert library.num_commands() == 3
     library.engage(True)
-    assert [step(4 + number, number) for number in range(3)] == commands
+    assert [[*call(library, 1.08 + 0.02 * number, inputs[number])] for number in range(3)] == commands
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_requests_no_offboard_mode_without_valid_estimates(tmp_path):
+    _, project = exported(tmp_path, "px4", WRENCH)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    inputs = px4_inputs(np.zeros(12), np.zeros(11), np.zeros(3))
+    old = [[0.0] * 3, *(300_000 * np.eye(3))]
+    validity = [[True] * 4, *(np.eye(4) == 0.0)]
+    cases = [(ages, validity[0]) for ages in old] + [(old[0], valid) for valid in validity[1:]]
+    for number, (ages, valid) in enumerate(cases):
+        ages, valid = np.array(ages, np.uint64), np.array(valid, np.bool_)
+        library.degrade(ages.ctypes.data_as(ctypes.c_void_p), valid.ctypes.data_as(ctypes.c_void_p))
+        call(library, 1.0 + 0.02 * number, inputs)
+        assert library.offboard_request() == (2 if number == 0 else 0)
+        assert library.num_commands() == 1
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_holds_its_place_where_no_setpoint_is_given(tmp_path):
+    _, project = exported(tmp_path, "px4", WRENCH)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    measured = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
+    without = px4_inputs(measured, np.full(11, np.nan), np.full(3, np.nan))
+    holding = px4_inputs(measured, np.array([1.0, 2.0, 3.0, *[0.0] * 6, 0.3, 0.0]), np.zeros(3))
+    np.testing.assert_allclose(call(library, 1.0, without), call(library, 1.02, holding), rtol=1e-5, atol=1e-7)
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_px4_project_flies_the_exported_route_from_its_place(tmp_path):
+    scenario, project = exported(tmp_path, "px4", WRENCH, reference=True)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    expected = simulate(scenario)
+    offset = np.array([4.0, -5.0, 6.0])
+    for number in range(3):
+        signals = [expected[name][number].copy() for name in ("measurement", "reference")]
+        signals[0][:3] += offset
+        command = call(library, 1.0 + 0.02 * number, px4_inputs(*signals, np.full(3, np.nan)))
+        weight = nominal_parameters(scenario).mass * nominal_parameters(scenario).gravity
+        assert -command[0] / HOVER_THRUST * weight == pytest.approx(expected["wrench"][number, 0], rel=1e-5)
 
 
 def ros2_library(project, attitude=0):
@@ -170,7 +239,9 @@ def ros2_inputs(measured, reference, jerk):
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_ros2_project_commands_the_wrench_of_the_exported_code(precision, tmp_path):
     scenario, project = exported(tmp_path, "ros2", WITHOUT_JERK, precision)
-    system = Platform(ros2_library(project), 0.02, ros2_inputs, lambda command: command[:4])
+    library = ros2_library(project)
+    assert_commands_as_exported(tmp_path, library, ros2_inputs, lambda command: command[:4])
+    system = Platform(library, 0.02, ros2_inputs, lambda command: command[:4])
     assert_flies_as_exported(scenario, tmp_path, system)
 
 
@@ -183,7 +254,9 @@ def test_the_ros2_project_commands_the_attitude_of_the_exported_code(tmp_path):
     def decode(command):
         return [command[4] / 0.5 * nominal.mass * nominal.gravity, *angles_of(command[:4]), 0.0, 0.0, 0.0]
 
-    system = Platform(ros2_library(project, 1), 0.02, ros2_inputs, decode, ("attitude_target", 7))
+    library = ros2_library(project, 1)
+    assert_commands_as_exported(tmp_path, library, ros2_inputs, decode, unavailable=[4, 5, 6])
+    system = Platform(library, 0.02, ros2_inputs, decode, ("attitude_target", 7))
     assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5, 6])
 
 

@@ -1,5 +1,9 @@
 /* Calls the project for the Crazyflie as its firmware does. */
+#include <math.h>
+
 #include "crazyflie.h"
+
+static stab_mode_t z_mode = modeAbs, yaw_mode = modeAbs, quat_mode = modeDisable;
 
 void vTaskDelay(uint32_t ticks)
 {
@@ -9,6 +13,14 @@ void vTaskDelay(uint32_t ticks)
 void start(void)
 {
     controllerOutOfTreeInit();
+}
+
+/* Set the modes of the setpoint. */
+void set_modes(int z, int yaw, int quat)
+{
+    z_mode = (stab_mode_t)z;
+    yaw_mode = (stab_mode_t)yaw;
+    quat_mode = (stab_mode_t)quat;
 }
 
 /* inputs: position, velocity, quaternion x y z w, body rates, reference position, velocity, acceleration, jerk, yaw and
@@ -33,9 +45,18 @@ void step(uint64_t microseconds, const double *inputs, double *command)
     POINT(setpoint.velocity);
     POINT(setpoint.acceleration);
     POINT(setpoint.jerk);
-    setpoint.attitude.yaw = (float)p[0];
+    if (yaw_mode == modeAbs)
+        setpoint.attitude.yaw = (float)p[0];
+    if (quat_mode == modeAbs) {
+        const float half = (float)p[0] * 0.008726646f;
+        setpoint.attitudeQuaternion.w = cosf(half);
+        setpoint.attitudeQuaternion.z = sinf(half);
+    }
     setpoint.attitudeRate.yaw = (float)p[1];
-    setpoint.mode.x = setpoint.mode.y = setpoint.mode.z = setpoint.mode.yaw = modeAbs;
+    setpoint.mode.x = setpoint.mode.y = modeAbs;
+    setpoint.mode.z = z_mode;
+    setpoint.mode.yaw = yaw_mode;
+    setpoint.mode.quat = quat_mode;
     controllerOutOfTree(&control, &setpoint, &sensors, &state, (uint32_t)(microseconds / 1000));
     command[0] = control.thrustSi;
     command[1] = control.torqueX;

@@ -33,14 +33,32 @@ extern "C" unsigned num_commands()
 	return stub_topic<vehicle_attitude_setpoint_s>.publications + stub_topic<vehicle_thrust_setpoint_s>.publications;
 }
 
+// Return whether PX4 is asked to accept commands of an attitude (1) or of thrust and torques (2), at the present time.
+extern "C" int offboard_request()
+{
+	const auto &request = stub_topic<offboard_control_mode_s>.message;
+	const bool others = request.position || request.velocity || request.acceleration || request.body_rate
+			    || request.direct_actuator;
+	return request.timestamp != stub_now || others ? 0 : int(request.attitude) + 2 * int(request.thrust_and_torque);
+}
+
+// Set the age of the estimates of the next steps in microseconds, and whether each of four parts of the position is valid.
+static uint64_t ages[3];
+static bool valid[4] = {true, true, true, true};
+extern "C" void degrade(const uint64_t *estimate_ages, const bool *valid_parts)
+{
+	memcpy(ages, estimate_ages, sizeof(ages));
+	memcpy(valid, valid_parts, sizeof(valid));
+}
+
 // Inputs: position, velocity, quaternion w x y z, body rates, and the trajectory setpoint.
 // Command: thrust and torque, or quaternion, thrust and yaw rate.
 extern "C" void step(uint64_t microseconds, const double *inputs, double *command)
 {
 	stub_now = microseconds;
-	vehicle_local_position_s position{stub_now, stub_now, true, true, true, true, 0, 0, 0, 0, 0, 0};
-	vehicle_attitude_s attitude{stub_now, stub_now, {}};
-	vehicle_angular_velocity_s rates{stub_now, stub_now, {}};
+	vehicle_local_position_s position{stub_now - ages[0], stub_now, valid[0], valid[1], valid[2], valid[3], 0, 0, 0, 0, 0, 0};
+	vehicle_attitude_s attitude{stub_now - ages[1], stub_now, {}};
+	vehicle_angular_velocity_s rates{stub_now - ages[2], stub_now, {}};
 	trajectory_setpoint_s setpoint{};
 	float place[3], velocity[3];
 	take(place, inputs);

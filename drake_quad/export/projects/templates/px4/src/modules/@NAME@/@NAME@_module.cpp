@@ -41,10 +41,12 @@ constexpr float torque_units[3] = {@TORQUE_X@f, @TORQUE_Y@f, @TORQUE_Z@f};
 /* Age at which an estimate is too old to fly with, us. */
 constexpr hrt_abstime max_age_us = 200000;
 
+#if !@HAS_REFERENCE@
 float finite_or(float value, float replacement)
 {
 	return isfinite(value) ? value : replacement;
 }
+#endif
 
 float yaw_of(const float q[4])
 {
