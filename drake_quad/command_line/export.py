@@ -10,10 +10,11 @@ from pathlib import Path
 
 from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files, print_table
-from drake_quad.export.controller import PRECISIONS, export_controller
+from drake_quad.export.controller import export_controller
 from drake_quad.export.projects.registered import PROJECTS
 from drake_quad.exported.description import ExportDescription
 from drake_quad.exported.machines import CORES, code_size, has_cross_compiler
+from drake_quad.framework.c_code import PRECISIONS
 
 
 def options() -> argparse.ArgumentParser:

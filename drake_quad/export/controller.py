@@ -20,7 +20,7 @@ from drake_quad.export.reference_code import reference_code
 from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import plan_route
-from drake_quad.framework.c_code import DOUBLE, SINGLE, identifier, wrapped
+from drake_quad.framework.c_code import PRECISIONS, identifier, wrapped
 from drake_quad.framework.wiring import build, split_output
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.nominal import nominal_parameters
@@ -30,8 +30,6 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-PRECISIONS = {"double": DOUBLE, "single": SINGLE}
-"""Floating-point formats of exported code, by name."""
 # Port of the rotor commands that each kind of allocation computes.
 _ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
 

@@ -231,6 +231,8 @@ class Precision(NamedTuple):
 
 
 DOUBLE, SINGLE = Precision("double", "", 8), Precision("float", "f", 4)
+PRECISIONS = {"double": DOUBLE, "single": SINGLE}
+"""Floating-point formats of exported code, by name."""
 
 
 class Functions:

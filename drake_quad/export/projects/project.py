@@ -6,6 +6,7 @@ from typing import NamedTuple
 from drake_quad.errors import InputError
 from drake_quad.export.structs import Struct
 from drake_quad.exported.description import ExportDescription
+from drake_quad.framework.c_code import PRECISIONS
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Largest difference between the ratio of two periods and a whole number.
@@ -38,6 +39,11 @@ class ExportedCode(NamedTuple):
     def measurement(self) -> str:
         """Name of the input for the measured state of the vehicle."""
         return "measurement" if "measurement" in self.description.inputs else "state"
+
+    @property
+    def number_type(self) -> str:
+        """C type of a number."""
+        return PRECISIONS[self.description.precision].real
 
     @property
     def weight(self) -> float:

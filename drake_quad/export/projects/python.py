@@ -26,7 +26,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
         "PERIOD": repr(code.description.period),
         "STRUCTS": "\n\n\n".join(_class_text(struct, code.description.name) for struct in code.structs),
         "SET_REFERENCE": _SET_REFERENCE if code.has_reference else "",
-        "NUMBER": _TYPES[{"single": "float"}.get(code.description.precision, "double")],
+        "NUMBER": _TYPES[code.number_type],
     }
 
 

@@ -19,7 +19,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
         "MAVROS_PACKAGE": "mavros_msgs" if commands_attitude else "",
         "MICROSECONDS": str(whole_steps("ros2", description, 1e-6, "microseconds")),
         "COMMANDS_ATTITUDE": str(int(commands_attitude)),
-        "NUMBER": {"single": "float"}.get(description.precision, "double"),
+        "NUMBER": code.number_type,
         "WEIGHT": f"{code.weight:.7g}",
     }
 
