@@ -36,6 +36,7 @@ SHORT = ["duration=1", "metrics={start: 0, end: null}"]
 # None of the platforms has a snap of the reference.
 WRENCH = ["figure_eight", [*SHORT, "control.position.feed_forward=jerk"]]
 WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=acceleration"]]
+LQG = ["laboratory:nominal", SHORT, "controllers/lqg:lqg"]  # a controller with a state
 ATTITUDE = ["onboard", SHORT]
 ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
 DISABLED, ABSOLUTE = 0, 1  # modes of the Crazyflie's setpoint
@@ -45,7 +46,8 @@ HOVER_THRUST = 0.375
 
 def exported(folder, project, scenario, precision="single", **options):
     """Export a scenario with a project, and return the scenario and the folder of the project."""
-    scenario = load_scenario(*scenario)
+    spec, overrides, *layers = scenario
+    scenario = load_scenario(spec, overrides, layers=layers)
     export_controller(scenario, folder, precision=precision, name="mine", project=project, **options)
     return scenario, folder / project
 
@@ -96,7 +98,7 @@ def test_the_crazyflie_project_without_setpoints_holds_the_yaw_and_stops_the_mot
 @pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
 @pytest.mark.slow
 def test_the_crazyflie_project_compiles_for_its_microcontroller(tmp_path):
-    _, project = exported(tmp_path, "crazyflie", ["bad_day:crazyflie"])
+    _, project = exported(tmp_path, "crazyflie", ["bad_day:crazyflie", []])
     core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
     objects_of(project, "crazyflie.h", "crazyflie_driver.c", languages={".c": (CROSS_COMPILER, "-std=c99", *core)})
 
@@ -160,17 +162,17 @@ def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
 @needs_compilers
 @pytest.mark.slow
 def test_the_px4_project_commands_only_in_offboard_mode_and_then_starts_anew(tmp_path):
-    _, project = exported(tmp_path, "px4", WRENCH)
+    _, project = exported(tmp_path, "px4", LQG)
     library = px4_library(project)
-    px4_start(library, 0.02)
+    px4_start(library, 0.01)
     rng = np.random.default_rng(3)
     inputs = [px4_inputs(rng.normal(size=12), rng.normal(size=11), rng.normal(size=3)) for _ in range(3)]
-    commands = [[*call(library, 1.0 + 0.02 * number, inputs[number])] for number in range(3)]
+    commands = [[*call(library, 1.0 + 0.01 * number, inputs[number])] for number in range(3)]
     library.engage(False)
-    call(library, 1.06, inputs[2])
+    call(library, 1.03, inputs[2])
     assert library.num_commands() == 3
     library.engage(True)
-    assert [[*call(library, 1.08 + 0.02 * number, inputs[number])] for number in range(3)] == commands
+    assert [[*call(library, 1.04 + 0.01 * number, inputs[number])] for number in range(3)] == commands
 
 
 @needs_compilers
