@@ -37,6 +37,7 @@ from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.paths import value_at
 from drake_quad.visualization.field_map_plots import plot_field_maps
 from drake_quad.visualization.map_plots import MapPanel, plot_map
+from drake_quad.visualization.names import short_name
 from drake_quad.visualization.style import save_figures
 
 # Ends of the default ranges of the gains, relative to the gains of the scenario.
@@ -115,7 +116,7 @@ def map_fields(arguments: argparse.Namespace) -> None:
     for name, each in scenarios.items():
         maps[name] = field_map(each, x, y, size=arguments.size, compiled=not arguments.wired)
     units = unit_at(scenario, x), unit_at(scenario, y)
-    figure = plot_field_maps(maps, arguments.metric, labels=(x, y), units=units)
+    figure = plot_field_maps(maps, arguments.metric, labels=(short_name(x), short_name(y)), units=units)
     columns = [name for name in scenario.requirements if name != arguments.metric]
     files = [
         write_field_maps(folder / "field_map.csv", maps, [arguments.metric, *columns, "crash_time"], (x, y)),

@@ -6,6 +6,8 @@ import re
 _SYMBOLS = {
     "inertia": ("I_xx", "I_yy", "I_zz"),
     "centre_of_mass": ("c_x", "c_y", "c_z"),
+    "attitude": ("roll", "pitch", "yaw"),
+    "body_rates": ("roll rate", "pitch rate", "yaw rate"),
     "misalignment": ("roll misalignment", "pitch misalignment", "yaw misalignment"),
     "natural_frequency": ("natural frequency of roll", "natural frequency of pitch", "natural frequency of yaw"),
     "damping": ("damping of roll", "damping of pitch", "damping of yaw"),

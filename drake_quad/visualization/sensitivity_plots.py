@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from drake_quad.design.sensitivity import Sensitivities
 from drake_quad.laboratory.metrics import METRICS
 from drake_quad.studies.sobol_indices import SobolIndex
+from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
@@ -31,7 +32,7 @@ def plot_sensitivities(sensitivities: Sensitivities, metric: str) -> Figure:
                 "no field changes the metric to first order", (0.5, 0.5), xycoords="axes fraction", ha="center"
             )
         axes.axvline(0.0, color="0.4", linewidth=0.8)
-        axes.set_yticks(range(len(order)), [sensitivities.fields[i] for i in order])
+        axes.set_yticks(range(len(order)), [short_name(sensitivities.fields[i]) for i in order])
         axes.set(
             xlabel="change of the metric if the field increases by 1 % (%)",
             title=f"Sensitivities of {METRICS[metric].label}",

@@ -22,6 +22,7 @@ from drake_quad.studies.statistics import (
     values_without_crashes,
 )
 from drake_quad.studies.study import Study
+from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
@@ -272,9 +273,9 @@ def _in_percent(axis: Axis) -> None:
 
 
 def _field_label(study: Study, path: str) -> str:
-    """Return the label of a random parameter: the path of its field in the scenario, with its unit."""
+    """Return the label of a random parameter: its short name with its unit."""
     unit = unit_at(study.scenario, path)
-    return f"{path} ({unit})" if unit not in ("", "1") else path
+    return f"{short_name(path)} ({unit})" if unit not in ("", "1") else short_name(path)
 
 
 def _num_samples_text(studies: Mapping[str, Study]) -> str:

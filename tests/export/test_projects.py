@@ -135,6 +135,7 @@ def test_the_px4_project_commands_the_wrench_of_the_exported_code(tmp_path):
 
     assert_commands_as_exported(tmp_path, library, px4_inputs, decode)
     assert library.offboard_request() == 2, "thrust and torques"
+    assert library.has_current_times()
     system = Platform(library, 0.02, px4_inputs, decode)
     assert_flies_as_exported(scenario, tmp_path, system)
 
@@ -155,6 +156,7 @@ def test_the_px4_project_commands_the_attitude_of_the_exported_code(tmp_path):
     px4_start(library, 0.02)
     assert_commands_as_exported(tmp_path, library, px4_inputs, decode, unavailable=[4, 5])
     assert library.offboard_request() == 1, "an attitude"
+    assert library.has_current_times()
     system = Platform(library, 0.02, px4_inputs, decode, ("attitude_target", 7))
     assert_flies_as_exported(scenario, tmp_path, system, unavailable=[4, 5])
 

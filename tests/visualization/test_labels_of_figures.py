@@ -139,11 +139,11 @@ OF_STUDIES = {
     "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [("crashed samples", "")]),
     "crashes": (
         lambda: study_plots.plot_crash_probability(study(), MASS),
-        [("vehicle.mass (kg)", "crash probability")],
+        [("vehicle mass (kg)", "crash probability")],
     ),
     "crashes by delay": (
         lambda: study_plots.plot_crash_probability(study(), DELAY),
-        [("laboratory.motion_capture.latency_frames", "crash probability")],
+        [("latency frames", "crash probability")],
     ),
     "overview": (
         lambda: plot_study({"a": study()})[0],

@@ -10,6 +10,8 @@ from drake_quad.visualization.names import short_name
     [
         ("inertia.0", "I_xx"),
         ("inertia[2]", "I_zz"),
+        ("initial.attitude.1", "initial pitch"),
+        ("initial.body_rates.2", "initial yaw rate"),
         ("centre_of_mass.1", "c_y"),
         ("cameras: misalignment.0", "cameras: roll misalignment"),
         ("laboratory.motion_capture.misalignment[1]", "pitch misalignment"),

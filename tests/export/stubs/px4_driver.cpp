@@ -42,6 +42,20 @@ extern "C" int offboard_request()
 	return request.timestamp != stub_now || others ? 0 : int(request.attitude) + 2 * int(request.thrust_and_torque);
 }
 
+// Return whether the latest commands have the present time, and the time of the latest body rates.
+extern "C" bool has_current_times()
+{
+	const auto &attitude = stub_topic<vehicle_attitude_setpoint_s>;
+	const auto &thrust = stub_topic<vehicle_thrust_setpoint_s>;
+	const auto &torque = stub_topic<vehicle_torque_setpoint_s>.message;
+
+	if (attitude.publications) { return attitude.message.timestamp == stub_now; }
+
+	const uint64_t sample = stub_topic<vehicle_angular_velocity_s>.message.timestamp_sample;
+	return thrust.message.timestamp == stub_now && torque.timestamp == stub_now
+	       && thrust.message.timestamp_sample == sample && torque.timestamp_sample == sample;
+}
+
 // Set the age of the estimates of the next steps in microseconds, and whether each of four parts of the position is valid.
 static uint64_t ages[3];
 static bool valid[4] = {true, true, true, true};
