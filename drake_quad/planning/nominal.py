@@ -1,4 +1,4 @@
-"""Parameters of the nominal vehicle, which plans and controllers use."""
+"""Parameters of the nominal vehicle, the model that planner and controllers use."""
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.layouts import rotors_of
@@ -16,7 +16,7 @@ def nominal_parameters(mission: Mission) -> QuadrotorParameters:
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
-    """Return `nominal_parameters` with the rotor speeds limited to those that the nominal throttle curve can reach."""
+    """Return `nominal_parameters` with rotor speeds limited to the range of the nominal throttle curve."""
     parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters

@@ -23,7 +23,7 @@ _QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
 def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence that says why no path satisfies the constraints for given durations (segments,), s."""
+    """Explain in one sentence why no path satisfies the constraints for the given durations, (segments,) in s."""
     try:
         unlimited = path_within(problem.without_limits(), durations)
     except PLANNING_ERRORS:
@@ -44,7 +44,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
 
 
 def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
-    """Return a sentence with the limit that a path violates most, the segment, and the value that would be needed."""
+    """Return a sentence that names the most violated limit, its segment, and the value that the path would need."""
     violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -59,13 +59,13 @@ def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: s
 
 
 def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -> float | None:
-    """Return the factor on all durations that makes the problem feasible, rounded up to three digits, or None.
+    """Return a factor on all durations that makes the problem feasible, rounded up to three digits, or None.
 
     Args:
         problem: problem that is infeasible for these durations.
         durations: (segments,) durations, s.
-        enough: factor with which a path without limits satisfies the limits. It is used if no motion is given at the
-            waypoints, since the path can then be slowed down without changing its shape.
+        enough: factor that slows the path without limits down to the limits. It is used if no motion is given at the
+            waypoints, since slowing down then keeps the shape of the path.
     """
 
     def feasible(factor: float) -> bool:
@@ -90,7 +90,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence with the corridor that cannot be kept, and the additional width that the path needs."""
+    """Return a sentence that names the corridor which the path must leave, and the additional width that it needs."""
     unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:

@@ -1,4 +1,4 @@
-"""Lissajous figures: paths with a sine of time along each axis, which many published flights follow."""
+"""Lissajous figures: paths whose position along each axis is a sine of time. Many published flights use them."""
 
 import math
 
@@ -20,7 +20,7 @@ def lissajous(
     Args:
         centre: (3,) centre c, m.
         amplitude: (3,) amplitudes a, m.
-        turns: (3,) integer numbers n of periods per lap.
+        turns: (3,) numbers n of sine periods per lap, integers.
         phase: (3,) phases φ, rad.
         period: duration T of a lap, s.
         laps: number of laps.

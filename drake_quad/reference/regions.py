@@ -17,7 +17,7 @@ _MAX_INSCRIBED_RADIUS = 1e5
 
 
 class Box:
-    """Axis-aligned box; a point if both corners are equal.
+    """Axis-aligned box. It is a point if both corners are equal.
 
     Attributes:
         low: (axes,) lowest corner, m.
@@ -74,7 +74,7 @@ class Box:
 
 
 class Sphere:
-    """Ball through which a path passes.
+    """Ball through which a path must pass.
 
     Attributes:
         centre: (axes,) centre, m.
@@ -127,7 +127,7 @@ class Polytope:
 
     @classmethod
     def from_box(cls, box: Box) -> "Polytope":
-        """Return a box as a polytope."""
+        """Convert a box to a polytope."""
         identity = np.eye(len(box.low))
         return cls(np.vstack([-identity, identity]), np.concatenate([-box.low, box.high]))
 
@@ -158,7 +158,7 @@ class Polytope:
         return max((extent for extent in extents if math.isfinite(extent)), default=1.0)
 
     def support(self, direction: np.ndarray) -> float:
-        """Return the largest value of direction · p over the points p, m; infinite if the polytope is unbounded."""
+        """Return the largest value of direction · p over the points p, m, or infinity if the polytope is unbounded."""
         program = MathematicalProgram()
         p = program.NewContinuousVariables(len(direction))
         program.AddLinearCost(-direction, 0.0, p)
@@ -171,18 +171,18 @@ class Polytope:
         return np.array_equal(self.normals, other.normals) and np.array_equal(self.offsets, other.offsets)
 
     def intersection(self, other: "Box | Polytope") -> "Polytope | None":
-        """Return the intersection of both regions, or None if it is empty.
+        """Return the intersection with another region, or None if it is empty.
 
         The search for a path intersects the same regions many times, so results are cached.
         """
         return _intersection_of_faces(self, other)
 
     def max_violation(self, position: np.ndarray) -> float:
-        """Return the largest distance of a position (axes,) beyond the plane of a face, m; negative inside."""
+        """Return the largest distance by which a position (axes,) lies beyond a face plane, m; negative inside."""
         return float((self.normals @ position - self.offsets).max())
 
     def contains(self, position: np.ndarray) -> bool:
-        """Return True if a position (axes,) is in the polytope, up to the accuracy of solvers."""
+        """Return whether the polytope contains a position (axes,), within solver accuracy."""
         return self.max_violation(position) <= 1e-7 * max(self.size, 1.0)
 
     def nearest(self, position: np.ndarray) -> np.ndarray:
@@ -202,7 +202,7 @@ class Polytope:
 
     @cached_property
     def _inscribed(self) -> tuple[np.ndarray, float]:
-        """Centre and radius of the largest inscribed ball, m; the radius is negative if the polytope is empty."""
+        """Centre and radius (m) of the largest inscribed ball. The radius is negative if the polytope is empty."""
         axes = self.normals.shape[1]
         program = MathematicalProgram()
         x = program.NewContinuousVariables(axes + 1)
@@ -251,7 +251,7 @@ def intersection_of(one: Corridor, other: Corridor) -> Corridor | None:
 
 
 def overlap(waypoint: WaypointRegion, corridor: Corridor) -> bool:
-    """Return True if a waypoint's region and a corridor have a common point."""
+    """Return whether a waypoint's region and a corridor have a common point."""
     if isinstance(waypoint, Sphere):
         return bool(np.linalg.norm(corridor.nearest(waypoint.centre) - waypoint.centre) <= waypoint.radius)
     if isinstance(corridor, Polytope) and isinstance(waypoint, Box) and waypoint.is_point:

@@ -1,7 +1,7 @@
 """Extension of a reference beyond its route: rest before the start, braking if it ends in motion, and rest afterwards.
 
-A minimum-snap path that ends at rest has zero velocity, acceleration and jerk at its end, but not zero snap. Without
-the extension, a controller would feed forward this snap for ever after the end.
+A minimum-snap path that ends at rest has zero velocity, acceleration and jerk at its end, but not zero snap. If the
+path were not extended, a controller would feed forward this snap for ever.
 """
 
 import math
@@ -28,14 +28,14 @@ def moves_at_end(path: PolynomialPath, orders: int) -> bool:
 def with_rest(path: PolynomialPath, *, orders: int, acceleration: float) -> PolynomialPath:
     """Extend a path by rest before its start and after its end, with a braking piece if it ends in motion.
 
-    If possible, braking does not exceed the largest speed and acceleration of the path. Otherwise it exceeds them as
-    little as possible.
+    Braking stays within the largest speed and acceleration of the path if possible, and exceeds them as little as
+    possible otherwise.
 
     Args:
         path: path to extend, in m (or rad) and s.
         orders: number of continuous derivatives at the end of the path, including the position: 4 for a position,
             since rotor speeds depend on snap, and 2 for a yaw.
-        acceleration: acceleration that braking may always use, m/s² (or rad/s²).
+        acceleration: acceleration that braking may use even if the path stays below it, m/s² (or rad/s²).
 
     Returns:
         The path with an additional piece before it and one or two pieces after it. All derivatives are zero in the
@@ -80,10 +80,10 @@ def _braking(path: PolynomialPath, orders: int, acceleration: float) -> Polynomi
 
 
 def _pieces_to_rest(durations: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return the pieces that come to rest in given times and minimise the integral of their squared n-th derivative.
+    """Return pieces that reach rest in given durations and minimise the integral of their squared n-th derivative.
 
-    The position at the end is free. The optimal polynomial therefore has degree 2n - 2, since the derivative of order
-    2n - 1 is zero at a free end.
+    The end position is free, so the derivative of order 2n - 1 is zero there. The optimal polynomial therefore has
+    degree 2n - 2.
 
     Args:
         durations: (pieces,) durations, s.

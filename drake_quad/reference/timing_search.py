@@ -1,4 +1,4 @@
-"""Search for the times of a path with corridors, waypoint regions and given derivatives."""
+"""Search for waypoint times of a path with corridors, waypoint regions and given derivatives."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -46,7 +46,7 @@ _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
 def path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path for given durations (segments,), s.
+    """Return the path for the given durations, (segments,) in s.
 
     Raises:
         InputError: if there is no path; the message gives the reason.
@@ -72,19 +72,19 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
 
 
 def _stopping_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """Return the (segments,) durations of a flight that stops at each of the given points, s."""
+    """Return the segment durations, (segments,) in s, of a flight that stops at each of the given points."""
     durations = rest_to_rest_durations(points, problem.limits if problem.limits.by_order else _ANY_LIMITS)
     return _with_min_durations(problem, durations)
 
 
 def _trapezoid_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """Return the (segments,) durations of a trapezoidal speed profile through the given points at the limits, s."""
+    """Return the segment durations, (segments,) in s, of a trapezoidal speed profile at the limits."""
     times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
     return _with_min_durations(problem, np.diff(times))
 
 
 def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
-    """Return durations of which none is much shorter than the longest duration; all 1 s if there is no motion."""
+    """Raise durations that are much shorter than the longest one; return 1 s for each segment if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
     fraction = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
@@ -92,9 +92,9 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """Return the path without limits whose durations are computed by a rule.
+    """Return a path without limits, with durations from a rule.
 
-    The rule is applied twice, since the durations affect the points at which the path passes the waypoints' regions.
+    The rule is applied twice, since the durations affect where the path passes through the waypoint regions.
     """
     unlimited = problem.without_limits()
     points = problem.representatives()
@@ -105,7 +105,7 @@ def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray]
 
 
 def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
-    """Return the path with all durations scaled so that it attains a limit."""
+    """Scale all durations so that the path attains one limit and satisfies the other."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
         raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")
@@ -113,7 +113,7 @@ def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPat
 
 
 def minimum_time_path(problem: PathProblem) -> PolynomialPath:
-    """Return the minimum-snap path with the shortest total time within the limits, a local optimum.
+    """Return the minimum-snap path with the (locally) shortest total time within the limits.
 
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
@@ -167,13 +167,13 @@ def improve_repeatedly(
 ) -> PolynomialPath:
     """Apply changes to a path until the cost no longer decreases, and return the best path.
 
-    A change assumes that the path keeps its present contacts with corridors and its points in the waypoints' regions.
-    If the cost increases because this assumption is violated, the reach is reduced.
+    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. The
+    reach is reduced if the cost increases because this assumption is violated.
 
     Args:
         path: initial path.
-        change: function that returns a new path for a path and a reach, the largest change of the logarithms of the
-            durations.
+        change: function of a path and a reach that returns a new path. The reach is the largest change of the logarithm
+            of a duration.
         cost: function that returns the cost of a path.
     """
     max_log_change = _INITIAL_LOG_CHANGE
@@ -220,7 +220,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield (segments,) durations with the smallest snap for several sums, and nearby ones with the smallest sum, s."""
+    """Yield durations, (segments,) in s: those with the smallest snap for several sums, and shorter ones near them."""
     for factor in _TRIED_FACTORS:
         try:
             path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)
@@ -234,7 +234,7 @@ def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bo
 
 
 def _minimum_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path with the smallest snap for the same total duration; limits are ignored."""
+    """Return the path with the smallest snap for the same total duration, without limits."""
     if problem.passes_points:
         durations = minimum_snap_durations(problem.representatives(), durations, problem.derivatives)
         return path_within(problem, durations)
@@ -255,7 +255,7 @@ def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
     """Return the path with the smallest snap for a total time, within the limits.
 
     If the times with the smallest snap violate the limits, they are moved towards the times of the fastest path until
-    the limits are satisfied.
+    the path satisfies the limits.
 
     Args:
         problem: problem without repeated waypoints.

@@ -28,7 +28,7 @@ _BENDING_FORM = np.array(
 
 
 def constant_yaw(start: float, end: float, yaw: float) -> PolynomialPath:
-    """Return the profile with a constant yaw (rad) from a start to an end (s)."""
+    """Return a profile with a constant yaw (rad) between a start and an end time (s)."""
     coefficients = np.zeros((1, 4, 1))
     coefficients[0, 0] = yaw
     return PolynomialPath(np.array([start, end]), coefficients)
@@ -41,7 +41,8 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     last given angle.
 
     Args:
-        times: (waypoints,) times, s, which must not decrease; waypoints passed at the same instant have equal times.
+        times: (waypoints,) waypoint times, s, which must not decrease. Waypoints that are passed simultaneously have
+            equal times.
         yaws: (waypoints,) angles, rad; NaN for a waypoint at which the yaw is free.
 
     Raises:
@@ -75,7 +76,7 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
 
     The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and
     v_max is the larger of the largest horizontal speed and a tenth of the largest speed. The spline follows a direction
-    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. Where the path
+    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. If the path
     stops or is vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path
     without horizontal motion has yaw zero.
 
@@ -104,7 +105,7 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
 
 
 def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray) -> PolynomialPath:
-    """Return the cubic spline at rest at both ends that minimises ∫ ÿ² + weight (y - value)² dt.
+    """Return the cubic spline that minimises ∫ ÿ² + weight (y - value)² dt and is at rest at both ends.
 
     Args:
         times: (knots,) times, s.

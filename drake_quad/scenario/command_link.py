@@ -14,7 +14,7 @@ from drake_quad.signals import AttitudeTarget, Wrench
 
 
 class CommandLinkSettings(Model):
-    """Radio link that carries the command to the vehicle: a wrench, or the target of an autopilot."""
+    """Radio link that carries the command to the vehicle: a wrench, or a target for the autopilot."""
 
     period: Period = Field(default=0.02, description="period of the control (s); the paper's 50 Hz")
     delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole ticks")

@@ -1,4 +1,4 @@
-"""Rotor speeds as an action of a policy."""
+"""Rotor speeds as a policy action."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -19,7 +19,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @ACTIONS.member
 class RotorSpeedsAction(Action):
-    """Speeds of the rotors, from the idle speed to the top speed."""
+    """Action with the speed of each rotor, from the idle speed to the top speed."""
 
     kind: Literal["rotor_speeds"]
     min_rotor_speed: FixedNonNegative | None = Field(

@@ -43,7 +43,7 @@ _PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 
 
 class NeglectedDragSettings(Model):
-    """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
+    """Drag that the onboard attitude estimator neglects and therefore mistakes for tilt."""
 
     tilt_per_speed: Number = field_of(
         NeglectedDrag, "tilt_per_speed", "tilt error over velocity: drag coefficient over weight"
@@ -54,7 +54,7 @@ class NeglectedDragSettings(Model):
 
 @AUTOPILOTS.member
 class AttitudeAutopilotSettings(Autopilot):
-    """An attitude loop and a rate loop on board; the link carries thrust, attitude and body rates.
+    """Attitude loop and rate loop on board. The command link carries thrust, attitude and body rates.
 
     By default both loops are proportional. With `attitude_terms` and `rate_terms` they can reproduce the loops of PX4
     or of the Crazyflie's firmware.
@@ -111,7 +111,7 @@ class AttitudeAutopilotSettings(Autopilot):
     )
 
     def attitude_response(self) -> SecondOrderResponse:
-        """Return the second-order response of the two proportional loops, without the lag of the rotors."""
+        """Return the second-order response of the two proportional loops, neglecting the rotor lag."""
         k_attitude, k_rate = (float(gains[0]) for gains in (self.k_attitude, self.k_rate))
         omega = math.sqrt(k_attitude * k_rate)
         return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
@@ -119,7 +119,8 @@ class AttitudeAutopilotSettings(Autopilot):
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.
 
-        If only body rates are commanded, the attitude loop has no effect, as with the type mask of SET_ATTITUDE_TARGET.
+        If only body rates are commanded, the attitude loop has no effect. This corresponds to ignoring the attitude by
+        the type mask of the MAVLink message SET_ATTITUDE_TARGET.
         """
         structure = {
             "period": self.period,

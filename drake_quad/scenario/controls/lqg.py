@@ -55,12 +55,12 @@ class ColouredNoise(Model):
     time: FixedSpan = Field(description="time constant T of the lag (s)")
 
     def noise(self) -> ChainNoise:
-        """Return the noise as a record for the models of the design."""
+        """Return the noise parameters for the design model."""
         return ChainNoise(self.deviation, self.time)
 
 
 class Axis(Model):
-    """Common fields of the vertical and the lateral axis."""
+    """Fields that the vertical and the lateral axis share."""
 
     name: ClassVar[str]
 
@@ -88,10 +88,11 @@ class Axis(Model):
         """Return the model of the axis."""
 
     def loop(self, times: Timing, gravity: float) -> AxisLoop:
-        """Return the filter and the regulator of the axis.
+        """Design the Kalman filter and the regulator of the axis.
 
         Raises:
-            InputError: if the design fails numerically, since times or magnitudes of the axis differ too much.
+            InputError: if the design fails numerically because the axis has very different time constants or
+                magnitudes.
         """
         try:
             # A warning of SciPy either precedes an error or does not matter.
@@ -112,7 +113,7 @@ class Axis(Model):
 
 
 class VerticalAxis(Axis):
-    """Design model from the command to the height, with its weights."""
+    """Design model of the response from command to height, with the weights of filter and regulator."""
 
     lag: Annotated[FixedSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
@@ -123,7 +124,7 @@ class VerticalAxis(Axis):
 
 
 class LateralAxis(Axis):
-    """Design model from the command to x and to y, with its weights."""
+    """Design model of the response from command to x and y, with the weights of filter and regulator."""
 
     lag: Annotated[FixedSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
@@ -163,7 +164,7 @@ class YawPd(Model):
 
 @CONTROLS.member
 class LqgControl(Control):
-    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade, designed with `nominal`."""
+    """A Kalman filter and a linear-quadratic regulator that replace the whole cascade. The design uses `nominal`."""
 
     kind: Literal["lqg"]
     delay_ticks: ModelledDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
@@ -190,7 +191,7 @@ class LqgControl(Control):
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as limits for torques over the link if an autopilot takes attitudes."""
+        """Yield settings without effect, such as limits on torques if an autopilot controls the attitude."""
         yield from super().inactive_settings(flight, path)
         autopilot = flight.scenario.laboratory.autopilot
         for name in self.torque_fields if autopilot.controls_attitude else ():
@@ -198,10 +199,10 @@ class LqgControl(Control):
                 yield InactiveSetting(f"{path}.{name}", f"laboratory.autopilot.kind is {autopilot.kind}")
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the design model or the periods do not fit the laboratory.
+        """Raise a validation error if the design model or the periods are incompatible with the laboratory.
 
-        Without an autopilot the model needs the lag of the rotors and a yaw controller, and with an autopilot it needs
-        the attitude response. Frames must not be slower than ticks.
+        If there is no autopilot, the model needs the rotor lag and a yaw controller. Otherwise it needs the attitude
+        response. The frame period must not be longer than the tick period.
         """
         laboratory, autopilot = scenario.laboratory, scenario.laboratory.autopilot
         frame, tick = laboratory.motion_capture.period, laboratory.command_link.period
@@ -219,7 +220,7 @@ class LqgControl(Control):
                 raise scenario.field_error(demand, "control", *path)
 
     def timing(self, frame: float, tick: float) -> Timing:
-        """Return the periods of frames and ticks, s, together with the delay of the model."""
+        """Return the frame and tick periods, s, together with the delay of the design model."""
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
@@ -257,7 +258,7 @@ class LqgControl(Control):
         return LqgParameters(loops[0], loops[1], thrust, torques, target)
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the controller, with a network and a quadratic programme if the controller has them."""
+        """Return the diagram of the controller, including its network and its quadratic programme if it has them."""
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 

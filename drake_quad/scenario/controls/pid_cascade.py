@@ -56,7 +56,7 @@ class _CommandKind(Model):
 
 
 class TiltCommand(_CommandKind):
-    """Roll and pitch in axes along the heading, as in the Crazyflie's firmware, limited by `velocity.limit`."""
+    """Roll and pitch relative to the heading, limited by `velocity.limit`, as in the Crazyflie firmware."""
 
     kind: Literal["tilt"]
     has_limits: ClassVar = False
@@ -70,7 +70,7 @@ class TiltCommand(_CommandKind):
 
 
 class AccelerationCommand(_CommandKind):
-    """Acceleration in W, from which thrust and attitude follow, as in PX4."""
+    """Acceleration in W, which is converted to thrust and attitude, as in PX4."""
 
     kind: Literal["acceleration"]
     has_limits: ClassVar = True
@@ -103,7 +103,7 @@ class AccelerationCommand(_CommandKind):
 
 @CONTROLS.member
 class PidCascadeControl(Control):
-    """PID loops on position and velocity, as in common firmware; attitude and body rates are controlled on board."""
+    """PID loops on position and velocity, as in common firmware. Attitude and body rates are controlled on board."""
 
     kind: Literal["pid_cascade"]
     period: Period | None = Field(
@@ -134,7 +134,7 @@ class PidCascadeControl(Control):
         return self
 
     def num_ticks(self, tick: float) -> int:
-        """Return the number of ticks in a period of the loops, given the period of a tick, s."""
+        """Return the number of ticks per loop period, given the tick period (s)."""
         return 1 if self.period is None else round(self.period / tick)
 
     def check_fits(self, scenario: Any) -> None:
@@ -182,7 +182,7 @@ class PidCascadeControl(Control):
         return build_pid_cascade(systems["cascade"])
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust, with default values for limits that the control does not have."""
+        """Return the tilt and thrust limits, with defaults for limits that the control does not have."""
         command = self.command
         limits: dict[str, Any] = {"min_thrust": command.min_thrust, "max_thrust": command.max_thrust}
         if isinstance(command, AccelerationCommand):

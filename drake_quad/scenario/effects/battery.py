@@ -17,7 +17,7 @@ _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
 
 @EFFECTS.member
 class BatteryEffect(VehicleEffect):
-    """A battery that the rotors discharge. Its voltage falls with its charge and with the current."""
+    """A battery that the rotors discharge. Its voltage falls as it discharges, and with the current."""
 
     voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
         Battery, "voltage", "open-circuit voltage of the full battery"

@@ -63,7 +63,7 @@ class PayloadEffect(VehicleEffect):
         return self.model_copy(update={"time": 0.0, "event": "picked_up"})
 
     def symmetric(self) -> VehicleEffect:
-        """Return the payload moved onto the z axis of the vehicle."""
+        """Return the same payload, attached on the z axis of the vehicle."""
         return self.model_copy(update={"position": (0.0, 0.0, self.position[2])})
 
     def event_times(self) -> tuple[Row, ...]:

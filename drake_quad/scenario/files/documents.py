@@ -25,8 +25,8 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
     Args:
         text: text of the document.
         source: name of the document in error messages.
-        numbered: True if marks have line numbers.
-        max_nodes: largest number of names and values.
+        numbered: True to add line numbers to the marks.
+        max_nodes: largest number of YAML nodes (keys and values) that is accepted.
 
     Raises:
         InputError: if the text is not YAML, is too large or nested too deeply, or contains a duplicate key, a key that
