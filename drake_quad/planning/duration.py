@@ -14,7 +14,7 @@ from drake_quad.scenario.models import Scenario
 
 # Number of times at which the final braking, a polynomial of degree 6, is checked.
 _NUM_BRAKING_SAMPLES = 200
-# Largest distance by which a position may lie outside a box, m. A path that ends on a face of a box exceeds it by up to
+# Largest distance by which a position may lie outside a box, m. A path that ends on a face of a box leaves it by up to
 # about 1e-6 m.
 _BOX_TOLERANCE = 1e-4
 

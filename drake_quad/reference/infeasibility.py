@@ -29,13 +29,14 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # Without limits, both problems are the same, but this time the solver succeeded.
+        # A problem without limits was solved here although the solver failed before, so there is no violation to
+        # explain.
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
         complaint = _describe_violation(problem, least_excess, "at least")
     except PLANNING_ERRORS:
-        # The solver failed, so the message describes the path without limits.
+        # The solver failed for the relaxed problem, so the message describes the path without limits.
         complaint = _describe_violation(problem, unlimited, "by the smoothest path")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
@@ -99,7 +100,7 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
         return unknown
     worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.room, default=None)
     if worst is None or worst.room >= 0.0:
-        # The relaxed path stays in the corridors, so the solver failed although a path exists.
+        # The relaxed path stays in the corridors, so a path exists and only the solver failed.
         return unknown
     wider = WALL_MARGIN * worst.size - worst.room
     return (

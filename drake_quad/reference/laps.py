@@ -14,7 +14,7 @@ import numpy as np
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
 
-# Orders of the derivatives that are continuous at the seam if velocity, acceleration and jerk are free there.
+# Orders of the derivatives that become continuous at the seam by the choice of velocity, acceleration and jerk there.
 _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 
@@ -87,8 +87,9 @@ def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, der
 
     if not unknown.any():
         return start
-    # The jumps are linear in the motion at the seam, with the same coefficients on all axes. One trial for each unknown
-    # gives these coefficients. With the mean duration as the unit of time, the trials have similar magnitudes.
+    # The jumps are linear functions of the derivatives at the seam, with the same coefficients on all axes. One trial
+    # for each unknown derivative gives these coefficients. The mean duration is the unit of time, so the trials have
+    # similar magnitudes.
     unit = durations.mean() ** -np.arange(1.0, 4.0)[unknown]
     initial_jump = jump(start)
     responses = []

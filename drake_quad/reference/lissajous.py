@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_path
 
-# Number of knots per period of the fastest sine. Between the knots, the error of the path is below 1e-10 of the
-# amplitude.
+# Number of knots per period of the fastest sine. The path error between knots is then below 1e-10 of the amplitude.
 _KNOTS_PER_TURN = 16
 
 

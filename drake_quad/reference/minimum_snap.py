@@ -52,8 +52,8 @@ FROM_BOUNDARY = hermite_matrix(4)
 """(8, 8) matrix from the boundary derivatives of a segment to its coefficients."""
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
 """(8, 8) matrix of a segment's cost in unit time, as a quadratic form in its boundary derivatives."""
-# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. The sum of squares is accurate and
-# positive even where the quadratic form would be a difference of large numbers.
+# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. This sum of squares remains accurate
+# and positive when the quadratic form would be a difference of large numbers.
 _SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
@@ -152,7 +152,7 @@ class MinimumSnap:
             self._factorise()
             if self.contacts:
                 self._prepare_contacts()
-            # Positions enter only as differences over a segment, since the form vanishes for constant positions.
+            # Only position differences over a segment matter, since the cost of a constant position is zero.
             right_side = -self._free_gradient(BOUNDARY_FORM @ self.boundary)
             gaps = np.array(
                 [
@@ -179,7 +179,7 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers are in the units of the quadratic form, in which the weight of the shortest segment is one.
+        # The multipliers have the scale of the weighted cost, in which the shortest segment has the weight one.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
@@ -199,7 +199,7 @@ class MinimumSnap:
         if not self._fixed.all():
             form = BOUNDARY_FORM @ self.boundary
             residual = ORDERS[:, np.newaxis] * form - 7.0 * form + BOUNDARY_FORM @ growth
-            # A change of a duration changes the residual of this segment only, but the solution on all segments.
+            # A duration affects the residual of its own segment only, but the solution on all segments.
             local = np.zeros((segments, 8, axes, segments))
             local[indices, :, :, indices] = residual
             gaps = np.zeros((len(self.contacts), segments))

@@ -26,20 +26,20 @@ from drake_quad.reference.polynomial_path import (
 from drake_quad.reference.regions import Box, Sphere
 from drake_quad.reference.walls import WallApproach, wall_approaches
 
-# Solver tolerances, tried in this order. Near the limit of feasibility, Clarabel may fail to reach the smallest
-# tolerance. Clarabel's default is 1e-8.
+# Solver tolerances, tried in this order. Clarabel may fail to reach the smallest tolerance if a problem is barely
+# feasible. Clarabel's default is 1e-8.
 _SOLVER_TOLERANCES = (1e-9, 1e-7, 1e-5)
-# A problem is infeasible if the smallest possible violation of the limits, relative to the limits, is larger than this.
+# Smallest violation, relative to the limits, at which a problem counts as infeasible.
 _MIN_RELATIVE_EXCESS = 1e-4
-# The program bounds a path at single points. These margins keep the path within limits and corridors between the
-# points.
+# The program bounds a path at single points. These margins keep the path between the points within limits and
+# corridors.
 _LIMIT_MARGIN = 1e-4  # relative to the limit
 WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
-# Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. A waypoint on a
-# wall leaves no room for a margin.
+# Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. It is needed
+# because no margin is possible at a waypoint on a wall.
 _WALL_TOLERANCE = 1e-7
 _MAX_ROUNDS = 25  # largest number of solutions, each with additional bounds
-# Weight of the snap relative to the slack. It selects among paths with equal slack.
+# Weight of the snap cost relative to the slack. It only selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 
@@ -375,5 +375,5 @@ def _variable_scales(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
     curvature = np.zeros((len(unit), NUM_FREE + 1))
     curvature[:-1] += costs[:, : NUM_FREE + 1]
     curvature[1:] += costs[:, NUM_FREE + 1 :]
-    # Without a cost, the scale does not matter.
+    # If the cost is zero, any scale will do.
     return np.asarray(np.sqrt((path.cost if path.cost > 0.0 else 1.0) / curvature))

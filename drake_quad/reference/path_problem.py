@@ -28,7 +28,7 @@ from drake_quad.reference.regions import (
     overlap,
 )
 
-# Limits within which plans are accurate in floating point. They include everything that a quadrotor flies.
+# Plans are accurate in floating point within these limits, which no real flight exceeds.
 _MIN_DISTANCE = 1e-5  # smallest distance between successive waypoints, m
 _MAX_COORDINATE = 1e5  # largest coordinate of a waypoint, m
 

@@ -20,7 +20,7 @@ PATH_ORDERS = 4
 """Number of continuous derivatives of the position where a reference comes to rest, including order zero."""
 YAW_ORDERS = 2
 """Number of continuous derivatives of the yaw where a reference comes to rest, including order zero."""
-# Acceleration that braking may use even if the route needs less, m/s²: the paper's limit on the acceleration.
+# Acceleration that braking may use even if the route needs less, m/s². It is the paper's acceleration limit.
 _BRAKING_ACCELERATION = 0.7
 # Angular acceleration that braking of the yaw may use, rad/s². With this value, a yaw rate of 1 rad/s ends within two
 # seconds.

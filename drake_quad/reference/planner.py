@@ -18,7 +18,7 @@ from drake_quad.reference.timing_search import (
     path_with_fixed_derivatives,
 )
 
-# Largest duration of a path, one day, s. Longer durations are taken to be mistakes.
+# Largest duration of a path, s (one day). Longer durations are probably mistakes.
 _MAX_DURATION = 86_400.0
 
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Number of intervals of a segment in which peaks are searched for. A polynomial of low degree has at most one relevant
+# Number of intervals into which a segment is divided to find peaks. A polynomial of low degree has at most one relevant
 # peak in each interval.
 NUM_CELLS = 48
 _SAMPLES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
-# Number of bisections that locate a peak. The error of its value is of second order in the error of its position, so
-# that only rounding errors remain.
+# Number of bisections that locate a peak. The error in the peak value is quadratic in the error of its position, so
+# only rounding errors remain.
 _NUM_BISECTIONS = 16
 
 
@@ -88,8 +88,8 @@ def hermite_matrix(orders: int) -> np.ndarray:
     the start come first, then those at the end.
     """
     to_boundary = np.array([power_basis(order, s, 2 * orders) for s in (0.0, 1.0) for order in range(orders)])
-    # The entries of the inverse are integers divided by this factorial. Rounding to such numbers removes the inversion
-    # error.
+    # The entries of the exact inverse are integers divided by this factorial. Rounding to such fractions removes the
+    # inversion error.
     denominator = math.factorial(orders - 1)
     return np.asarray(np.round(denominator * np.linalg.inv(to_boundary)) / denominator)
 

@@ -12,7 +12,8 @@ from drake_quad.errors import InputError
 AXES = "xyz"
 # Accuracy of lengths that a solver returns, relative to the largest length in the program.
 _RELATIVE_ROUNDING = 1e-9
-# Limit on the radius and the centre of the ball inscribed in an unbounded polytope, larger than any flight, m.
+# Limit on radius and centre coordinates of the inscribed ball, m, needed for unbounded polytopes. It is larger than any
+# flight.
 _MAX_INSCRIBED_RADIUS = 1e5
 
 
@@ -195,7 +196,8 @@ class Polytope:
         program.AddQuadraticCost(2.0 * np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
         offsets = self.offsets - self.normals @ position
         program.AddLinearConstraint(self.normals, np.full(self.faces, -np.inf), offsets, p)
-        # The cost is flat around its minimum, so the error of the point is the square root of the error of the cost.
+        # The cost is flat around its minimum, so the error of the point is about the square root of the solver
+        # tolerance.
         for option in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
             program.SetSolverOption(ClarabelSolver.id(), option, 1e-12)
         return position + ClarabelSolver().Solve(program).GetSolution(p)

@@ -10,11 +10,12 @@ import numpy as np
 
 from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_peaks, peak_norm, power_basis
 
-# Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Solvers and files with six
-# decimals leave smaller values, and jumps of this magnitude have no visible effect: 0.01 m/s² is 1 mrad of tilt.
+# Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Rounding by solvers, and by
+# files with six decimals, causes smaller values. Jumps of this magnitude have no visible effect: 0.01 m/s² corresponds
+# to 1 mrad of tilt.
 _REST_TOLERANCES = np.array([1e-3, 1e-2, 1e-1])
-# Duration of the constant pieces, s. Outside its times, a trajectory keeps its first and last value, so the duration
-# does not matter.
+# Duration of the constant pieces, s. Its value does not matter, since a trajectory keeps its first and last value
+# outside its times.
 _REST_DURATION = 1.0
 # Candidate durations of the braking piece, s. The attitude needs some tenths of a second to follow.
 _BRAKING_DURATIONS = np.geomspace(1.0, 30.0, 60)
@@ -66,14 +67,14 @@ def _braking(path: PolynomialPath, orders: int, acceleration: float) -> Polynomi
     """Return the piece that brakes from the motion at the end of a path to rest; it starts at time 0."""
     limits = peak_norm(path, 1), max(peak_norm(path, 2), acceleration)
     pieces = _pieces_to_rest(_BRAKING_DURATIONS, knots(path, orders)[-1])
-    # One path consists of all candidates in succession, so that one call finds the peaks of all candidates.
+    # All candidates are joined to one path, so one call finds the peaks of all of them.
     candidates = PolynomialPath(np.concatenate([[0.0], np.cumsum(_BRAKING_DURATIONS)]), pieces)
     excess = np.zeros(len(pieces))
     for order, limit in enumerate(limits, start=1):
         peaks = norm_peaks(candidates, order)
         if limit > 0.0:
             np.maximum.at(excess, peaks.segment, peaks.norm / limit)
-    # The tolerance allows for rounding errors, since a path may end with its largest acceleration.
+    # A path may end with its largest acceleration, so the comparison needs a tolerance for rounding errors.
     within = np.flatnonzero(excess <= 1.0 + 1e-9)
     best = int(within[0] if within.size else np.argmin(excess))
     return PolynomialPath(np.array([0.0, _BRAKING_DURATIONS[best]]), pieces[best : best + 1])

@@ -26,7 +26,7 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
     """
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
     total = distance[-1]
-    # On a short route the profile is a triangle, since braking begins before the speed is reached.
+    # On a short route the speed profile is a triangle, since braking must begin before the top speed is reached.
     top = min(speed, math.sqrt(acceleration * total))
     ramp = top**2 / (2.0 * acceleration)
     duration = total / top + top / acceleration

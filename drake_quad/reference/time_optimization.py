@@ -18,18 +18,18 @@ from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, Mi
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
-# Largest change of the logarithms of the durations. All observed optima need smaller changes, and floating point is
-# still accurate.
+# Largest change of the logarithm of a duration. Observed optima need smaller changes, and floating point is accurate
+# enough up to this change.
 _MAX_LOG_CHANGE = 5.0
-# Initial, largest and smallest radius of the trust region, in logarithms of the durations.
+# Initial, largest and smallest radius of the trust region, as changes of the logarithm of a duration.
 _INITIAL_TRUST_RADIUS = 0.3
 _MAX_TRUST_RADIUS = 1.0
 _MIN_TRUST_RADIUS = 1e-6
 _MAX_STEPS = 60  # largest number of linear programs
 # The optimisation ends when the predicted relative gain in the total duration is less than this.
 _MIN_GAIN = 1e-4
-# Weight of the excess over a limit relative to the logarithm of the total duration, if the path cannot be scaled in
-# time. For a path that can be scaled, the weight is 1.
+# Weight of the excess over a limit, relative to the logarithm of the total duration, for a path that cannot be scaled
+# in time. The weight is 1 for a path that can be scaled.
 _EXCESS_WEIGHT = 10.0
 
 
@@ -74,8 +74,8 @@ def minimum_snap_durations(
     start = np.log(durations)
     bounds = [(x - max_log_change, x + max_log_change) for x in start]
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
-    # The search can reach durations so unequal that the matrix is not positive definite in floating point. The result
-    # is then the best of the durations found before.
+    # The durations can become so unequal that the matrix is not positive definite in floating point. The best durations
+    # so far are then returned.
     with suppress(np.linalg.LinAlgError), single_threaded_blas():
         scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
@@ -218,7 +218,7 @@ def _best_change(
     """
     low, high = box
     worst = max(float(excess.max()), floor)
-    # A peak is irrelevant if it stays below the smallest value that another peak can reach.
+    # A peak is irrelevant if its largest possible value is below the smallest possible value of another peak.
     max_change = np.abs(gradients) @ np.maximum(-low, high)
     is_relevant = excess + max_change >= max(float((excess - max_change).max()), floor)
     segments = len(durations)

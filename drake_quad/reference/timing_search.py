@@ -18,30 +18,31 @@ from drake_quad.reference.walls import wall_approaches
 
 # Cost that the search minimises.
 _DURATION = attrgetter("duration")
-# Limits that determine the ratios of the durations if a problem has no limits.
+# Arbitrary limits that determine the ratios between durations if a problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
-# Smallest initial duration of a segment, relative to the longest segment. It is smaller for a route of points, which is
-# planned in closed form, than for a route that requires the solver.
+# Smallest initial duration of a segment, relative to the longest duration. The first value is for routes of points,
+# which have a closed-form plan, the second for routes that require the solver.
 _MIN_POINT_DURATION_RATIO = 1e-3
 _MIN_DURATION_RATIO = 1e-2
 # Largest number of rounds in which the times are adapted to the path.
 _MAX_ROUNDS = 10
-# Relative gain of a round below which the search ends.
+# The search ends after a round whose relative gain is smaller than this.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
 # Distance from the ends of a segment, in unit time, within which contacts are ignored.
 _CONTACT_END_MARGIN = 0.02
-# Largest change of the logarithms of the durations in the first round.
+# Largest change of the logarithm of a duration in the first round.
 _INITIAL_LOG_CHANGE = 0.3
-# Limit on this change below which the search ends.
+# The search ends when the largest allowed change falls below this value.
 _MIN_LOG_CHANGE = 0.02
 _NUM_BISECTIONS = 6  # number of bisections between optimal and feasible times
-# Total duration, s, below which any motion of a path is a rounding error.
+# Total duration below which any motion of a path is a rounding error, s.
 _MIN_TOTAL_DURATION = 1e-3
-# If a path takes more than this fraction of the duration of a flight with stops everywhere, a second start is tried.
+# A second search is started if a path takes more than this fraction of the duration of a flight that stops at every
+# waypoint.
 _MAX_FRACTION_OF_STOPPING = 0.95
-# Total durations that are tried if derivatives are given, relative to a flight with stops everywhere.
+# Total durations to try if derivatives are given, relative to a flight that stops at every waypoint.
 _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
@@ -63,7 +64,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
-    # The flight with stops is computed first, since its durations reveal a problem in which the vehicle need not move.
+    # The flight with stops is computed first, since it reveals whether the vehicle must move at all.
     candidates = [
         _scaled_to_limits(_path_by_rule(problem, rule), problem.limits)
         for rule in (_stopping_durations, _trapezoid_durations)
@@ -120,9 +121,10 @@ def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     """
     heuristic = heuristic_path(problem)
     best = _local_minimum_time_path(problem, heuristic, smooth=True)
-    # A flight that stops everywhere satisfies the limits. For very unequal segments, it can be as fast as the optimum.
+    # A flight that stops at every waypoint satisfies the limits. If segments are very unequal, it can be as fast as the
+    # optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
-    # Paths that touch a wall and paths that do not can be different local optima.
+    # The local optimum can depend on the start, for example on whether the path touches a wall.
     if not problem.passes_points or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
         best = min(best, _local_minimum_time_path(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)

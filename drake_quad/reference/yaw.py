@@ -15,13 +15,13 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 
 # Horizontal speed below which the direction of flight is ignored, relative to the largest horizontal speed.
 _MIN_RELATIVE_SPEED = 0.02
-# The largest horizontal speed counts as at least this fraction of the largest speed, since small sideways motion of a
-# vertical path has no meaningful direction.
+# Lower limit on the horizontal reference speed, relative to the largest speed. The direction of small sideways motion
+# on a vertical path is not meaningful.
 _MIN_RELATIVE_HORIZONTAL_SPEED = 0.1
-# Positions of the knots within a segment, in unit time, for a profile that follows a path.
+# Positions of the yaw knots within a path segment, in unit time.
 _KNOT_POSITIONS = np.linspace(0.0, 1.0, 16, endpoint=False)
-# Matrix of ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and derivative at the start, and value and derivative at the
-# end.
+# Matrix of the quadratic form ∫₀¹ (d²y/ds²)² ds. Its vector consists of value and derivative at the start, then value
+# and derivative at the end.
 _BENDING_FORM = np.array(
     [[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]]
 )
@@ -140,6 +140,6 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
 def _clamped_spline(times: np.ndarray, angles: np.ndarray) -> PolynomialPath:
     """Return the cubic spline through angles (rad) at given times (s) with zero derivative at both ends."""
     spline = scipy.interpolate.CubicSpline(times, angles, bc_type="clamped")
-    # SciPy's coefficients start with the highest power, in seconds since the knot.
+    # SciPy's coefficients start with the highest power. They are for the time in seconds since the knot.
     coefficients = spline.c[::-1].T * np.diff(times)[:, np.newaxis] ** np.arange(4)
     return PolynomialPath(times, coefficients[:, :, np.newaxis])

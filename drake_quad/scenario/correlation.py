@@ -24,17 +24,17 @@ from drake_quad.scenario.distributions import Distribution
 
 MIN_PROBABILITY = 2.0**-53
 """Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers."""
-# Smaller correlations count as zero.
+# Magnitude below which a correlation counts as zero.
 _MIN_CORRELATION = 1e-3
-# Levels of accuracy at which weights of shared variables are written: the smallest weight that is not omitted, and the
-# number of decimals. The first level that reproduces the covariance is used. A coarse level fails, for example, if a
-# sum of strongly correlated fields has a much smaller variance than the fields themselves.
+# Accuracy levels for the weights of shared variables: the smallest weight that is not omitted, and the number of
+# decimals. The first level that reproduces the covariance is used. A coarse level fails, for example, if a sum of
+# strongly correlated fields has a much smaller variance than the fields themselves.
 _ACCURACY_LEVELS = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
 # Relative tolerance on the variance of any weighted sum of fields.
 _VARIANCE_TOLERANCE = 0.02
-# Smaller variances of a sum of fields, relative to the variances of the fields, count as zero.
+# Variance of a weighted sum, relative to the variances of the fields, below which it counts as zero.
 _MIN_VARIANCE = 1e-9
-# Tolerance, for rounding errors, on the symmetry and the negative eigenvalues of a given covariance matrix.
+# Tolerance for rounding errors in the symmetry and the eigenvalues of a given covariance matrix.
 _ROUNDING = 1e-6
 
 
@@ -251,7 +251,7 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
             _rounded_factors(factors, part, min_weight, decimals)
             for factors in (_eigenvalue_factors(part), _cholesky_factor(part))
         ]
-        # Accurate weights are preferred, and among them those with the fewest nonzero numbers.
+        # Accurate weights are preferred. Among these, the weights with the fewest nonzero numbers are used.
         kept = min(candidates, key=lambda each: (not _agrees(each, part), np.count_nonzero(each)))
         columns.append(np.zeros((count, kept.shape[1])))
         columns[-1][members] = kept

@@ -30,9 +30,9 @@ from drake_quad.scenario.limits import MAX_MAGNITUDE, MIN_MAGNITUDE
 from drake_quad.scenario.user_code import import_option
 
 Real = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
-# Pattern of the names of shared variables.
+# Pattern that the name of a shared variable must match.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# Tolerance on the sum of squared correlations, for the rounding of decimal numbers.
+# Tolerance on the sum of squared correlations, since decimal numbers are rounded.
 _ROUNDING = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
@@ -339,7 +339,7 @@ def _tag(value: Any) -> str | None:
 
 
 if TYPE_CHECKING:
-    # For type checkers any type is allowed, since computations use scenarios whose distributions have been drawn.
+    # Type checkers see `Any`, since most code uses scenarios whose distributions have been replaced by numbers.
     NumberOrDistribution = Any
 else:
     _NUMBER: Any = Annotated[Real, Tag("number")]

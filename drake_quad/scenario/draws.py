@@ -21,7 +21,7 @@ SOBOL = "sobol"
 MAX_SIZE = 2**16
 """Largest number of samples of a replicate, all of which are computed for each batch."""
 _SOBOL_BITS = 30  # binary digits of the numbers of a Sobol sequence
-_SOBOL_KEY = 3  # distinguishes the seeds of Sobol sequences from other seeds, see `StreamKind`
+_SOBOL_KEY = 3  # distinguishes the seeds of Sobol sequences from other seeds; see `StreamKind`
 
 
 class DesignedDraws(Model):
@@ -65,7 +65,7 @@ class DesignedDraws(Model):
         else:
             cells = np.stack([self._ranks(seed, replicates, name)[members, indices] for name in streams], axis=1)
             width = 1.0 / self.size
-        # Each number is uniform in its cell, and the same for any design of the same width.
+        # Each number is uniform within its cell. Its position within the cell does not depend on the design.
         inside = np.stack([parameter_numbers(seed, samples, name) for name in streams], axis=1)
         smallest = 2.0**-53
         numbers = np.clip((cells + inside) * width, smallest, 1.0 - smallest)

@@ -1,8 +1,8 @@
 """Limits on the size of a scenario.
 
-Scenarios that a person or a script of this project writes stay far below these limits. The limits stop the reading of
-broken files, and of files that are not scenarios, at an early point: ruamel.yaml takes one second for 30,000 names and
-values, and another second for half a megabyte of text.
+Typical scenarios stay far below these limits. The limits reject broken files, and files that are not scenarios, before
+they take long to parse: ruamel.yaml takes one second for 30,000 keys and values, and another second for half a megabyte
+of text.
 """
 
 # Largest number of bytes of text in all files of a scenario. A path through 1,000 waypoints, as `drake-quad plan`

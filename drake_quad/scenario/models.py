@@ -1,7 +1,7 @@
 """Models of a scenario: all fields of the scenario language, with units and bounds.
 
 Any physical quantity of the vehicle, the laboratory, the control and most routes may be a distribution. Three groups of
-fields may not: those that determine the structure of the diagram (periods, counts, choices), the parameters of the
+fields must be fixed: those that determine the diagram structure (periods, counts, choices), the parameters of the
 nominal vehicle, and the criteria by which a flight is evaluated.
 """
 
@@ -105,7 +105,7 @@ _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """Airframe of a vehicle. The defaults are the values of the paper's Table I, if it gives a value."""
+    """Airframe of a vehicle. The defaults are from the paper's Table I where it gives a value."""
 
     mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
@@ -130,7 +130,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     @model_serializer(mode="wrap")
     def _serialized(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the fields, without the arm length if the layout has distances, which its default would contradict."""
+        """Serialize the fields, without the arm length if the layout has distances, which would contradict it."""
         fields: dict[str, Any] = write(self)
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
@@ -144,12 +144,12 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.field_error(f"must produce thrust and all torques, but cannot produce {missing}", "layout")
 
     def check_inertia(self) -> None:
-        """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
+        """Raise a validation error if no draw of the moments of inertia is possible for a rigid body."""
         if flaw := explain_invalid_inertia(self.inertia):
             raise self.field_error(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """Raise an error if the arm length contradicts the distances of the layout, which the model uses instead."""
+        """Raise an error if the arm length contradicts the distances of the layout. The model uses the distances."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
@@ -167,7 +167,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
 
 class Nominal(Airframe[FixedPositive, FixedNonNegative]):
-    """Vehicle that planner and controllers assume. Defaults are from the paper's Table I, if it gives a value."""
+    """Vehicle that planner and controllers assume. Defaults are from the paper's Table I where it gives a value."""
 
     motors: NominalMotors = Field(
         default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"
@@ -192,12 +192,12 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
         return self
 
     def questions(self) -> Iterator[tuple[str, str]]:
-        """Yield questions on the ratios of mass, inertia, thrust and drag."""
+        """Yield questions about implausible ratios between mass, inertia, thrust and drag."""
         yield from proportion_questions(self)
 
 
 class Vehicle(Airframe[Positive, NonNegative]):
-    """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
+    """The real aircraft. A missing field takes its value from `nominal`, which planner and controllers assume."""
 
     thrust_factor_error: Annotated[
         tuple[RelativeError, RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_RELATIVE_ERROR
@@ -238,12 +238,12 @@ class Vehicle(Airframe[Positive, NonNegative]):
         return self
 
     def effects(self) -> dict[str, VehicleEffect]:
-        """Return the effects that the vehicle has, by the name of their field."""
+        """Return the effects on the vehicle, by the name of their field."""
         fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
     def effect_parameters(self) -> Effects:
-        """Return the numbers of the effects for the equations of motion."""
+        """Return the parameters of all effects for the equations of motion."""
         numbers = {name: effect.parameters() for name, effect in self.effects().items() if name != "rotor_failure"}
         named = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
@@ -256,7 +256,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         )
 
     def wind_flaw(self) -> str:
-        """Return a clause that says why wind does not change the forces on the vehicle; empty if it does."""
+        """Return a clause that explains why wind does not change the forces on the vehicle; empty if it does."""
         effects = [name for name, effect in EFFECTS.members.items() if effect.depends_on_wind]
         names = ["linear_drag", "quadratic_drag", *effects]
         if can_act(tuple([getattr(self, name) for name in names])):
@@ -264,7 +264,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
     def without_response(self) -> tuple[str, ...]:
-        """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
+        """Return the field names of effects that cannot be combined with an autopilot of kind `response`."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
         return (*failure, *(name for name in self.effect_parameters().names if name not in ATTITUDE_RESPONSE_EFFECTS))
 
@@ -273,7 +273,7 @@ EFFECTS.extend(Vehicle)
 
 
 class AllocationSettings(Model):
-    """Allocation on board: the conversion of a wrench to rotor speeds within the limits of `nominal`."""
+    """Onboard allocation: conversion of a wrench to rotor speeds within the limits of `nominal`."""
 
     priority: Priority = Field(
         default="roll_pitch",
@@ -283,7 +283,7 @@ class AllocationSettings(Model):
     )
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as the priority if the autopilot includes the torques of the rotors."""
+        """Yield settings without effect, such as the priority if the autopilot response includes the torques."""
         yield from super().inactive_settings(flight, path)
         if self.priority != "roll_pitch" and flight.scenario.laboratory.autopilot.models_vehicle:
             kind = flight.scenario.laboratory.autopilot.kind
@@ -315,7 +315,7 @@ class Laboratory(Model):
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
-        """Sensors by the name of their port: the kind, with a number appended from the second sensor of a kind on."""
+        """Sensors by port name. This is the kind, followed by a number from the second sensor of the kind on."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
             numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
@@ -329,11 +329,11 @@ _TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstac
 
 
 def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
-    """Raise an error if a name of a metric or of a requirement is not allowed.
+    """Raise an error if a metric or requirement has a name that is not allowed.
 
     Args:
-        names: names to check.
-        taken: names of other columns of a study.
+        names: metric and requirement names to check.
+        taken: names of other columns in a study table, which a metric must not have.
     """
     for name in names:
         if not _METRIC_NAME.fullmatch(name):
@@ -346,7 +346,7 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
 
 
 class MetricWindow(Model):
-    """Metrics of a flight: the part of the flight over which they are computed, and additional metrics."""
+    """Metrics of a flight: the window over which they are computed, and additional metrics."""
 
     start: FixedMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
@@ -368,7 +368,7 @@ class MetricWindow(Model):
     @field_validator("additional", mode="before")
     @classmethod
     def _with_kinds(cls, additional: Any) -> Any:
-        """Return the additional metrics with the kind of each metric."""
+        """Add the kind to each additional metric that omits it."""
         if not isinstance(additional, dict):
             return additional
         return {
@@ -397,7 +397,7 @@ class MetricWindow(Model):
 
 
 class Crash(Model):
-    """Limits beyond which a vehicle has crashed."""
+    """Limits beyond which a vehicle counts as crashed."""
 
     tilt: FixedTilt | None = Field(
         default=math.radians(80.0),
@@ -407,7 +407,7 @@ class Crash(Model):
     height: Real = Field(default=-0.5, description="smallest height (m)")
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as a height that is too far below the reference to be reached."""
+        """Yield settings without effect, such as a crash height too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
         # A user lowers the limit below its default to disable it, so such a value is not reported.
         is_strict = self.height > type(self).model_fields["height"].default
@@ -418,7 +418,7 @@ class Crash(Model):
 
 
 class Mission(Model):
-    """Nominal vehicle, route and space, on which a plan depends."""
+    """Nominal vehicle, route and space: the parts of a scenario that determine the plan."""
 
     name: str = Field(
         default="scenario",
@@ -433,10 +433,10 @@ class Mission(Model):
     _serialized = omits_defaults("space")
 
     def room(self, *, tracking_error: float = 0.0) -> Space | None:
-        """Return the obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
+        """Return the obstacles with the clearances for the nominal vehicle, or None if there are no obstacles.
 
         Args:
-            tracking_error: predicted RMS position error, m, which only affects the clearance of a plan.
+            tracking_error: predicted RMS position error, m. It only affects the clearance that a plan keeps.
         """
         if self.space is None:
             return None
@@ -449,11 +449,11 @@ class Mission(Model):
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._summary())}>"
 
     def _summary(self) -> list[str]:
-        """Return the parts of the summary that `repr` shows."""
+        """Return the parts of the text that `repr` shows."""
         return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstacle_summary()]
 
     def _obstacle_summary(self) -> list[str]:
-        """Return a text with the number of obstacles; an empty list if there are no obstacles."""
+        """Return a list with a text on the number of obstacles; empty if there are no obstacles."""
         count = 0 if self.space is None else len(self.space.obstacles)
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
@@ -462,7 +462,7 @@ _SampleIndex = Annotated[int, Field(ge=0, lt=2**31)]
 
 
 class NoiseSamples(Model):
-    """Samples whose wind and noise act in turn, each for a period; those of the last sample act until the end."""
+    """Samples whose wind and noise act one after another, each for a period. The last sample acts until the end."""
 
     period: FixedPositive = Field(default=1.0, description="period (s), a multiple of the control period")
     samples: Annotated[tuple[_SampleIndex, ...], Field(strict=False, min_length=1, max_length=_MAX_NOISE_PERIODS)] = (
@@ -512,7 +512,7 @@ class Scenario(Mission):
     @field_validator("vehicle")
     @classmethod
     def _as_nominal(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
-        """Return the vehicle with missing fields taken from `nominal`."""
+        """Fill missing fields of the vehicle from `nominal`."""
         nominal = info.data.get("nominal")
         if nominal is None:
             return vehicle
@@ -533,14 +533,14 @@ class Scenario(Mission):
 
     @property
     def metrics_type(self) -> type[Metrics]:
-        """Class of the metrics of a flight, with a field for each additional metric."""
+        """Class of a flight's metrics, with a field for each additional metric."""
         definitions = {name: each.definition(name, self) for name, each in self.metrics.additional.items()}
         robustness = {name: each.definition(name) for name, each in self.requirements.items()}
         return metrics_type((*definitions.items(), *robustness.items()))
 
     @property
     def cascade(self) -> CascadeControl:
-        """The control of a scenario whose control is a cascade.
+        """The control, if it is a cascade.
 
         Raises:
             InputError: if the control is of another kind.
@@ -555,7 +555,7 @@ class Scenario(Mission):
 
     @property
     def periods(self) -> dict[tuple[str | int, ...], float]:
-        """Periods of integration, cameras, control, autopilot and sensors (s), by the path of their field."""
+        """Periods of integration, cameras, control, autopilot and sensors in s, by the path of their field."""
         periods: dict[tuple[str | int, ...], float] = {
             ("vehicle", "time_step"): self.vehicle.time_step,
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
@@ -585,7 +585,7 @@ class Scenario(Mission):
 
     @model_validator(mode="after")
     def _few_shared_variables(self) -> "Scenario":
-        """Raise an error if distributions share more than `MAX_SHARED` normal variables."""
+        """Raise an error if the distributions use more than `MAX_SHARED` shared variables."""
         names: set[str] = set()
         for path, distribution in distributions_in(self).items():
             names.update(shared_names([distribution]))
@@ -608,7 +608,7 @@ class Scenario(Mission):
 
     @model_validator(mode="after")
     def _few_ticks(self) -> "Scenario":
-        """Raise an error if the flight is known to have more than `MAX_TICKS` ticks, before it is planned."""
+        """Raise an error if it is clear before planning that the flight has more than `MAX_TICKS` ticks."""
         longest = MAX_TICKS * min(self.periods.values())
         path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:

@@ -36,7 +36,7 @@ _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
 class MotionCaptureSettings(Model):
-    """Cameras that measure position and attitude, and velocity and body rates, directly or by differentiation."""
+    """Cameras that measure position and attitude. Velocity and body rates are measured or differentiated."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
     position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_of(

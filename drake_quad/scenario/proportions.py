@@ -1,4 +1,4 @@
-"""Questions on a nominal vehicle whose fields are not plausible together, as if one of them had another unit."""
+"""Questions about a nominal vehicle with implausible ratios of fields, as if one field had another unit."""
 
 import math
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-
 
 
 def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
-    """Yield the field and a question about it for each ratio of a nominal vehicle that is not plausible."""
+    """Yield a field and a question about it for each implausible ratio of a nominal vehicle."""
     arm = arms_of(nominal)[1]
     clauses = {axis: _inertia_clause(moment, nominal.mass, arm) for axis, moment in enumerate(nominal.inertia)}
     for axis, clause in clauses.items():
@@ -52,7 +52,7 @@ def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
 
 
 def _max_thrust(nominal: Any) -> tuple[float, str, str]:
-    """Return the largest thrust of all rotors, N, and the field that determines it, with its unit."""
+    """Return the total thrust at full speed, N, and the field that determines it, with its unit."""
     curve = nominal.motors.thrust_curve()
     if curve is not None:
         return 4.0 * sum(curve), "motors.curve", "N, at a throttle from 0 to 1"
@@ -61,7 +61,7 @@ def _max_thrust(nominal: Any) -> tuple[float, str, str]:
 
 
 def _inertia_clause(moment: float, mass: float, arm: float) -> str:
-    """Return a question on a moment of inertia, kg m², of a vehicle with a mass, kg, and an arm length, m."""
+    """Return a question about a moment of inertia (kg m²), given the vehicle's mass (kg) and arm length (m)."""
     low, high = _GYRATION_RATIOS
     gyration = math.sqrt(moment / mass)
     if low * arm <= gyration <= high * arm:

@@ -1,4 +1,4 @@
-"""Regions of the scenario language."""
+"""Regions for waypoints and corridors in the scenario language."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -51,7 +51,7 @@ class HalfSpace(Model):
 
 
 class CorridorRegion(Model):
-    """A box, an intersection of half-spaces, or the part of a box that lies in all half-spaces."""
+    """A box, an intersection of half-spaces, or the intersection of a box with half-spaces."""
 
     min: Point | None = Field(default=None, description="lowest corner, in W (m)")
     max: Point | None = Field(default=None, description="highest corner, in W (m)")
@@ -86,7 +86,7 @@ class CorridorRegion(Model):
         return self
 
     def region(self) -> Corridor | None:
-        """Return the region as a corridor of the planner; None if no point of the box is in all half-spaces.
+        """Convert the region to a corridor for the planner; None if the box does not intersect the half-spaces.
 
         Raises:
             InputError: if the half-spaces have no point in common.

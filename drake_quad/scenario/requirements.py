@@ -1,4 +1,4 @@
-"""Requirements of the scenario language, in the forms of signal temporal logic."""
+"""Requirements of the scenario language, based on signal temporal logic."""
 
 import math
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ class Condition(Model):
         return {unit for each in (*(self.all or ()), *(self.any or ())) for unit in each.units()}
 
     def formula(self) -> requirements.Condition:
-        """Return the condition as a formula of its margin."""
+        """Return the formula for the margin of the condition."""
         if self.signal is None:
             rule, conditions = ("any", self.any or ()) if self.all is None else ("all", self.all)
             return requirements.Combination(rule, tuple(each.formula() for each in conditions))  # type: ignore[arg-type]
@@ -113,7 +113,7 @@ class Requirement(Model):
         yield from late_setting(self, "after", flight, path)
 
     def definition(self, name: str) -> Metric:
-        """Return the robustness as a metric with the given name."""
+        """Define the robustness as a metric with the given name."""
         (unit,) = self._conditions()[0].units()
         label = f"robustness of {name.replace('_', ' ')}"
         return Appearance(unit, label, larger_is_better=True).metric(name, self._accumulator(), requirements.robustness)

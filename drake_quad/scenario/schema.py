@@ -19,7 +19,7 @@ _DISTRIBUTIONS = tuple(_DISTRIBUTION_NAMES)
 def file_schema() -> dict[str, Any]:
     """Return the JSON schema of a file of scenarios, for editors that check YAML.
 
-    The schema checks less than `load_scenario`, since a scenario may inherit missing fields from a scenario that it
+    The schema requires less than `load_scenario`, since a scenario may inherit missing fields from a scenario that it
     extends.
     """
     scenario = Scenario.model_json_schema()
@@ -66,7 +66,7 @@ def file_schema() -> dict[str, Any]:
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:
-    """Allow a relative distribution wherever a vehicle may have a distribution."""
+    """Allow a relative distribution in each vehicle field that may be a distribution."""
     for name in ("Vehicle", *_referenced_mappings(definitions["Vehicle"], definitions)):
         for node in [*_nodes(definitions[name])]:
             if isinstance(node, list) and any(map(_is_distribution, node)):
@@ -94,7 +94,7 @@ def _nodes(node: Any) -> Iterator[Any]:
 
 
 def _without_distributions(node: Any, definitions: dict[str, Any]) -> Any:
-    """Return a node with its references resolved and without the alternatives that are distributions."""
+    """Resolve the references in a node, and remove alternatives that are distributions."""
     if isinstance(node, list):
         return [_without_distributions(each, definitions) for each in node if not _is_distribution(each)]
     if not isinstance(node, dict):
@@ -122,7 +122,7 @@ def _relaxed(node: Any) -> Any:
 
 
 def language_page() -> str:
-    """Return the Markdown page of all fields, with a section for each mapping in the order of first reference."""
+    """Return a Markdown page of all fields. Each mapping has a section, in the order of first reference."""
     schema = Scenario.model_json_schema()
     definitions = schema["$defs"]
     sections = [_section("Scenario", schema)]
@@ -132,7 +132,7 @@ def language_page() -> str:
 
 
 def _referenced_mappings(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """Return the names of the mappings that a schema refers to, in the order of first reference, distributions last."""
+    """Return the mappings to which a schema refers, in the order of first reference but with distributions last."""
     names: dict[str, None] = {}
     pending = _references(schema["properties"])
     while pending:

@@ -1,4 +1,4 @@
-"""Space of the scenario language: obstacles, and the clearance that a plan keeps from them."""
+"""Space of the scenario language: obstacles, and the clearance between plan and obstacles."""
 
 import re
 import warnings
@@ -109,7 +109,7 @@ AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullOb
 
 
 class SpaceSettings(Model):
-    """Obstacles, which plans avoid. A vehicle that touches an obstacle has crashed."""
+    """Obstacles that plans avoid. A vehicle that touches an obstacle counts as crashed."""
 
     bounds: BoxRegion | None = Field(
         default=None,
@@ -145,7 +145,7 @@ class SpaceSettings(Model):
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:
-        """Return the space with its solids and clearances.
+        """Return the space as a record with solids and clearances.
 
         Args:
             farthest_rotor: distance of the farthest rotor centre from the centre of mass, m.

@@ -19,13 +19,13 @@ _MAX_SET_SIZE = 2
 
 
 def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
-    """Return a sentence with the waypoints between which there is no route, and the obstacles that block it.
+    """Explain in one sentence between which waypoints there is no route, and which obstacles block it.
 
-    A grid proves that there is no route. Each point of a route is within half of a cell's diagonal of a grid point, and
-    successive such grid points are equal or neighbours. Distances from obstacles change by no more than the distance
-    moved, so these grid points have at least the clearance minus half the diagonal. They are also within half the
-    diagonal of the corridor of the leg, if it has one. If such grid points do not connect two waypoints, there is no
-    route between them. If they do connect the waypoints, a route may still not exist.
+    A grid can prove that there is no route. Each point of a route has a nearest grid point, at most half a cell
+    diagonal away. The nearest grid points of successive route points are equal or neighbours. Their distance from
+    obstacles is at least the clearance minus half the diagonal, and they are at most half the diagonal outside the
+    corridor of the leg, if it has one. If no chain of such grid points connects two waypoints, there is no route
+    between them. If a chain connects them, a route may still not exist.
 
     Args:
         space: obstacles.
@@ -48,11 +48,11 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
 
 
 class _BlockingSets(NamedTuple):
-    """Sets of obstacles, each of which blocks all routes.
+    """Sets of obstacles. Each set alone blocks all routes.
 
     Attributes:
-        sets: indices of the obstacles of each set. Without the obstacles of a set there is a route on a grid.
-        is_sure: True if the routes that exist without a set are also free between the grid points.
+        sets: indices of the obstacles in each set. If they are removed, there is a route on a grid.
+        is_sure: True if the routes that open when a set is removed are also free between the grid points.
     """
 
     sets: list[tuple[int, ...]]
@@ -60,12 +60,12 @@ class _BlockingSets(NamedTuple):
 
 
 class _Search:
-    """Search for routes over grid points through the waypoints of a problem.
+    """Search for routes on a grid through the waypoints of a problem.
 
     Args:
         grid: grid of points of a space.
         problem: waypoints and corridors of the path.
-        certain: True if all points must be in the corridors; False if they may be up to half a cell's diagonal outside.
+        certain: True if all points must be in the corridors; False if they may be up to half a cell diagonal outside.
     """
 
     def __init__(self, grid: Grid, problem: PathProblem, *, certain: bool) -> None:
@@ -79,7 +79,7 @@ class _Search:
         ]
 
     def connects(self, free: np.ndarray, first: int, last: int) -> bool:
-        """Return True if free points connect a waypoint to a later waypoint through all waypoints between them."""
+        """Return whether free grid points connect two waypoints through all waypoints between them."""
         reached = self._near[first] & free
         components = None
         for leg in range(first, last):
@@ -94,7 +94,7 @@ class _Search:
 
 
 def _sentence(space: Space, problem: PathProblem, first: int, last: int, blocking: _BlockingSets) -> str:
-    """Return a sentence with the waypoints between which there is no route, and with the obstacles in the way."""
+    """Return the sentence that names the unconnected waypoints and the obstacles in the way."""
     legs = [leg for leg in range(first, last) if problem.corridors[leg] is not None]
     corridors = (
         f" in the corridor{'s' if len(legs) > 1 else ''} of segment{'s' if len(legs) > 1 else ''} {_join_names(legs)}"
@@ -111,11 +111,10 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
 
 
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
-    """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is no such set.
+    """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is none.
 
-    Sets whose removal certainly opens a route are preferred. For such a set, the route uses points whose distance from
-    the remaining obstacles exceeds the clearance by half a cell's diagonal, so that the lines between neighbours are
-    free.
+    Sets whose removal certainly opens a route are preferred. The route is certain if its points exceed the clearance
+    from the remaining obstacles by half a cell diagonal, since the lines between neighbours are then free.
     """
     max_points, min_spacing = _GRIDS[0]
     grid = Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)

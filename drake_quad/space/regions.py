@@ -1,9 +1,9 @@
 """Approximation of the free space by convex regions, which Drake's IRIS grows around seeds.
 
 A point is free if its distance from every obstacle is at least the clearance. IRIS grows a region between the original
-obstacles, and the faces of the region are then moved inwards by the clearance. A ball whose radius is the clearance,
-around any point of the reduced region, lies in the original region and touches no obstacle. The seed is in the reduced
-region, since IRIS starts with such a ball around the seed.
+obstacles, and the faces of the region are then moved inwards by the clearance. Around any point of the reduced region,
+a ball with the clearance as its radius lies in the original region and touches no obstacle. The seed is in the reduced
+region, since IRIS starts with such a ball around it.
 
 R. Deits and R. Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming",
 Workshop on the Algorithmic Foundations of Robotics, 2014.
@@ -32,7 +32,7 @@ _FACE_TOLERANCE = 1e-9
 
 
 class Regions:
-    """Growing collection of convex regions of free points.
+    """Collection of convex regions of free points, to which regions can be added.
 
     Args:
         space: obstacles.
@@ -52,7 +52,7 @@ class Regions:
         return self._regions[number]
 
     def grow(self, seed: np.ndarray) -> int:
-        """Add the region around a free point (3,), m, and return its index."""
+        """Grow a region around a free point, (3,) in m, and return its index."""
         domain = HPolyhedron.MakeBox(self._bounds.low - self._distance, self._bounds.high + self._distance)
         options = IrisOptions(require_sample_point_is_contained=True, relative_termination_threshold=_MIN_IRIS_GAIN)
         options.starting_ellipse = Hyperellipsoid.MakeHypersphere(self._distance, seed)
@@ -71,7 +71,7 @@ class Regions:
     def cover(self, points: np.ndarray, distances: np.ndarray) -> None:
         """Add regions until they contain most of the given free points.
 
-        Each new region starts from the uncovered point with the largest distance from obstacles.
+        The seed of each new region is the uncovered point with the largest distance from obstacles.
 
         Args:
             points: (n, 3) free points, m.
@@ -89,14 +89,14 @@ class Regions:
 
         Args:
             points: (n, 3) points, m.
-            numbers: indices of the regions; all regions if not given.
+            numbers: indices of the regions to check. By default, all regions.
         """
         chosen = self._regions if numbers is None else [self._regions[number] for number in numbers]
         rows = [(points @ region.normals.T <= region.offsets + _FACE_TOLERANCE).all(axis=1) for region in chosen]
         return np.array(rows, dtype=bool).reshape(len(chosen), len(points))
 
     def intersection(self, one: int, other: int) -> Polytope | None:
-        """Return the intersection of two regions; None if it is too small for a path."""
+        """Return the intersection of two regions, or None if it is too small for a path."""
         pair = min(one, other), max(one, other)
         if pair not in self._intersections:
             overlap = self._regions[pair[0]].intersection(self._regions[pair[1]])

@@ -1,12 +1,12 @@
-"""Approximation of a convex hull from outside by a hull with fewer corners.
+"""Approximation of a convex hull by an enclosing hull with fewer corners.
 
 1. The algorithm selects some of the corners: first the extreme corners along the coordinate axes, then repeatedly the
    corner that is farthest from the hull of the selected corners.
 2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
    corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
-The result contains the original hull. Its corners are the points that are farthest from the original hull, so their
-distance bounds the error.
+The result contains the original hull. No point of the result is farther from the original hull than one of its corners,
+so the distance of the corners bounds the error.
 
 The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
 hull has the same width along each axis. The better result is returned.
@@ -41,8 +41,8 @@ class SimplifiedHull(NamedTuple):
 
     Attributes:
         corners: (n, 3) corners of the hull, m.
-        growth: largest distance of a corner from the original hull, m; 0 if the hulls are equal.
-        replaced: number of corners of the original hull.
+        growth: largest distance between a corner and the original hull, m; 0 if the hulls are equal.
+        replaced: number of corners in the original hull.
         size: largest extent of the original hull along a coordinate axis, m.
     """
 
@@ -53,11 +53,11 @@ class SimplifiedHull(NamedTuple):
 
     @property
     def is_simpler(self) -> bool:
-        """True if the hull has fewer corners than the original hull; otherwise the two hulls are equal."""
+        """True if the hull has fewer corners than the original hull. Otherwise the two hulls are equal."""
         return len(self.corners) < self.replaced
 
     def __str__(self) -> str:
-        """Return a sentence on the replacement of the original hull."""
+        """Return a sentence which states that the original hull was replaced, with the growth."""
         fraction = 100.0 * self.growth / self.size
         return (
             f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
@@ -66,15 +66,15 @@ class SimplifiedHull(NamedTuple):
 
 
 def simplified_hull(points: ArrayLike, max_corners: int) -> SimplifiedHull:
-    """Return a convex hull around points that has few corners.
+    """Return a convex hull with few corners that encloses points.
 
     Args:
-        points: (n, 3) points that the hull contains, m.
+        points: (n, 3) points that the hull must contain, m.
         max_corners: largest number of corners. If the hull of the points has no more corners, it is returned unchanged.
 
     Raises:
-        InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
-            more than `MAX_GROWTH` of its size.
+        InputError: if the hull of the points has no volume, no enclosing hull is found, or it would be larger than the
+            original hull by more than `MAX_GROWTH` of its size.
     """
     array = np.ascontiguousarray(points, dtype=float)
     return _surrounding(array.tobytes(), array.shape, max_corners)
@@ -110,7 +110,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
 
 
 def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the centre of corners, and the singular values and directions of their principal axes."""
+    """Return the centre of the given corners, and the singular values and directions of their principal axes."""
     middle = corners.mean(axis=0)
     _, widths, axes = np.linalg.svd(corners - middle, full_matrices=False)
     return middle, widths, axes
@@ -141,7 +141,7 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the distances (n,) of points (n, 3) from the hull of corners, measured across its faces; negative inside.
+    """Return the distances (n,) of points (n, 3) from the hull of corners, normal to its faces; negative inside.
 
     If the corners span only a plane, a line or a point, the distance is measured from this subspace.
     """
@@ -164,12 +164,12 @@ def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
-    """Return the corners, shifted and scaled by the smallest factor with which their hull contains all points.
+    """Shift corners, and scale them by the smallest factor with which their hull contains all points.
 
     Args:
-        points: (n, 3) points around the origin whose hull has the width 1 along each axis.
+        points: (n, 3) points around the origin, scaled so that their hull has the width 1 along each axis.
         corners: (m, 3) some of these points.
-        margin: distance by which the hull exceeds the smallest possible hull.
+        margin: distance by which the hull exceeds the smallest possible hull, in the units of the points.
 
     Raises:
         InputError: if the solver fails.

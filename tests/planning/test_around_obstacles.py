@@ -36,7 +36,7 @@ def room(tmp_path_factory):
 
 
 def smallest_clearance(scenario, plan):
-    """Return the smallest distance of the centre of mass to an obstacle at dense samples of a plan, m."""
+    """Return the smallest distance between the centre of mass and an obstacle over dense samples of a plan, m."""
     space = scenario.room()
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
@@ -161,7 +161,7 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
 
 
 def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
-    """The predicted error, and therefore the plan, depends on wind and control."""
+    """Wind and control determine the predicted error, and therefore also the plan."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,)))

@@ -1,4 +1,4 @@
-"""Tests of plans for routes: constraints, yaw, limits of rotors, duration and saved trajectories."""
+"""Tests of route plans: constraints, yaw, rotor limits, duration and saved trajectories."""
 
 import math
 
@@ -190,7 +190,7 @@ def test_rotor_speeds_of_a_vertical_oscillation_follow_from_weight_and_accelerat
 
 
 def test_the_duration_of_a_flight_is_a_whole_number_of_ticks(diagrams):
-    """A tick is 20 ms, although a time step and a frame are 10 ms."""
+    """In this scenario a tick takes 20 ms, but a time step and a frame take 10 ms."""
     for given_duration, duration in (
         (0.001, 0.02),
         (0.02, 0.02),
@@ -254,7 +254,7 @@ def test_a_constant_yaw_lasts_from_the_beginning_to_the_end_of_the_path(diagrams
 
 
 def test_a_flight_takes_at_least_one_tick(diagrams):
-    """The trajectory of this test is much shorter than a tick."""
+    """The planned trajectory is much shorter than a tick."""
     knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
     scenario = load_scenario(
         diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]

@@ -1,4 +1,4 @@
-"""Tests of the report on limits and walls that are active along a path."""
+"""Tests of the list of limits and walls that are active along a path."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the explanation why limits or corridors cannot be kept, and of the proposed remedy."""
+"""Tests of error messages that explain why a path is infeasible and propose a remedy."""
 
 import re
 
@@ -13,7 +13,7 @@ from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
 def problem(points, velocity=None, **more):
-    """Return a problem with stops at all waypoints, or with a velocity at waypoint 1."""
+    """Return a problem with stops at all waypoints, or with a given velocity at waypoint 1."""
     derivatives = np.zeros((len(points), 3, len(points[0])))
     if velocity is not None:
         derivatives = rest_at_ends(len(points), len(points[0]))
@@ -71,7 +71,7 @@ def test_if_the_solver_fails_the_necessary_value_is_from_the_smoothest_path():
 
 
 def test_the_necessary_width_of_a_corridor_is_reported():
-    """The reversed route must leave its second corridor by at least the same distance."""
+    """The route is also flown in reverse, where it must leave its second corridor by at least the same distance."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
@@ -90,7 +90,7 @@ def test_the_necessary_width_of_a_corridor_is_reported():
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
 def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(after):
-    """This also holds for a segment without free derivatives, whatever follows it."""
+    """This also holds for a segment without free derivatives, even if further segments follow."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0

@@ -22,7 +22,7 @@ def closed_path(seam, derivatives=FREE_DERIVATIVES):
 
 
 def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
-    """There are 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
+    """The test plans 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
     points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
@@ -124,7 +124,7 @@ def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
 
 
 def test_with_given_times_the_vehicle_stays_at_a_repeated_waypoint(diagrams):
-    """This also holds for the waypoint at which laps begin. The flight begins at its given time."""
+    """This also holds for the waypoint at which laps begin."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
@@ -181,7 +181,7 @@ def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, tex
 
 
 def test_metrics_can_start_at_a_later_lap(diagrams):
-    """The metrics cover the flight from the start of this lap on."""
+    """The metrics cover the part of the flight from the start of this lap."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
     later, since, whole = (
         simulate(route(diagrams, lap, *window)).metrics.rmse

@@ -46,7 +46,7 @@ planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys(
 
 
 def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
-    """Return the largest jump of a time derivative at the waypoints, and its largest value there."""
+    """Return the largest jump of a time derivative at the waypoints, and the largest value of this derivative there."""
     every = np.arange(len(path.coefficients))
     ends = [evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0)]
     return np.abs(ends[0][:-1] - ends[1][1:]).max(initial=0.0), np.abs(ends).max()
@@ -123,7 +123,7 @@ def test_doubling_all_times_divides_the_cost_by_128():
 
 
 def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
-    """Random smooth detours only increase the cost. They and their first three derivatives vanish at the waypoints."""
+    """Random smooth detours, which vanish at the waypoints together with their first three derivatives, increase the cost."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
@@ -208,7 +208,7 @@ def test_a_repeated_contact_acts_like_a_single_contact():
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
-    """These are the gradients of the cost and of the complete path with respect to the durations."""
+    """The gradients are those of the cost and of the complete path with respect to the durations."""
     rng = np.random.default_rng(seed)
     points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
     derivatives = rest_at_ends(segments + 1, 3)
@@ -241,7 +241,7 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
 
 
 def test_contacts_do_not_change_a_path_without_free_derivatives():
-    """The derivatives of the cost equal those without contacts."""
+    """The derivatives of the cost are the same with and without contacts."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
     free, held = (
@@ -314,7 +314,7 @@ def test_a_derivative_must_be_given_on_all_axes_or_on_none():
 
 
 def other_plan(waypoints, times):
-    """Return the plan of minsnap_trajectories with zero jerk at the ends, as in this library."""
+    """Plan with minsnap_trajectories, with zero jerk at both ends as in this library."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
     references = [
@@ -325,7 +325,7 @@ def other_plan(waypoints, times):
 
 
 def other_cost(trajectory, times):
-    """Return the cost by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
+    """Return the cost of that plan by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
     instants = times[:-1, np.newaxis] + half[:, np.newaxis] * (nodes + 1.0)

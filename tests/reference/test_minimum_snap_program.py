@@ -27,7 +27,7 @@ def points(array):
 
 
 def dense_samples(path, order=0, count=400):
-    """Return samples (segments, count, axes) of a derivative."""
+    """Return dense samples (segments, count, axes) of a derivative of a path."""
     s = np.linspace(0.0, 1.0, count)
     every = np.repeat(np.arange(len(path.coefficients)), count)
     return evaluate_at(path, every, np.tile(s, len(path.coefficients)), order).reshape(
@@ -73,7 +73,7 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, fraction):
 def test_an_independent_optimiser_finds_the_same_constrained_path():
     """For one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint.
 
-    Its constraints are evaluated on a dense grid.
+    SLSQP evaluates the constraints on a dense grid.
     """
     waypoints, durations, limit = np.array([[0.0], [1.0], [0.5]]), np.array([1.0, 1.0]), 5.0
     free = MinimumSnap(waypoints, durations).path()
@@ -175,7 +175,7 @@ def test_a_user_defined_constraint_can_be_added(order):
     ("slack", "fraction"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
 def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, fraction):
-    """This scaling holds for any durations, so the coefficients of the program have similar magnitudes."""
+    """This holds for any durations, so the coefficients of the program have similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -282,7 +282,7 @@ def test_impossible_constraints_are_infeasible():
 
 
 def test_bounds_that_a_fixed_path_violates_are_infeasible():
-    """The path from rest to rest has no free derivatives, and is in the middle at half time."""
+    """A rest-to-rest path with one segment has no free derivatives, and is in the middle at half time."""
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
     program.bound_position(0, 0.5, 0, 1.9, 2.1)
     program.bound_position(0, 0.5, 1, 1.9, 2.1)
@@ -381,7 +381,7 @@ def test_the_excess_over_limits_is_the_smallest_possible():
 
 
 def test_a_failure_of_the_solver_raises_an_error(monkeypatch):
-    """The solver is limited to one step."""
+    """The solver fails because it may take only one step."""
 
     class OneStep(ClarabelSolver):
         def Solve(self, program, guess, options):

@@ -1,4 +1,4 @@
-"""Tests of the parts of a path problem and of the checks of its input."""
+"""Tests of path problems: their properties, and the checks of their input."""
 
 import math
 

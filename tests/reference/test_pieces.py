@@ -50,7 +50,7 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that position, derivatives up to snap, and yaw agree, within `atol` relative to the largest values."""
+    """Assert that position to snap and yaw of two plans agree, within `atol` relative to the largest values."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
@@ -67,7 +67,7 @@ def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
 
 
 def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
-    """Crazyswarm2 uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)`, with the lowest power first."""
+    """Crazyswarm2 reads a file with `numpy.loadtxt(filename, delimiter=",", skiprows=1)`, and the lowest power comes first."""
     file = save_pieces(PLAN, tmp_path / "mine.csv")
     assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
     assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
@@ -162,7 +162,7 @@ def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
 
 
 def test_defaults_of_a_trajectory_are_not_written(diagrams):
-    """Therefore, studies that are older than these options can be continued."""
+    """Studies that are older than these options can therefore be continued."""
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]

@@ -1,4 +1,4 @@
-"""Tests of plans and of the reference that a plan gives to the control."""
+"""Tests of plans, and of the reference that a control receives from a plan."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_derivatives_of_a_plan_agree_with_its_path():
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
 def test_the_reference_lasts_until_path_and_yaw_are_at_rest(speed, yaw_rate):
-    """One of the two is in steady motion and brakes for seconds, while the other is at rest."""
+    """Either path or yaw is in steady motion and brakes for seconds, while the other one is at rest."""
     times, still = np.array([0.0, 1.0]), np.zeros(3)
     path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))
     yaw = hermite_path(times, np.array([[[angle], [yaw_rate], [0.0]] for angle in (0.0, yaw_rate)]))

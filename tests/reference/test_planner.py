@@ -39,7 +39,7 @@ def total(path):
 
 
 def fractions(path, limits=LIMITS):
-    """Return the largest speed and acceleration relative to their limits, from dense samples of the path."""
+    """Return largest speed and acceleration, relative to their limits, over dense samples of the path."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
     return [
@@ -136,7 +136,7 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
 
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_agrees_with_an_independent_search():
-    """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
+    """A Nelder-Mead search over the durations of the constrained program yields 14.930 s from two initial points."""
     assert total(plan_path(problem(corridors=CORRIDORS), MinimumTimeTiming())) <= 1.002 * 14.930
 
 

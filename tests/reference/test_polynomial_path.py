@@ -1,4 +1,4 @@
-"""Tests of polynomial paths: peaks, turning points, refinement and stretching."""
+"""Tests of polynomial paths: peaks, turning points, subdivision and scaling in time."""
 
 import numpy as np
 import pytest

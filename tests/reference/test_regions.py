@@ -37,7 +37,7 @@ def test_a_box_as_a_polytope_is_the_same_region():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_plane_through_the_nearest_point_separates_it_from_the_polytope(seed):
-    """If n is the point of the set nearest to p, no point of the set lies beyond the plane at n normal to p - n."""
+    """Let n be the point of a convex set nearest to p. No point of the set lies beyond the plane through n normal to p - n."""
     rng = np.random.default_rng(seed)
     polytope = random_polytope(rng, 12)
     position = 20.0 * rng.normal(size=3)

@@ -91,10 +91,10 @@ def test_a_route_with_very_unequal_steps_is_flown_with_stops():
     ],
 )
 def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
-    """The better search starts from the minimum-snap times on the first route, and from the heuristic on the second.
+    """On the first route the better search starts from the minimum-snap times, on the second from the heuristic times.
 
-    Its result is about 7 % better than the result of the other search. A Nelder-Mead search over the durations found
-    the same totals from two initial points.
+    The better search gives a time about 7 % shorter than the other one. A Nelder-Mead search over the durations yields
+    the same times from two initial points.
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
@@ -105,7 +105,7 @@ def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
 
 @pytest.mark.slow
 def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
-    """A Nelder-Mead search found 14.175 s from three initial points. Without a second round, the result is 14.308 s."""
+    """A Nelder-Mead search yields 14.175 s from three initial points. A single round of optimisation yields 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
     actual = minimum_time_path(problem(points, corridors=halls))
@@ -114,7 +114,7 @@ def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
 
 
 def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stops():
-    """A Nelder-Mead search found 10.291 s from two initial points. A single search ends at 10.335 s."""
+    """A Nelder-Mead search yields 10.291 s from two initial points. A single search of the planner yields 10.335 s."""
     points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
     assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
     assert minimum_time_path(problem(points)).duration <= 1.001 * 10.291
@@ -128,7 +128,7 @@ def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(poin
 
 
 def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
-    """The total times are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times the time of a flight with stops at all waypoints."""
+    """The planner tries 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times the duration of a flight that stops at all waypoints."""
     for step, velocity, factor in (
         (4, 1.8, 0.7),
         (4, 0.8, 0.85),
@@ -239,7 +239,7 @@ def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
 
 
 def test_changes_continue_while_the_cost_falls_and_the_trust_radius_shrinks_otherwise():
-    """Each change is a decrease from 1, and the cost is smallest at 0.5."""
+    """In this example, each change decreases a number that starts at 1, and the cost is smallest at 0.5."""
     reaches = []
 
     def change(x, max_log_change):

@@ -148,7 +148,7 @@ def test_the_size_of_a_path_does_not_change_the_yaw(scale):
 
 
 def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
-    """A horizontal speed of a tenth of the top speed has the full weight, and half of this speed a quarter of it."""
+    """The weight is full if the horizontal speed is a tenth of the top speed, and a quarter if it is half as large."""
     costs = {}
     for fraction in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]

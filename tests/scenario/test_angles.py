@@ -99,7 +99,7 @@ def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, index):
 
 
 def test_trajectories_may_turn_any_number_of_times(diagrams):
-    """The trajectories are given by knots, by pieces and by a circle."""
+    """The test covers trajectories of knots, trajectories of pieces, and a circle."""
     knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
     yaw_knots = [{"time": 0.0, "yaw": 100.0, "yaw_rate": 1.0}, {"time": 60.0, "yaw": 160.0, "yaw_rate": 1.0}]
     load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}})

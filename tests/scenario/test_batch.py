@@ -87,7 +87,7 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
 
 
 def test_a_sample_may_have_an_individual_route(study):
-    """Such a scenario is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
+    """A scenario with a random route is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -120,7 +120,7 @@ def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
 
 
 def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
-    """Moments of a payload and the medians of all distributions are adjusted in the same way."""
+    """Payload moments, and the medians of all distributions, are adjusted in the same way."""
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
     varying = Batch.draw(scenario, range(500)).varying
     assert [*varying] == ["vehicle.inertia.0"]
@@ -139,7 +139,7 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
 
 
 def test_samples_agree_with_earlier_releases(study):
-    """Earlier releases wrote items of lists in brackets, and names of random streams still do."""
+    """Earlier releases wrote list indices in brackets. The names of random streams still have this form."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
     mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
@@ -149,7 +149,7 @@ def test_samples_agree_with_earlier_releases(study):
 
 
 def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
-    """The scenario of the study is written with its distributions, and the scenario of each vehicle with its values."""
+    """The study's scenario is written with its distributions, and each vehicle's scenario with its drawn values."""
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
     batch = Batch.draw(scenario, [3, 8], seed=5)
     assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
@@ -160,7 +160,7 @@ def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
 
 
 def test_fields_without_distributions_can_vary_in_a_batch(study):
-    """The fields are a gain, which is an item of a list, and a whole number of ticks."""
+    """The test varies a gain, which is a list item, and a whole number of ticks."""
     batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1, 7])
     varying = {
         "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),

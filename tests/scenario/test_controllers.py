@@ -1,4 +1,4 @@
-"""Tests that mistakes in learning and estimating controllers are explained."""
+"""Tests of messages about mistakes in learning controllers and disturbance estimators."""
 
 import math
 from pathlib import Path
@@ -147,7 +147,7 @@ def test_without_a_tilt_limit_the_vehicle_may_turn_over():
 
 
 def test_geometric_control_is_the_published_law_by_default():
-    """By default the law has the transport term of Lee et al. (2010) and the angles of eq (1)."""
+    """The default law has the transport term of Lee et al. (2010) and the angles of eq (1)."""
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)

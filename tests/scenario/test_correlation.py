@@ -1,4 +1,4 @@
-"""Tests of correlated distributions: their covariance, their marginals, and their unchanged samples."""
+"""Tests of correlated distributions: covariance, marginals, and agreement with samples of earlier releases."""
 
 import json
 
@@ -55,7 +55,7 @@ def samples(study):
 
 
 def test_samples_have_the_given_covariance(study, samples):
-    """For untruncated distributions, a correlation of 20,000 samples has a standard deviation of at most 0.007."""
+    """The estimated correlation of 20,000 samples from untruncated distributions has a standard deviation of at most 0.007."""
     joint = joint_normal(distributions_in(study(*correlated_overrides())))
     assert joint.paths == (MASS, DRAG, LAG)
     deviation = np.array([0.02, 0.1, 0.004])
@@ -87,7 +87,7 @@ def test_each_field_has_its_given_distribution(samples, path, arguments):
 
 
 def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study):
-    """Samples agree to the bit, because they use only the random numbers of their own field."""
+    """Samples are bit-identical, because they use only the random numbers of their own field."""
     values = Batch.draw(study(*correlated_overrides("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
         (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
@@ -117,7 +117,7 @@ def test_a_field_without_common_variables_does_not_depend_on_others(study):
 
 
 def test_shared_variables_are_distinguished_by_name(study):
-    """Fields with a correlation of 1 or -1 with the same variable are equal or opposite."""
+    """Fields that have correlations of 1 or -1 with the same variable are equal or opposite."""
     one, same, other = (
         Batch.draw(study(*correlated_overrides("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
@@ -170,7 +170,7 @@ def test_invalid_shared_variables_are_refused(study, shared, words):
 
 
 def test_correlations_may_explain_the_whole_variance(study):
-    """These decimal correlations are allowed, although the squares of their binary values sum to more than 1."""
+    """The correlations in this example are allowed, although the squares of their binary values sum to more than 1."""
     study(correlated_overrides("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
 
@@ -243,7 +243,7 @@ def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
 
 
 def test_correlated_normals_share_few_variables():
-    """A pair, or fields with a common cause, need one variable. Fields with negligible correlations need none."""
+    """A pair of fields, or any number of fields with one common cause, needs one variable. Uncorrelated fields need none."""
     pair = correlated_normals("ab", np.zeros(2), np.array([[4.0, -1.0], [-1.0, 1.0]]))
     assert pair["a"] == {"normal": {"mean": 0.0, "standard_deviation": 2.0, "shared": {"common_1": 0.7071}}}
     assert pair["b"]["normal"]["shared"] == {"common_1": -0.7071}
@@ -261,7 +261,7 @@ def test_correlated_normals_share_few_variables():
 
 
 def test_a_sum_that_is_known_better_than_its_terms_has_the_given_variance():
-    """The coefficients of a curve fitted around hover are uncertain, but the thrust in hover is well known."""
+    """In this example, the coefficients of a fitted thrust curve are uncertain, but the hover thrust is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])
     covariance = 1e-6 * np.linalg.inv(powers @ powers.T)

@@ -22,7 +22,7 @@ for_each_quantity = pytest.mark.parametrize(
 
 
 def is_refused(model, path, declared, value):
-    """Return whether all items of a quantity refuse a value, for every kind of the mapping around it."""
+    """Return whether a value is refused for every item of a quantity, in every kind of the surrounding mapping."""
     first, *steps = path.split(".")
     whole = [value] * declared.items if declared.items else value
     for step in reversed(steps):
@@ -86,7 +86,7 @@ def test_units_are_products_of_si_units(model, path, declared):
 
 
 def test_declarations_agree_with_the_fields():
-    """Some well-known fields have the expected units and bounds."""
+    """The test checks units and bounds of some well-known fields."""
     mass, error = DECLARED[Vehicle, "mass"], DECLARED[Vehicle, "thrust_factor_error"]
     assert (mass.unit, mass.items, mass.needs_min, mass.needs_max) == ("kg", 0, True, False)
     assert mass.lower == 1e-12

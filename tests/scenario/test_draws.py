@@ -1,4 +1,4 @@
-"""Designed draws of studies."""
+"""Tests of designed draws: Latin hypercubes and Sobol sequences."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
-    """The first two numbers of 2^k points have one point in each rectangle of the area 2^-k, for any shape."""
+    """In the plane of the first two numbers, each rectangle of area 2^-k contains one of 2^k points, for any aspect ratio."""
     found = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
         cells = np.floor(found * (2**first, 2 ** (6 - first)))
@@ -79,7 +79,7 @@ def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(
 
 
 def test_independent_draws_do_not_change():
-    """The numbers were drawn by the version without designed draws."""
+    """The expected numbers were drawn by a version that had no designed draws."""
     assert Batch.draw(scenario(None), [0, 1, 2]).varying["vehicle.mass"].tolist() == [
         0.6982564584397424,
         0.7091102985541686,
@@ -107,7 +107,7 @@ def test_samples_that_are_no_pairs_are_refused():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
-    """The interval of the mean of a smooth function is at most a quarter as long as that of independent samples."""
+    """For a smooth function, the confidence interval of the mean is at most a quarter as wide as for independent samples."""
     num_samples, repetitions, names = 256, 200, [f"x{i}" for i in range(4)]
     hits, widths, samples = 0, [], np.arange(num_samples)
     for seed in range(repetitions):

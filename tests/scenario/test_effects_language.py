@@ -1,4 +1,4 @@
-"""Tests of effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
+"""Tests that effects in the scenario language are off by default, and that mistakes are explained in one sentence."""
 
 import re
 

@@ -1,6 +1,6 @@
 """Fuzz tests: an input is either refused in one sentence, or a scenario that flies to its end or into a crash.
 
-`make test` tries about a hundred cases, the same each time. `make fuzz` tries ten thousand other cases.
+`make test` tries the same hundred cases each time. `make fuzz` tries ten thousand further cases.
 """
 
 import copy
@@ -131,7 +131,7 @@ def with_attitude_response(tree):
 
 @functools.cache
 def seeds():
-    """Return scenarios with every kind of route, wind, autopilot, controller and law, and with a value in every field.
+    """Return scenarios that together contain every kind of route, wind, autopilot, controller and law, and every field.
 
     The scenarios are loaded on first use, so that the collection of tests does not load them.
     """
@@ -224,7 +224,7 @@ odd_values = st.one_of(
 
 
 def values_near(number):
-    """Return a strategy for values around a number: most with its sign, some far away, some distributions."""
+    """Return a Hypothesis strategy for values around a number: most with the same sign, some far away, some distributions."""
     low, high = sorted((0.9 * number, 1.1 * number))
     about = [
         {"uniform": {"min": low, "max": high}},
@@ -308,7 +308,7 @@ def numbers(value):
 
 
 def assert_numbers_are_valid(scenario):
-    """Assert that every number is finite, and positive if it must be."""
+    """Assert that every number is finite, and that quantities such as masses are positive."""
     assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
     for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
         value = getattr(scenario.vehicle, name)

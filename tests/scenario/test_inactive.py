@@ -1,4 +1,4 @@
-"""Settings without an effect: each is remarked, and a flight without the setting is the same."""
+"""Tests that each setting without effect is reported, and that a flight without the setting is the same."""
 
 from typing import Annotated, Literal
 

@@ -75,7 +75,7 @@ ROTOR = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
     ],
 )
 def test_the_schema_allows_no_distributions_in_nominal(field):
-    """Only the vehicle may have distributions, not `nominal`."""
+    """The fields of `nominal` must be numbers, while those of `vehicle` may be distributions."""
     assert schema_errors(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
     assert schema_errors(f"a: {{vehicle: {{{field.replace('X', UNIFORM)}}}}}") == []
     assert schema_errors(f"a: {{nominal: {{{field.replace('X', UNIFORM)}}}}}") != []

@@ -45,7 +45,7 @@ def load(tmp_path):
 
 
 def airframe(scenario):
-    """Return the fields that describe the airframe, without the fields of the flight."""
+    """Return the vehicle fields that describe the airframe, without those that describe the flight."""
     vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
     return scenario.nominal.model_dump(), vehicle
 
@@ -157,7 +157,7 @@ def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
 def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_layers_below(load, field, count):
-    """These fields have no nominal value. Their distributions are relative to 1 and to the length of an arm."""
+    """Some fields have no nominal value. Their distributions are relative to 1 or to the arm length."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
     _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)
@@ -229,7 +229,7 @@ def test_the_default_vehicle_flies_if_no_other_is_described(load):
     ],
 )
 def test_an_incomplete_vehicle_is_refused(load, missing):
-    """A vehicle is described by most fields, or by a mass and an inertia; a few fields change the paper's vehicle."""
+    """A scenario describes a vehicle by mass and inertia, or by most fields. Fewer fields modify the paper's vehicle."""
     lines = [line for line in X500.splitlines() if line.split(":")[0].strip() not in missing]
     with pytest.raises(InputError, match=rf"nominal describes a vehicle, but without .*{missing[0]}"):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
@@ -337,7 +337,7 @@ def test_every_part_of_the_airframe_that_differs_strongly_is_reported(change, wo
 
 
 def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
-    """All other fields of the vehicle are compared, for example the centre of mass."""
+    """All other vehicle fields, such as the centre of mass, are compared with `nominal`."""
     corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
@@ -361,7 +361,7 @@ def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
     ],
 )
 def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third, is_reported):
-    """The arm length, which is the mean of the smallest and the largest distance of a rotor, remains 0.17 m."""
+    """The arm length, the mean of the smallest and the largest rotor distance, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
     rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
@@ -370,7 +370,7 @@ def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(firs
 
 
 def test_a_random_centre_of_mass_is_reported_if_its_offset_is_large_compared_with_its_spread():
-    """The limits are a tenth of the arm length and five standard deviations."""
+    """The offset is reported if it exceeds a tenth of the arm length and five standard deviations."""
     for standard_deviation, is_reported in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
         remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [normal, 0.0]}))
@@ -388,7 +388,7 @@ def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
 
 
 def test_the_rotors_of_a_larger_vehicle_are_not_reported_besides_its_arm_length():
-    """Positions of rotors are compared relative to the arm length, for which there is a separate remark."""
+    """Rotor positions are compared relative to the arm length, which has its own remark."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
     assert "use: arm length 0.25 m (nominal 0.17);" in remark
 

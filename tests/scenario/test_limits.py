@@ -1,4 +1,4 @@
-"""Tests that oversized scenarios are refused before reading, and impossible times before the flight."""
+"""Tests that oversized scenarios are refused before they are parsed, and impossible times before the flight."""
 
 import math
 import os
@@ -37,7 +37,7 @@ def write(tmp_path):
 
 @pytest.fixture
 def composed_nodes(monkeypatch):
-    """Return a list that gets an entry for each node of YAML that is composed."""
+    """Return a list to which the YAML composer appends an entry for each node."""
     counts = []
     compose = Composer.compose_node
     monkeypatch.setattr(Composer, "compose_node", lambda *arguments: counts.append(1) or compose(*arguments))
@@ -54,7 +54,7 @@ def refusal(load, *arguments):
 
 
 def chain(levels, *, twice=False):
-    """Return a chain of scenarios, each of which extends the previous one; the first is complete."""
+    """Return a file of scenarios, each of which extends the previous one. The first is complete."""
     bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
     return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
@@ -355,7 +355,7 @@ def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write,
 
 
 def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
-    """The Runge-Kutta method allows a step of 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
+    """The Runge-Kutta method is stable for steps up to 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, validation_error in (("1.4", False), ("1.5", True)):
         scenario = load_scenario(write(SMALL_FILE), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
@@ -469,7 +469,7 @@ def test_a_vehicle_with_infinite_states_has_crashed_and_records_only_finite_valu
 
 
 def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
-    """Near this pitch, angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
+    """Near this pitch, roll and yaw change by half a turn within 20 µs. The flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
     def set_flip(simulator):
@@ -494,7 +494,7 @@ def test_a_continuous_state_that_changes_too_fast_is_explained(write):
 
 
 def test_the_limit_of_waypoints_includes_all_laps(diagrams):
-    """Fifty laps of twenty waypoints reach the limit."""
+    """A route with fifty laps of twenty waypoints reaches the limit."""
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"
     assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50

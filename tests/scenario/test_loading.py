@@ -1,4 +1,4 @@
-"""Tests of the loading of scenarios: accepted inputs, and one sentence for each refused input."""
+"""Tests of scenario loading: accepted inputs, and messages of one sentence for refused inputs."""
 
 import re
 from io import StringIO
@@ -270,7 +270,7 @@ def test_a_vehicle_has_the_nominal_parameters_by_default(write):
 
 
 def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
-    """Return the rotors of a square as YAML, with the given directions of rotation."""
+    """Return four rotors on the corners of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
     rotor_texts = [
         f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
@@ -665,7 +665,7 @@ def test_a_vehicle_file_has_no_control(diagrams):
     ],
 )
 def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, expected):
-    """The other items keep the values of the file or, without these, the defaults."""
+    """The other items keep their values from the file, or their defaults if the file gives no values."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
 
 

@@ -1,4 +1,4 @@
-"""Tests that a control is a cascade by default, and that another controller replaces the whole cascade."""
+"""Tests that a control is a cascade by default, and that an LQG control replaces the whole cascade."""
 
 import re
 from pathlib import Path

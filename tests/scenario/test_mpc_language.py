@@ -1,4 +1,4 @@
-"""Tests of model predictive control in the scenario language: messages about mistakes, and limits from its fields."""
+"""Tests of model predictive control in the scenario language: messages about mistakes, and the limits that it sets."""
 
 import math
 import re

@@ -61,7 +61,7 @@ def test_parts_of_other_scenarios_can_be_given(load, diagrams):
 
 @pytest.mark.slow
 def test_every_shipped_value_can_be_given_as_a_mapping(load):
-    """A mapping has the same effect as the corresponding text, both field by field and as a whole."""
+    """An override as a mapping has the same effect as the corresponding text, both field by field and as a whole."""
     empty = Tree({}, Mark("", 0))
     scenarios = [Library().find(name)[1].to_python() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
@@ -74,7 +74,7 @@ ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "
 
 
 def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
-    """The names of distributions are also names of other fields."""
+    """A half-space has a field `normal`, which is also the name of a distribution."""
     scenario = load({"route": ROUTE})
     assert scenario == load("route=" + json.dumps(ROUTE))
     assert scenario.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)

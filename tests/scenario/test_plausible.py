@@ -1,4 +1,4 @@
-"""Plausible ranges: a value in another unit is questioned with its likely unit, and no vehicle of 20 g to 20 kg is."""
+"""Tests that values in a wrong unit are questioned, and that values of vehicles from 20 g to 20 kg are not."""
 
 import math
 import re
@@ -80,7 +80,7 @@ def test_a_fraction_in_percent_is_refused_with_its_value(override, words):
 
 
 def test_a_field_is_questioned_once():
-    """The mass of the vehicle is that of `nominal`, and a wrong mass makes the inertia implausible, too."""
+    """The vehicle takes its mass from `nominal`, and a wrong mass also makes the inertia implausible."""
     assert questions(load_scenario("hover", {"nominal.mass": 680.0})) == [
         "nominal.mass is 680 kg, which is implausible; 680 g are 0.68 kg"
     ]
@@ -107,9 +107,9 @@ def test_no_scenario_of_the_tests_is_questioned(name):
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, 0.5, 2.0, 7.0, 20.0])
 def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
-    """Vehicles of the same shape and density: lengths are proportional to the cube root of the mass.
+    """All vehicles have the same shape and density, so lengths are proportional to the cube root of the mass.
 
-    The speed of the tips of the rotors is the same, and the rotors carry 1.5 or 16 times the weight.
+    They have the same rotor tip speed, and a thrust-to-weight ratio of 1.5 or 16.
     """
     nominal = load_undesigned("vehicles/hummingbird").nominal
     size = (mass / nominal.mass) ** (1.0 / 3.0)
@@ -131,7 +131,7 @@ def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
 
 
 def test_values_of_the_shipped_scenarios_in_another_unit_are_questioned():
-    """The value of a field, written in the unit that is often mistaken, is beyond the plausible range."""
+    """If a value is written in the unit with which its unit is often confused, it is outside the plausible range."""
     questioned = set()
     for spec in ("robustness", "neural_fly:wind_8", "laboratory:high_wind", "vehicles/hummingbird"):
         for _, mapping in mappings_in(load_undesigned(spec)):

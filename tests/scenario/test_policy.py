@@ -1,4 +1,4 @@
-"""Tests of policies in the scenario language, and of the files of their networks."""
+"""Tests of policies in the scenario language, and of their network files."""
 
 import base64
 import sys
@@ -333,7 +333,7 @@ C = ARRAYS["biases_1"]
 
 
 def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
-    """The nodes are Sub, Div and Clip of the input, two layers with arithmetic, and nodes that change nothing."""
+    """The network consists of Sub, Div and Clip on the input, two layers with arithmetic, and nodes without effect."""
     constants = {
         "mean": RNG.normal(size=6),
         "deviation": RNG.uniform(0.5, 2.0, 6),
@@ -367,7 +367,7 @@ def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
 
 
 def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Return nodes of two layers with an activation between them.
+    """Return the nodes of two dense layers, with given nodes of an activation between them.
 
     `first` names the input and output of the first layer.
     """
@@ -712,7 +712,7 @@ def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
 
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
-    """In opset 10 the bounds are attributes. They may limit the observations and, at the end, the actions."""
+    """In opset 10 the bounds are attributes. A clip may limit the observations or, as the last node, the actions."""
     clip = make_node("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
@@ -736,7 +736,7 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
 
 
 def test_operators_of_another_library_are_refused(tmp_path):
-    """The optimiser of onnxruntime writes operators with the names of ONNX and possibly another meaning."""
+    """The optimiser of onnxruntime writes operators that have ONNX names but may have other meanings."""
     model = model_of(
         two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), CONSTANTS
     )

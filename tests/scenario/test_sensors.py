@@ -63,12 +63,12 @@ class AltimeterSettings(SensorSettings):
 
 @pytest.fixture
 def altimeter():
-    """Return a user's kind of sensor, which is registered during a test."""
+    """Register a user's kind of sensor during a test, and return it."""
     return SENSORS.member(AltimeterSettings)
 
 
 def check_member(kind, name):
-    """Assert that the system of a sensor has the ports and the noise that the model states."""
+    """Assert that the system of a sensor has the ports and the noise that its settings declare."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
     imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
@@ -108,7 +108,7 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ids=["vehicle", "response"],
 )
 def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
-    """Parameters are random. One sensor has a shorter period than the control, the other a longer one."""
+    """The parameters are random. One sensor has a shorter period than the control, the other one a longer period."""
     drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE_FLIGHT, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
     (alone,) = simulate_samples(drawn, [2])
@@ -123,7 +123,7 @@ def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario
 
 @pytest.mark.slow
 def test_readings_have_the_same_bits_wired_and_compiled():
-    """The initial readings are not compared, since their formulas use the elementary functions of NumPy."""
+    """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_ON_BOARD, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
     for flight, expected in zip(compiled, wired, strict=True):
@@ -133,7 +133,7 @@ def test_readings_have_the_same_bits_wired_and_compiled():
 
 @pytest.mark.slow
 def test_sensors_do_not_change_the_flight(asymmetric):
-    """Motion and random numbers agree to the bit. The file of a scenario without sensors does not mention sensors."""
+    """Motion and random numbers are bit-identical. The saved file of a scenario without sensors does not mention sensors."""
     plain, sensing = (
         simulate(asymmetric("pid", WHOLE_FLIGHT, "duration=0.3", f"laboratory.sensors={sensors}"))
         for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
@@ -264,14 +264,14 @@ def test_an_impossible_sensor_is_refused(sensor, words):
 
 @pytest.mark.slow
 def test_sensors_do_not_change_linear_models():
-    """No control of the language reads sensors, and slow sensors do not lengthen the period of a linear model."""
+    """No built-in control reads sensors, and slow sensors do not lengthen the period of a linear model."""
     plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
 class SpecificForceControl(LeafSystem):
-    """Control of only the thrust, which keeps the specific force equal to gravity."""
+    """Controller of the thrust alone, which keeps the specific force equal to gravity."""
 
     def __init__(self):
         super().__init__()

@@ -207,7 +207,7 @@ MANY_CORNERS = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in rang
 
 
 def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
-    """The mesh may be a file or a list of points. A saved hull is loaded again without a change."""
+    """The mesh may be a file or a list of points. A saved hull is loaded again unchanged."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in MANY_CORNERS))
     with pytest.warns(
         InputWarning,

@@ -1,4 +1,4 @@
-"""Tests that attributes of every member of every open union, including a user's members, agree with the systems."""
+"""Tests that the declared attributes of every registered kind, including users' kinds, agree with the systems."""
 
 import pickle
 from importlib import import_module
@@ -48,7 +48,7 @@ TESTED_CONTROLS = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return a member in which all required values are one, and each part has the first kind."""
+    """Return an instance of a model in which all required numbers are one, and each part has its first kind."""
     fields = {name: value_for(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 
@@ -66,7 +66,7 @@ def value_for(field: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def settings():
-    """Return the settings of controls without and with an autopilot, by the name of the scenario."""
+    """Return control settings without and with an autopilot, by the name of the scenario."""
     return {name: setting_of(load_scenario(name)) for name in ("figure_eight", "onboard")}
 
 
@@ -208,7 +208,7 @@ def test_every_kind_of_control_is_tested():
 
 @pytest.fixture
 def sliding_mode(monkeypatch):
-    """Return the position controller of the example, which is registered during a test."""
+    """Register the position controller of the example during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return POSITION_CONTROLLERS.member(import_module(EXAMPLE.stem).SlidingPosition)
 
@@ -226,7 +226,7 @@ def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding_mode
 
 @pytest.mark.slow
 def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
-    """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
+    """There its command K (ė + λ e) / φ + λ ė is that of a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
     pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
     sliding_flight, pd_flight = (simulate(figure_eight_with(position)) for position in (SLIDING, pd))

@@ -62,7 +62,7 @@ def test_a_payload_that_is_dropped_later_stays_in_hover():
 
 
 def test_a_vehicle_leans_against_its_trim_force():
-    """The thrust and the trim force together cancel the weight."""
+    """In hover, the thrust and the trim force together cancel the weight."""
     force = TrimForce(0.3, -0.2, 0.1)
     trim = find_trim(PAPER, effects=Effects(loads=(force,)))
     weight = PAPER.mass * PAPER.gravity
@@ -75,7 +75,7 @@ def test_a_vehicle_leans_against_its_trim_force():
 
 @pytest.fixture
 def ceiling_effect(monkeypatch):
-    """Return the effect of the example, which is registered during a test."""
+    """Register the effect of the example during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
 
@@ -107,7 +107,7 @@ def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
 
 
 def state_after(name, effect, speed=0.0, until=0.4):
-    """Return the state after a flight that begins at a speed, with the rotor speeds of hover as commands."""
+    """Return the state after a flight with a given initial speed, in which hover rotor speeds are commanded."""
     vehicle, context = vehicle_in_hover(name, effect, speed)
     simulator = Simulator(vehicle, context)
     simulator.AdvanceTo(until + 1e-9)  # The end is just beyond the last update.
@@ -115,7 +115,7 @@ def state_after(name, effect, speed=0.0, until=0.4):
 
 
 def has_constant_acceleration(name, effect):
-    """Return whether the acceleration is constant. It is zero unless the vehicle must tilt against the effect."""
+    """Return whether the acceleration is constant."""
     start, half, whole = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
     return np.abs(whole - 2.0 * half + start).max() < 1e-9
 
@@ -160,7 +160,7 @@ def check_member(name, kind):
 
 
 def check_response(name, kind):
-    """Assert that an identified response models exactly the effects that the language allows with it."""
+    """Assert that the language allows an effect with an identified response only if the response models the effect."""
     vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
@@ -177,7 +177,7 @@ def check_response(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
 def test_every_effect_agrees_with_the_motion(name, kind):
-    """The attributes state whether the vehicle stays in hover, couples its axes and oscillates."""
+    """The attributes declare whether the vehicle stays in hover, couples its axes, and oscillates."""
     check_member(name, kind)
     check_response(name, kind)
 
@@ -188,7 +188,7 @@ def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling_effect):
 
 
 def test_forces_that_depend_on_the_height_change_within_a_step(ceiling_effect):
-    """The height of a rising vehicle agrees with an integration with error control."""
+    """The height of a rising vehicle agrees with that of an integrator with error control."""
     effect, rows_at_the_end = ceiling_effect(rotor_radius=0.3, height=0.8), []
     for time_step in (0.01, 0.0):
         vehicle, context = vehicle_in_hover("ceiling", effect, time_step=time_step)

@@ -1,4 +1,4 @@
-"""Tests of tables of waypoints."""
+"""Tests of CSV tables with waypoints."""
 
 import pytest
 

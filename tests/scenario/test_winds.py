@@ -27,7 +27,7 @@ SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a wind source of the given kind near `POSITIONS`; all other required fields are one."""
+    """Return a wind source of a kind, located near `POSITIONS`. All other required fields are one."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -63,7 +63,7 @@ def mean_wind(source: WindSource) -> np.ndarray:
 
 @pytest.fixture
 def shear_wind(monkeypatch):
-    """Return the kind of wind of the example script, which is registered during a test."""
+    """Register the kind of wind in the example script during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
 
@@ -85,7 +85,7 @@ def check_member(kind):
 
 @pytest.mark.parametrize("kind", WINDS.members.values(), ids=lambda kind: kind.__name__)
 def test_every_kind_of_wind_agrees_with_its_system(kind):
-    """The wind depends on position and time as the source states, and does not exceed the stated largest speed."""
+    """The wind depends on position and time as the source declares, and does not exceed the declared largest speed."""
     check_member(kind)
 
 
@@ -117,7 +117,7 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
 
 
 def test_checks_and_analyses_include_a_user_s_wind(shear_wind):
-    """Too strong a wind is refused, linear models keep the wind, and errors of hovers depend on the height."""
+    """A wind that is too strong is refused, linear models include the wind, and hover errors depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]

@@ -1,6 +1,6 @@
 """Random rooms, and an independent search for routes through them.
 
-The search computes distances by clipping in the frames of the solids. All hulls have the corners of a box.
+The search computes distances by clipping coordinates in the frame of each solid. All hulls are boxes.
 """
 
 from typing import NamedTuple
@@ -132,7 +132,7 @@ class Search:
                 yield one[fits], other[fits]
 
     def _surely_free(self, one, other):
-        """Return which steps are covered by free balls around both of their ends."""
+        """Return a mask of the steps that free balls around both ends cover completely."""
         length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
         return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)
@@ -160,7 +160,7 @@ class Search:
         return np.array(way[::-1])
 
     def _next_to(self, place):
-        """Return the indices of the points to which a straight line from a position is certainly free."""
+        """Return the indices of the grid points to which the straight line from a position is certainly free."""
         away = np.linalg.norm(self.points - place, axis=1)
         (distance,) = least_distances(self.room.space, place[None])
         return np.flatnonzero(
@@ -170,7 +170,7 @@ class Search:
         )
 
     def is_surely_blocked(self):
-        """Return whether the end points are disconnected even if the clearance is reduced by half a cell's diagonal."""
+        """Return whether start and end are disconnected even with a clearance reduced by half a cell diagonal."""
         reach = 0.5 * np.sqrt(3.0) * self.spacing
         near = self.distances >= self.clearance - reach
         pairs = list(self._edges(lambda one, other: near[one] & near[other]))

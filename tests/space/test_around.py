@@ -1,4 +1,4 @@
-"""Tests of planning around obstacles: possible routes, their corridors, and the selection of a route."""
+"""Tests of planning around obstacles: candidate routes, their corridors, and the choice of a route."""
 
 import math
 
@@ -140,7 +140,7 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times follow from constant speed along a polyline whose segments are lengthened by one millimetre."""
+    """The times are those of a constant speed along a polyline whose segments are one millimetre longer."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, FixedTimes((1.0, 3.0, 6.0)))
@@ -161,7 +161,7 @@ GATES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
 def test_a_gate_is_passed_where_it_is_free(gate):
-    """A wall closes the gate except for a gap on the left, in which the centre of mass has 20 cm."""
+    """A wall closes the gate except for a gap on the left, which leaves 20 cm for the centre of mass."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([START, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, HeuristicTiming())
@@ -210,7 +210,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
 
 
 class RecordingRegions(Regions):
-    """Regions that record all instances, all seeds, and the seeds that a region already contained."""
+    """Subclass of `Regions` that records all instances, all seeds, and seeds that an existing region already contains."""
 
     made = []  # noqa: RUF012
 
@@ -244,7 +244,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
 
 
 def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
-    """Routes start from both ends of a leg. Without a corridor, the routes from a waypoint are used for both legs."""
+    """Routes start from both ends of a leg. If there is no corridor, both legs use the routes from the waypoint between them."""
     recorded = []
 
     def lengths_from(grid, places, clearance, inside=None):
@@ -267,7 +267,7 @@ def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(mon
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
-    """Therefore, routes are compared by their snap for the same duration."""
+    """Routes are therefore compared by their snap for the same duration."""
     path = plan_path(PathProblem([START, END], limits=LIMITS), HeuristicTiming())
     slower = plan_path(PathProblem([START, END]), FixedTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
@@ -285,7 +285,7 @@ def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
 
 
 def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
-    """The diagonal is the diagonal of a cell; the 21 points along each axis are the corners of 20 cells."""
+    """The 21 points along each axis are the corners of 20 cells."""
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
@@ -302,7 +302,7 @@ def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
 
 
 def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
-    """A ball fills one side of a sphere. The free points keep the clearance and are in the sphere and the bounds."""
+    """A ball blocks one side of a spherical waypoint. The free points keep the clearance, and lie in the sphere and in the bounds."""
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
@@ -341,7 +341,7 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
 
 
 def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """The gap leaves 1 cm for the centre of mass, between points of the first grid, around one of the second grid.
+    """The gap leaves 1 cm for the centre of mass. It lies between points of the first grid, and contains one of the second.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """
@@ -363,7 +363,7 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
 
 
 def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
-    """A route over a point is at least as long as the straight lines between the point and both ends."""
+    """A route through a point is at least as long as the two straight lines from the point to both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from
 

@@ -1,4 +1,4 @@
-"""Tests of the explanation why there is no route: waypoints that are not connected, and blocking obstacles."""
+"""Tests of the message that explains a missing route: unconnected waypoints and blocking obstacles."""
 
 import pytest
 
@@ -52,14 +52,14 @@ WALLS = {
 
 @pytest.mark.parametrize(("walls", "expected"), WALLS.values(), ids=WALLS)
 def test_the_smallest_sets_of_obstacles_that_block_all_routes_are_named(walls, expected):
-    """All sets of one or of two obstacles are named, but only one larger set."""
+    """All sets of one or two obstacles are named. If only larger sets block the routes, one of them is named."""
     said = explanation_of(walls)
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m (radius 0.07 + ")
     assert expected in said
 
 
 def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
-    """Without the first wall, the remaining gap is 5 cm wide, the spacing of the grid, so a route is not certain."""
+    """If the first wall is removed, the remaining gap is as wide as the grid spacing, 5 cm, so a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explanation_of({"a": wall(0.7), **sides})
     assert said.endswith("without a and left, or without a and right, there would be a way")
@@ -94,7 +94,7 @@ def test_the_blocked_leg_is_named():
 
 
 def test_legs_that_are_open_separately_can_be_blocked_together():
-    """A wall divides the waypoint between the legs. One leg ends in one part, and the next begins in the other part."""
+    """A wall divides the waypoint between two legs. The first leg ends in one part, the second begins in the other."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
@@ -135,7 +135,7 @@ def test_corridors_that_are_blocked_together_are_both_named():
 
 
 def test_bounds_can_block_all_routes_without_obstacles():
-    """The bounds end before the second waypoint, regardless of the obstacles."""
+    """The second waypoint is outside the bounds, so no obstacle is named."""
     said = explanation_of({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
     assert said.endswith("within the bounds of the space")

@@ -43,10 +43,10 @@ def rest_to_rest(length, duration):
 
 @pytest.mark.parametrize("fraction", [0.1, 0.3, 0.5, 0.7, 0.9])
 def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(fraction):
-    """The end of a piece is farthest from the middle of the piece where the path is fastest.
+    """The ends of a piece are farthest from its middle where the path is fastest.
 
-    The path is first cut at the multiples of 1/32 of its duration, so its middle is the end of two pieces. One small
-    ball is there. Another ball is near another piece, and closer to the middle of this piece than the first ball is to
+    The algorithm first cuts the path at multiples of 1/32 of its duration, so two pieces meet in the middle of the
+    path. One small ball is at this point. Another ball is closer to the middle of its piece than the first ball is to
     the middle of any piece.
     """
     path = rest_to_rest(8.0, 4.0)
@@ -83,7 +83,7 @@ def test_an_approach_is_printed_in_one_line():
 
 
 def test_the_distance_of_a_path_at_rest_is_the_distance_of_its_position():
-    """On a path at rest, the middle of a piece is its nearest point."""
+    """On a path at rest, all points of a piece coincide."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     actual = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert actual.distance == pytest.approx(0.75)

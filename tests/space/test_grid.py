@@ -89,7 +89,7 @@ def step_lengths(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
+    """A starting point is connected to all grid points within 1.8 spacings. Steps connect these to the other grid points."""
     grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -107,7 +107,7 @@ def tunnel(room):
     """Return a grid along a straight tunnel with a square section, and the indices of its middle row.
 
     Args:
-        room: distance of the middle row from the walls beyond the clearance, m.
+        room: distance from the middle row to the walls, less the clearance, m.
     """
     clearance = 0.2
     spacing = 0.1
@@ -147,8 +147,8 @@ def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
 def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
     """The thickness of the wall is 1 cm, the spacing 5 cm, and the clearance 1 cm.
 
-    For some offsets, neighbouring points on both sides keep the clearance, so only a check between them detects the
-    wall.
+    Depending on the offset, neighbouring points on both sides of the wall keep the clearance, so only a check between
+    the points detects the wall.
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)

@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them, compared with an enumeration in small mazes of boxes."""
+"""Tests of region chains and passages, by comparison with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -17,7 +17,7 @@ TRANSITION_COST = 0.1
 
 
 class Boxes(Regions):
-    """Regions that are boxes. Growing a region adds a box around the seed."""
+    """Substitute for `Regions` whose regions are boxes. Growing a region adds a box around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -29,7 +29,7 @@ class Boxes(Regions):
 
 
 def shortest_polyline(regions, legs, places, corridors):
-    """Return the length (m) of the shortest polyline with one straight piece in each region of each leg, or None."""
+    """Return the length (m) of the shortest polyline with one straight piece in each region, or None if there is none."""
     program = MathematicalProgram()
     corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
     numbers = [number for leg in legs for number in leg]
@@ -135,7 +135,7 @@ def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridor
 
 
 def test_a_passage_uses_only_candidates():
-    """Without the bottom box, the route leads along the top, which is longer. Without both boxes there is no route."""
+    """If the bottom box is excluded, the route leads along the top, which is longer. If both are excluded, there is no route."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     assert find_passage(regions, [[0, 1, 2, 3]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
     assert find_passage(regions, [[3, 1, 2]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
@@ -143,7 +143,7 @@ def test_a_passage_uses_only_candidates():
 
 
 def test_regions_that_hardly_overlap_are_not_connected():
-    """The intersection of two regions must contain a ball of 1 mm, and so must the part of it inside a corridor."""
+    """The intersection of two regions, and its part inside a corridor, must contain a ball with a radius of 1 mm."""
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
@@ -171,7 +171,7 @@ def test_random_passages_are_feasible(places):
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
-    """Both routes around a square have the same length. If one of them becomes longer, only the other one is drawn."""
+    """Two routes around a square have the same length, and both are drawn. If one becomes longer, only the other is drawn."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
@@ -183,7 +183,7 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
 
 
 def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
-    """Two large boxes contain both ends. The distances from the end to their centres determine which one is used."""
+    """Two large boxes each contain both ends. The distance between an end and a box centre determines which box is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]

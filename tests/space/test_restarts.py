@@ -1,7 +1,8 @@
-"""The planner's regions and passage, compared with the best of many random ones.
+"""Comparison of the planner's regions and passage with the best of many random ones.
 
-The random regions grow around random points instead of the points with the largest clearance, and the passages are
-drawn with random factors of lengths. The planner computes the fastest path through each passage.
+Random regions grow around random points instead of the points with the largest clearance. Random passages are the
+shortest ones after lengths have been multiplied by random factors. The planner computes the fastest path through each
+passage.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Tests that random rooms are planned, or are blocked according to an independent search."""
+"""Tests in random rooms: the planner finds a path, or an independent search confirms that there is none."""
 
 import hashlib
 import os
@@ -54,7 +54,7 @@ def test_a_room_is_planned_or_blocked(seed):
 
 
 def walled(*solids):
-    """Return a room that is divided by a wall of cuboids, given by centre and size."""
+    """Return a room that a wall divides. The wall consists of cuboids, given by centre and size."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
     return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))

@@ -106,9 +106,9 @@ def test_all_obstacles_that_must_be_removed_are_named():
 
 
 def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
-    """Faces are shifted outward and inward by the clearance, and rounding errors can move them inside the bounds.
+    """Shifting faces outwards and inwards by the clearance causes rounding errors, which can move them inside the bounds.
 
-    If a region did not contain its seed, the search would grow regions around it indefinitely.
+    If a region did not contain its seed, the search would grow regions around this seed indefinitely.
     """
     random = np.random.default_rng(0)
     for _ in range(20):
@@ -132,7 +132,7 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
 
 
 def test_a_free_seed_is_always_in_its_region():
-    """Later iterations of IRIS can lose a seed in a corner between obstacles. Then only one iteration is used."""
+    """Later IRIS iterations can lose a seed in a corner between obstacles. In this case only one iteration is used."""
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
@@ -157,7 +157,7 @@ class SmallRegions(Regions):
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
 def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
-    """Growth ends when at most 5 % of the points, if there are at least 20, are uncovered, or with 40 regions."""
+    """Growth ends at 40 regions, or when at most 5 % of the points are uncovered, for 20 points or more."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
     regions = SmallRegions()

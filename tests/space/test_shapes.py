@@ -61,7 +61,7 @@ def test_the_distance_outside_is_the_distance_to_the_projection(shape):
 
 @each_shape
 def test_inside_the_largest_ball_touches_the_surface(shape):
-    """The expected distance follows from the support function of the corners along the normals of the triangles."""
+    """The expected distance is computed from the support function of the corners along the triangle normals."""
     corners = shape.triangles().reshape(-1, 3)
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -225,7 +225,7 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
 
 @pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
 def test_a_hull_is_the_same_far_from_the_origin(away):
-    """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
+    """At a distance of 10,000 km from the origin, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
     points = points_around(hull, 300)
     far = convex_hull(np.array(hull.corners) + away)

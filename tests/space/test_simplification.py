@@ -21,11 +21,11 @@ def sphere(count, seed=0):
 
 
 def drone(corners_per_disc, more=0):
-    """Return the points of a frame with four rotor guards and a dome.
+    """Return the vertices of a drone: a frame with four rotor guards and a dome.
 
     Args:
         corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
-        more: number of corners of the dome.
+        more: number of vertices on the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
     arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
@@ -151,7 +151,7 @@ def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
 
 
 def test_directions_are_unit_vectors_that_are_spread_evenly():
-    """If n points are spread evenly, each has an area of 4 π / n, and none is far from its neighbours."""
+    """For n evenly spread points, each covers an area of 4 π / n, and none is far from its neighbours."""
     for count in (50, 500):
         directions = simplification._directions(count)
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
@@ -163,7 +163,7 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
 
 
 def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_to_their_span():
-    """The distance is right for any size and position."""
+    """This holds for any size and position of the corners."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (

@@ -20,7 +20,7 @@ class AccelerationAction(Action):
     """Acceleration action, which thrust vectoring converts to thrust and attitude."""
 
     kind: Literal["acceleration"]
-    # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
+    # The default is several times the acceleration of the figure eight (0.7 m/s²). The reserve is for gusts and for
     # flights that begin off the path.
     max_acceleration: FixedPositives = Field(
         default=(5.0, 5.0, 5.0), description="acceleration that an action of 1 commands (m/s²)"

@@ -38,7 +38,7 @@ from drake_quad.vehicle.autopilot import (
 )
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Uncalibrated gyroscopes have a bias of 20 °/s, 0.35 rad/s, and less noise.
+# Uncalibrated gyroscopes have a bias of up to 20 °/s, or 0.35 rad/s, and less noise.
 _PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 
 
@@ -62,8 +62,8 @@ class AttitudeAutopilotSettings(Autopilot):
 
     command: ClassVar = "attitude_target"
     accepts: ClassVar = ("attitude", "rates")
-    # The MAVLink message SET_ATTITUDE_TARGET contains body rates, which follow from the jerk, but no angular
-    # accelerations, which would follow from the snap.
+    # The MAVLink message SET_ATTITUDE_TARGET contains body rates, which are computed from the jerk. It does not contain
+    # angular accelerations, which would be computed from the snap.
     feeds_forward: ClassVar = ("none", "acceleration", "jerk")
     noise_free: ClassVar = {"gyroscope_noise": 0.0, "attitude_noise": 0.0}
     bias_free: ClassVar = {"gyroscope_bias": (0.0, 0.0, 0.0)}

@@ -95,7 +95,7 @@ class Axis(Model):
                 magnitudes.
         """
         try:
-            # A warning of SciPy either precedes an error or does not matter.
+            # SciPy's warnings are ignored. A serious one is followed by an error.
             with np.errstate(all="ignore"), without_warnings():
                 noise = np.array(self._noise(gravity))
                 return axis_loop(self.model(), times, noise=noise, command_weight=self.command_weight)
@@ -187,7 +187,7 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
-    # Names of fields that apply only to torques over the link.
+    # Names of fields that have an effect only if the link carries torques.
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
@@ -240,7 +240,7 @@ class LqgControl(Control):
 
     def _parameters(self, setting: ControlSetting) -> LqgParameters:
         times, nominal = self.timing(setting.frame, setting.tick), setting.nominal
-        # A command acts for one tick. The feed-forward is computed for the middle of this tick.
+        # A command acts for one tick, so the feed-forward is computed for the middle of the tick.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(nominal)
         thrust = ThrustParameters(nominal.mass, nominal.gravity, *limits, lead + self.vertical.lag)

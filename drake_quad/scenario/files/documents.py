@@ -57,8 +57,8 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
 class _Reader(Composer):
     """Reader of one document, which converts text to nodes, and nodes to trees.
 
-    Reading stops at the first name or value beyond a limit, and the rest of the text is not parsed. The content of an
-    alias counts each time that the alias occurs, since it may contain further aliases, or itself.
+    Reading stops at the first node beyond a limit, and the rest of the text is not parsed. The content of an alias
+    counts each time that the alias occurs, since the content may include further aliases or the alias itself.
     """
 
     def __init__(self, source: str, numbered: bool, max_nodes: int) -> None:
@@ -125,7 +125,7 @@ class _Reader(Composer):
             if key in seen:
                 raise InputError(f"{mark}: {short_repr(key)} is already given at {seen[key]}")
             seen[key] = mark
-            # Messages about a field refer to the line of its name, not to the first line of its value.
+            # Messages about a field refer to the line of its key, not to the first line of its value.
             yield key, Tree(self._tree(value_node).value, mark)
 
     def _scalar(self, node: Any) -> Any:

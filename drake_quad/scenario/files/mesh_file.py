@@ -1,4 +1,4 @@
-"""Reading of the corners of a mesh from an .obj or .stl file."""
+"""Reading of mesh vertices from an .obj or .stl file."""
 
 import codecs
 import warnings
@@ -15,7 +15,7 @@ from drake_quad.scenario.limits import MAX_CORNERS
 from drake_quad.space.simplification import simplified_hull
 
 _MAX_MESH_BYTES = 50_000_000
-# Header of a binary .stl file: 80 bytes and the number of triangles. Each triangle has 12 numbers and 2 further bytes.
+# Header of a binary .stl file: 80 bytes, then the number of triangles. Each triangle has 12 numbers and 2 more bytes.
 _STL_HEADER_BYTES = 84
 _ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
 _CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
@@ -47,9 +47,9 @@ _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("at
 
 
 def mesh_points(path: Path) -> Tree:
-    """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the axes and units of the mesh.
+    """Read the vertices of a mesh's convex hull as an obstacle's list `points`, in axes and units of the file.
 
-    A hull with too many corners is replaced by a simpler hull around it, see `simplified_hull`, with a warning.
+    If the hull has too many vertices, a simpler hull that encloses it is used, with a warning; see `simplified_hull`.
 
     Args:
         path: path of a Wavefront .obj file, or of a text or binary .stl file.
@@ -81,7 +81,7 @@ def mesh_points(path: Path) -> Tree:
 
 
 def _other_format_flaw(beginning: bytes) -> str:
-    """Return an error message for a file whose first bytes identify another known format; empty otherwise."""
+    """Return an error message if the first bytes of a file identify another known format; empty otherwise."""
     flaws = [flaw for start, flaw in _FLAWS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
         flaws += [flaw for element, flaw in _FLAWS_BY_ELEMENT.items() if element in beginning]
@@ -95,7 +95,7 @@ def _obj_vertices(data: bytes) -> np.ndarray:
 
 
 def _stl_vertices(data: bytes) -> np.ndarray:
-    """Return the vertices (n, 3) of a binary or text .stl file; in a text file they follow the keyword `vertex`."""
+    """Return the vertices (n, 3) of a binary .stl file, or of a text file in which they follow the keyword `vertex`."""
     if len(data) >= _STL_HEADER_BYTES and len(data) == _STL_HEADER_BYTES + _STL_TRIANGLE.itemsize * int.from_bytes(
         data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES], "little"
     ):

@@ -1,4 +1,4 @@
-"""Metrics that combine the values of a scalar signal over time, with a kind for each rule."""
+"""Metrics that combine the values of a scalar signal over time. Each rule has its own kind."""
 
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ _DESCRIPTIONS = {
 
 
 class SignalMetric(MetricSettings):
-    """Values of a scalar signal, combined over time."""
+    """Metric that combines the values of a scalar signal over time."""
 
     of: str = Field(description="derived signal, or row of a signal such as `state.z`")
 

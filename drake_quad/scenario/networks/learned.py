@@ -51,5 +51,5 @@ class LearnedNetwork(Model):
 
 
 def or_file(schema: dict[str, Any]) -> None:
-    """Allow the name of a file in the JSON schema of a field whose content is read from the file."""
+    """Allow a file name in the JSON schema of a field, since its content can be read from a file."""
     schema["anyOf"].insert(0, {"type": "string"})

@@ -47,13 +47,13 @@ class DenseLayer(Model):
         return self.outputs * (self.inputs + 1)
 
     def layer(self, numbers: np.ndarray) -> Dense:
-        """Return the layer with given numbers: the rows of W one after another, then b."""
+        """Return the layer, given its numbers in this order: the rows of W, then b."""
         weights, biases = np.split(numbers, [self.outputs * self.inputs])
         return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation, self.alpha)
 
 
 class GruLayer(Model):
-    """Gated recurrent units whose reset gate is applied after the product of weights and hidden state."""
+    """Gated recurrent units. The reset gate multiplies the product of weights and hidden state."""
 
     kind: Literal["gru"]
     inputs: Rows = Field(description="number of input rows")
@@ -61,14 +61,14 @@ class GruLayer(Model):
 
     @property
     def num_numbers(self) -> int:
-        """Number of weights and biases, and of the rows of the initial hidden state."""
+        """Number of weights, biases and elements of the initial hidden state."""
         return 3 * self.outputs * (self.inputs + self.outputs + 2) + self.outputs
 
     def layer(self, numbers: np.ndarray) -> Gru:
-        """Return the layer with given numbers: W, b, U, c and then the initial hidden state.
+        """Return the layer, given its numbers in this order: W, b, U, c and the initial hidden state.
 
-        W and b belong to the input, U and c to the hidden state. Each consists of the numbers of the reset gate, the
-        update gate and the new gate, in this order.
+        W and b belong to the input, U and c to the hidden state. Each is stacked in the order reset gate, update gate,
+        new gate.
         """
         gates = 3 * self.outputs
         ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
@@ -103,11 +103,11 @@ class TrainedNetwork(Model):
 
     @classmethod
     def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **preprocessing: Any) -> "TrainedNetwork":
-        """Return a network with given numbers, stored in single precision if that is exact.
+        """Return a network with given weights and biases, stored in single precision if that is exact.
 
         Args:
             layers: value of the field `layers`.
-            numbers: numbers of all layers, one layer after another.
+            numbers: weights, biases and initial hidden states of all layers, one layer after another.
             preprocessing: `offset`, `scale` and `limit`, if given.
         """
         with np.errstate(over="ignore"):  # numbers that overflow become infinite, so the comparison fails

@@ -1,4 +1,4 @@
-"""Trajectory of the scenario language, given by knots or by polynomials."""
+"""Trajectory given by knots or polynomials, in the scenario language."""
 
 import itertools
 from typing import Annotated, Literal
@@ -26,7 +26,7 @@ _JOINT = np.array([1.0, 0.0])
 
 
 class Knot(Model):
-    """Position and derivatives of a trajectory at one time."""
+    """Position and its derivatives at one time of a trajectory."""
 
     time: FixedMoment = Field(description="time of the knot (s)")
     position: Point = Field(description="position in W (m)")
@@ -36,7 +36,7 @@ class Knot(Model):
 
 
 class YawKnot(Model):
-    """Yaw of a trajectory at one time."""
+    """Yaw and its rate at one time of a trajectory."""
 
     time: FixedMoment = Field(description="time of the knot (s)")
     yaw: Real = Field(description="yaw (rad)")
@@ -59,14 +59,14 @@ class Piece(Model):
     )
 
     def row(self) -> list[float]:
-        """Return the row of a table of pieces, see `drake_quad.reference.pieces`."""
+        """Return the piece as a table row; see `drake_quad.reference.pieces`."""
         padded = [(*part, *[0.0] * (POWERS - len(part))) for part in (self.x, self.y, self.z, self.yaw)]
         return [self.duration, *itertools.chain(*padded)]
 
 
 @ROUTES.member
 class TrajectoryRoute(MissionRoute):
-    """A given trajectory: by knots, as `drake-quad plan` writes it, or by polynomials, as in files of Crazyswarm2.
+    """A trajectory given by knots, as written by `drake-quad plan`, or by polynomials, as in Crazyswarm2 files.
 
     Between knots, the position is a polynomial of degree 7. Between yaw knots, the yaw is a polynomial of degree 3.
     """
@@ -105,7 +105,7 @@ class TrajectoryRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _in_radians(self) -> "TrajectoryRoute":
-        """Raise an error if a constant yaw must have been given in degrees; a varying yaw may have any magnitude."""
+        """Raise an error if a constant yaw was apparently given in degrees. A varying yaw may have any magnitude."""
         pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
         yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
         turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
@@ -134,7 +134,7 @@ class TrajectoryRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _joined(self) -> "TrajectoryRoute":
-        """Raise an error if position, velocity or yaw jump between pieces; whole turns of the yaw are allowed."""
+        """Raise an error if position, velocity or yaw jump between pieces. Yaw jumps by whole turns are allowed."""
         if self.pieces is None:
             return self
         plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))

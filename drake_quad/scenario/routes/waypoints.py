@@ -37,7 +37,7 @@ _HALF_TURN = math.pi + 1e-6
 
 
 class Waypoint(Model):
-    """Point or region to pass, optionally with given derivatives; [x, y, z] is short for a point."""
+    """Point or region to pass, optionally with given derivatives. [x, y, z] is an abbreviation for a point."""
 
     point: Position | None = Field(default=None, description="point to pass, in W (m)")
     box: BoxRegion | None = Field(default=None, description="box through which the path must pass")
@@ -140,7 +140,7 @@ class WaypointRoute(MovingRoute):
         return self
 
     def _check_yaws(self) -> None:
-        """Raise an error if the yaws must have been given in degrees; continuous turns are allowed."""
+        """Raise an error if the yaws were apparently given in degrees. Successive full turns are allowed."""
         before = 0.0
         for i, waypoint in enumerate(self.waypoints):
             if waypoint.yaw is None:
@@ -183,14 +183,14 @@ class WaypointRoute(MovingRoute):
         return self
 
     def known_end(self) -> KnownEnd:
-        """Return the field that sets the end time of the route, and this time, s; None if only planning yields it."""
+        """Return the field that sets the end time of the route, and this time (s), or None if it must be planned."""
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:
-        """Return the planning problem of a number of laps, for a route without distributions.
+        """Return the planning problem for a number of laps. The route must not contain distributions.
 
         Raises:
-            InputError: if no path can satisfy the constraints, for any times.
+            InputError: if no path can satisfy the constraints, whatever its times.
         """
         waypoints = [*self.waypoints, *self.waypoints[1:] * (laps - 1)]
         derivatives = rest_at_ends(len(waypoints), 3)
@@ -208,7 +208,7 @@ class WaypointRoute(MovingRoute):
         )
 
     def _corridors(self) -> list[Corridor | None]:
-        """Return the intersection of corridor and space for each segment; None for a segment without either."""
+        """Return the intersection of corridor and space for each segment, or None for a segment with neither."""
         corridor_settings = self.corridors or (None,) * (len(self.waypoints) - 1)
         corridors = [None if corridor is None else corridor.region() for corridor in corridor_settings]
         if self.space is None:
@@ -232,15 +232,15 @@ class WaypointRoute(MovingRoute):
         return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
     def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
-        """Return the times (waypoints,) at which the waypoints are passed, s."""
+        """Return the times at which the path passes the waypoints, (waypoints,) in s."""
         flown_path = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), flown_path)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
-        """Return the path, the start and end times of its laps, s, and its way around obstacles.
+        """Return the path, the start and end times of its laps (s), and its route around obstacles.
 
-        The times are empty for a single lap. The way is None if there are no obstacles. If the method chooses the times
-        of several laps, it plans three laps, and the middle one is repeated.
+        The times are empty for a single lap. The route around obstacles is None if there are none. If the method
+        chooses the times of several laps, it plans three laps, and the middle one is repeated.
 
         Raises:
             InputError: if no path exists or none is found.
@@ -275,7 +275,7 @@ class WaypointRoute(MovingRoute):
         return all_laps.scaled_in_time(factor), tuple([factor * time for time in laps]), None
 
     def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
-        """Return a path with the clearance of a space and within its bounds, and its way around obstacles.
+        """Return a path that keeps the clearance and the bounds of a space, and its route around obstacles.
 
         Raises:
             InputError: if no path exists or none is found.

@@ -58,11 +58,11 @@ class FanSource(WindSource):
         return self.jets()[0].exit_speed
 
     def without_turbulence(self) -> WindSource | None:
-        """Return the fan with a jet without turbulence."""
+        """Return the same fan with a jet that is not turbulent."""
         return self.model_copy(update={"turbulence": 0.0})
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the wind of only this fan."""
+        """Return the recipe for the wind of this fan alone."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod
