@@ -6,12 +6,12 @@ from drake_quad.scenario.models import Mission, Nominal
 from drake_quad.vehicle.motors import mean_thrust_factor, speed_range_of_throttles
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-_DEFAULTS = QuadrotorParameters._field_defaults
+_DEFAULT_VALUES = QuadrotorParameters._field_defaults
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """Return the parameters of the nominal vehicle, without drag and with the centre of mass at the layout's origin."""
-    unknown = {name: value for name, value in _DEFAULTS.items() if name not in Nominal.model_fields}
+    unknown = {name: value for name, value in _DEFAULT_VALUES.items() if name not in Nominal.model_fields}
     return record_like(QuadrotorParameters, mission.nominal, **unknown | {"rotors": rotors_of(mission.nominal)})
 
 

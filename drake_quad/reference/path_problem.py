@@ -230,7 +230,9 @@ class PathProblem:
             program.AddLorentzConeConstraint(rows, np.zeros(axes + 1), np.concatenate([length, *pair]))
         result = ClarabelSolver().Solve(program)
         if not result.is_success():
-            raise InputError("no point was found for each waypoint: the waypoints and corridors leave too little room")
+            raise InputError(
+                "no feasible point was found for each waypoint: waypoints and corridors leave too little space"
+            )
         solution = result.GetSolution(points)
         return np.array(
             [solution[i] if (room := self.room(i)) is None else room.nearest(solution[i]) for i in range(len(solution))]

@@ -84,7 +84,7 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
                 )
             return minimum_snap_path(without_repeats(problem), duration)
     if not isinstance(timing, HeuristicTiming | MinimumTimeTiming):
-        raise TypeError(f"{timing!r} is not a GivenTimes, Heuristic, LeastSnap or Shortest")
+        raise TypeError(f"{timing!r} is not a FixedTimes, HeuristicTiming, MinimumSnapTiming or MinimumTimeTiming")
     if not problem.limits.by_order:
         raise InputError("the total time cannot be chosen without limits; give a limit on the speed or acceleration")
     shorten = isinstance(timing, MinimumTimeTiming)

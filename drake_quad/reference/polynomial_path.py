@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 # Number of intervals into which a segment is divided to find peaks. A polynomial of low degree has at most one relevant
 # peak in each interval.
 NUM_CELLS = 48
-_SAMPLES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
+_CELL_EDGES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
 # Number of bisections that locate a peak. The error in the peak value is quadratic in the error of its position, so
 # only rounding errors remain.
 _NUM_BISECTIONS = 16
@@ -191,7 +191,7 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
     def derivative(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.einsum("nk,nk->n", power_basis(0, s, 2 * powers - 2), derivatives[segment])
 
-    segment, s = _find_maxima(derivatives @ power_basis(0, _SAMPLES, 2 * powers - 2).T, derivative)
+    segment, s = _find_maxima(derivatives @ power_basis(0, _CELL_EDGES, 2 * powers - 2).T, derivative)
     segments_in_order = np.arange(len(components))
     segment = np.concatenate([segment, segments_in_order, segments_in_order])
     s = np.concatenate([s, np.zeros(len(segments_in_order)), np.ones(len(segments_in_order))])
@@ -230,7 +230,7 @@ def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     def derivative(row: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.einsum("nk,nk->n", power_basis(1, s, powers), rows[row])
 
-    row, s = _find_maxima(rows @ power_basis(1, _SAMPLES, powers).T, derivative)
+    row, s = _find_maxima(rows @ power_basis(1, _CELL_EDGES, powers).T, derivative)
     return row, s, np.einsum("nk,nk->n", power_basis(0, s, powers), rows[row])
 
 
@@ -244,7 +244,7 @@ def _find_maxima(
         derivative: function that returns derivatives for rows and arguments.
     """
     row, sample = np.nonzero((derivatives[:, :-1] > 0.0) & (derivatives[:, 1:] <= 0.0))
-    low, high = _SAMPLES[sample], _SAMPLES[sample + 1]
+    low, high = _CELL_EDGES[sample], _CELL_EDGES[sample + 1]
     for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (low + high)
         rising = derivative(row, middle) > 0.0

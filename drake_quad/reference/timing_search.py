@@ -16,7 +16,7 @@ from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch
 from drake_quad.reference.time_optimization import minimum_snap_durations, minimum_time_durations
 from drake_quad.reference.walls import wall_approaches
 
-# Cost that the search minimises.
+# Key function for the comparison of paths by duration.
 _DURATION = attrgetter("duration")
 # Arbitrary limits that determine the ratios between durations if a problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
@@ -216,7 +216,8 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
             break
     if not paths:
         raise InputError(
-            f"no times were found; for a flight that stops everywhere, {explain_infeasibility(problem, stopping)}"
+            "no times were found; for a flight that stops at every waypoint,"
+            f" {explain_infeasibility(problem, stopping)}"
         )
     return min(paths, key=_DURATION)
 

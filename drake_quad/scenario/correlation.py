@@ -182,7 +182,9 @@ def correlated_normals(
     deviation = checked_deviations(names, mean, covariance)
     correlation = covariance / np.outer(deviation, deviation)
     if len(names) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(names):
-        raise InputError("the covariance matrix is not positive semidefinite, so no random numbers have it")
+        raise InputError(
+            "the covariance matrix is not positive semidefinite, so it cannot be the covariance of random numbers"
+        )
     weights = _weights(correlation)
     result: dict[str, dict[str, Any]] = {}
     for name, centre, spread, row in zip(names, mean, deviation, weights, strict=True):

@@ -64,7 +64,7 @@ class _Alternating(RotorLayout):
     is_paired: ClassVar = True
     has_sides: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
-    # Ratio of length and width to the arm length.
+    # Length and width, relative to the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")

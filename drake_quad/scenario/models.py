@@ -83,22 +83,22 @@ from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Pattern of the name of a scenario, which also names folders and files.
+# Pattern for the name of a scenario, which is also used for folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
-_PAPER = QuadrotorParameters()
-_ROTOR = _PAPER.rotors.rotor_1
-# Largest relative difference between an arm length and the arms that follow from the distances of a layout. Data sheets
+_PAPER_VEHICLE = QuadrotorParameters()
+_PAPER_ROTOR = _PAPER_VEHICLE.rotors.rotor_1
+# Largest relative difference between a given arm length and the arms computed from a layout's distances. Data sheets
 # give two or three digits.
 _ARM_TOLERANCE = 0.01
-# Largest plausible mass: five times that of the heaviest vehicles for which the language is meant.
+# Largest plausible mass: 100 kg, five times the mass of the heaviest vehicles for which the language is intended.
 _PLAUSIBLE_MASS = not_in_grams(upper=100.0)
-# Gravity is smallest on the Moon, 1.62 m/s², among the places where a quadrotor may be simulated.
+# The smallest plausible gravity is that of the Moon, 1.62 m/s².
 _PLAUSIBLE_GRAVITY = not_in_g(lower=1.5, upper=30.0)
-# The 31 mm propellers of a 20 g vehicle reach 50,000 rpm, 5,236 rad/s. Larger propellers are slower.
+# The 31 mm propellers of a 20 g vehicle reach 50,000 rpm (5,236 rad/s). Larger propellers are slower.
 _PLAUSIBLE_ROTOR_SPEED = not_in_rpm(upper=6000.0)
-# Offset of the centre of mass. The largest vehicles have arms of less than 1 m.
+# Largest plausible offset of the centre of mass. The arms of the largest vehicles are shorter than 1 m.
 _PLAUSIBLE_OFFSET = not_in_millimetres(upper=0.5)
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
@@ -107,25 +107,27 @@ _NonNegative = TypeVar("_NonNegative")
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """Airframe of a vehicle. The defaults are from the paper's Table I where it gives a value."""
 
-    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER, "mass", "mass m")
+    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER_VEHICLE, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
-        _PAPER, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
+        _PAPER_VEHICLE, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "moment of inertia J_r of a rotor")
-    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "thrust factor b of a rotor")
-    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "drag factor d of a rotor")
+    rotor_inertia: _NonNegative = field_of(_PAPER_VEHICLE, "rotor_inertia", "moment of inertia J_r of a rotor")
+    thrust_factor: _Positive = field_of(_PAPER_ROTOR, "thrust_factor", "thrust factor b of a rotor")
+    drag_factor: _Positive = field_of(_PAPER_ROTOR, "drag_factor", "drag factor d of a rotor")
     arm_length: Annotated[_Positive, PLAUSIBLE_SIZE] = field_of(
-        _ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
+        _PAPER_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
     )
     layout: Layout = Field(
         default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
     )
-    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(_PAPER, "gravity", "gravitational acceleration g")
+    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(
+        _PAPER_VEHICLE, "gravity", "gravitational acceleration g"
+    )
     min_rotor_speed: Annotated[_NonNegative, _PLAUSIBLE_ROTOR_SPEED] = field_of(
-        _PAPER, "min_rotor_speed", "idle speed of the rotors"
+        _PAPER_VEHICLE, "min_rotor_speed", "idle speed of the rotors"
     )
     max_rotor_speed: Annotated[_Positive, _PLAUSIBLE_ROTOR_SPEED] = field_of(
-        _PAPER, "max_rotor_speed", "top speed of the rotors"
+        _PAPER_VEHICLE, "max_rotor_speed", "top speed of the rotors"
     )
 
     @model_serializer(mode="wrap")
@@ -155,7 +157,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         written: Any = self.arm_length
         if not isinstance(written, float):
             raise self.field_error("must be left out, since the layout has distances", "arm_length")
-        # The arms of a layout with distributions are not definite, so no arm length can contradict them.
+        # If the distances of a layout are random, no arm length can contradict them.
         if distributions_in(self.layout):
             return
         shortest, longest = arms_of(self)
@@ -206,10 +208,10 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0),
         description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
     )
-    linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
-    quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
+    linear_drag: NonNegative = field_of(_PAPER_VEHICLE, "linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = field_of(_PAPER_VEHICLE, "quadratic_drag", "drag force over squared airspeed")
     rotor_time_constant: Annotated[Span, PLAUSIBLE_LAG] = field_of(
-        _PAPER, "rotor_time_constant", "time constant of the rotor speed"
+        _PAPER_VEHICLE, "rotor_time_constant", "time constant of the rotor speed"
     )
     rotor_time_constant_down: Annotated[Span | None, PLAUSIBLE_LAG] = Field(
         default=None,
@@ -322,10 +324,10 @@ class Laboratory(Model):
         }
 
 
-# Pattern of the name of an additional metric, and names of the other columns of studies.
+# Pattern for the name of an additional metric.
 _METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
-_MAX_NOISE_PERIODS = 1000  # each period adds operations to every random number
-_TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
+_MAX_NOISE_PERIODS = 1000  # limited because each period adds operations to the drawing of every random number
+_RESERVED_COLUMN_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
 
 
 def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
@@ -379,7 +381,7 @@ class MetricWindow(Model):
     @field_validator("additional")
     @classmethod
     def _with_new_names(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
-        _check_metric_names(additional, _TAKEN_METRIC_NAMES)
+        _check_metric_names(additional, _RESERVED_COLUMN_NAMES)
         return additional
 
     @model_validator(mode="after")
@@ -409,7 +411,7 @@ class Crash(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as a crash height too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
-        # A user lowers the limit below its default to disable it, so such a value is not reported.
+        # Users disable the limit by lowering it below its default, so such a value is not reported.
         is_strict = self.height > type(self).model_fields["height"].default
         if is_strict and self.height < flight.lowest_height - self.position_error:
             yield InactiveSetting(
@@ -440,7 +442,7 @@ class Mission(Model):
         """
         if self.space is None:
             return None
-        # The centre of mass of the nominal vehicle is at the origin of the layout of its rotors.
+        # The nominal vehicle's centre of mass is at the origin of its rotor layout.
         farthest = max(math.sqrt(r.x**2 + r.y**2 + r.z**2) for r in rotors_of(self.nominal))
         return self.space.room(farthest, tracking_error)
 
@@ -573,7 +575,7 @@ class Scenario(Mission):
     @classmethod
     def _with_new_names(cls, specified: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
         metrics = info.data.get("metrics")
-        taken = (*_TAKEN_METRIC_NAMES, *(() if metrics is None else metrics.additional))
+        taken = (*_RESERVED_COLUMN_NAMES, *(() if metrics is None else metrics.additional))
         _check_metric_names(specified, taken)
         return specified
 

@@ -31,7 +31,7 @@ from drake_quad.scenario.quantities import (
     max_ticks,
 )
 
-# Markers are aligned by eye at least, within 20 degrees.
+# Even markers aligned by eye are aligned to within 20 degrees.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 

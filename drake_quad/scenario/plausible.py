@@ -41,7 +41,7 @@ class Plausible:
             period: tick period of the mapping that contains the field, s. Delays are counted in these ticks.
         """
         numbers = [*numbers_in(value)]
-        # The smallness of numbers is not checked in distributions, since a standard deviation may be small.
+        # The lower limit is not applied to distributions, since a standard deviation may be small.
         small = [number for number in numbers if isinstance(value, float) and abs(number) < self.lower]
         wrong = [*small, *(number for number in numbers if abs(number) > self.upper)]
         return self._clause(wrong[0]) if wrong else ""

@@ -6,19 +6,19 @@ from typing import Any
 
 from drake_quad.scenario.layouts import arms_of, rotors_of
 
-# Largest plausible ratio of the thrust of all rotors to the weight. Racing quadrotors have about 15.
+# Largest plausible ratio of total thrust to weight. Racing quadrotors have about 15.
 _MAX_THRUST_RATIO = 30.0
-# Plausible ratios of a radius of gyration to the arm length. A vehicle whose whole mass is at the ends of the arms has
-# 1 about the vertical axis; the shipped vehicles have 0.3 to 0.8.
+# Range of plausible ratios between a radius of gyration and the arm length. The ratio about the vertical axis is 1 if
+# the whole mass is at the ends of the arms. The shipped vehicles have 0.3 to 0.8.
 _GYRATION_RATIOS = (0.1, 3.0)
 _TYPICAL_GYRATION_RATIO = 0.5
-# Plausible ratios of the drag factor to the thrust factor, m. The shipped vehicles have 8 to 17 % of the diameter of
-# their propellers, and propellers have diameters of 30 mm to 0.8 m.
+# Range of plausible ratios between drag factor and thrust factor, m. The ratio is 8 to 17 % of the propeller diameter
+# for the shipped vehicles, and propellers have diameters of 30 mm to 0.8 m.
 _DRAG_RATIOS = (3e-4, 0.3)
-# Largest plausible ratio of the moment of inertia of a rotor to that of the vehicle about the vertical axis.
+# Largest plausible ratio between a rotor's moment of inertia and that of the vehicle about the vertical axis.
 _MAX_ROTOR_INERTIA_RATIO = 0.5
-_RPM = math.tau / 60.0  # rad/s
-# Other units of moments of inertia, kg m².
+_RPM = math.tau / 60.0  # one revolution per minute, rad/s
+# Other units in which a moment of inertia may have been given, in kg m².
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 
 

@@ -197,27 +197,27 @@ Number = NumberOrDistribution
 Positive = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_MAGNITUDE)]
 NonNegative = Annotated[NumberOrDistribution, bounds(ge=0.0)]
 Probability = Annotated[NumberOrDistribution, bounds(ge=0.0, le=1.0, is_fraction=True)]
-# Relative error of a quantity. Above -1, so that the quantity does not change its sign.
+# Relative error of a quantity. It must be above -1, so that the quantity keeps its sign.
 RelativeError = Annotated[NumberOrDistribution, bounds(gt=-1.0)]
-# Delay in whole periods. Fifty periods of the control link are one second by default.
+# Delay in whole periods. By default, fifty periods of the command link are one second.
 Ticks = Annotated[NumberOrDistribution, integer_bounds(ge=0, le=50), PLAUSIBLE_DELAY]
 # Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounds(ge=0.0, le=MAX_DURATION)]
 Span = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_DURATION, le=MAX_DURATION)]
-# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
+# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is inverted.
 TWO_TURNS = 4.0 * math.pi
-_UPRIGHT = 0.5 * math.pi
+_RIGHT_ANGLE = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
 _Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]
 Misalignment = Annotated[tuple[_Misalignment, _Misalignment, _Misalignment], Field(strict=False)]
-AngleNoise = Annotated[NonNegative, radians(_UPRIGHT)]
-Tilt = Annotated[NumberOrDistribution, bounds(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+AngleNoise = Annotated[NonNegative, radians(_RIGHT_ANGLE)]
+Tilt = Annotated[NumberOrDistribution, bounds(gt=0.0, lt=_RIGHT_ANGLE), radians(_RIGHT_ANGLE)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# Types of the same quantities without distributions.
+# Types of the same quantities that do not allow distributions.
 FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
 FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
 FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]
@@ -227,10 +227,10 @@ FixedSpans = Annotated[tuple[FixedSpan, FixedSpan, FixedSpan], Field(strict=Fals
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
 FixedDirection = Annotated[Real, radians(TWO_TURNS)]
 FixedDirections = Annotated[tuple[FixedDirection, FixedDirection, FixedDirection], Field(strict=False)]
-FixedAngleNoise = Annotated[FixedPositive, radians(_UPRIGHT)]
-FixedTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+FixedAngleNoise = Annotated[FixedPositive, radians(_RIGHT_ANGLE)]
+FixedTilt = Annotated[float, Field(gt=0.0, lt=_RIGHT_ANGLE), radians(_RIGHT_ANGLE)]
 HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
-# Period of cameras, control or integration, s. No vehicle can be flown with less than one tick per second.
+# Period of cameras, control or integration, s. No vehicle can be flown with fewer than one tick per second.
 Period = Annotated[float, Field(ge=MIN_DURATION, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
 

@@ -12,7 +12,7 @@ from drake_quad.scenario.distributions import Model, omits_defaults, validation_
 from drake_quad.scenario.quantities import FixedPositive, Point
 
 _MAX_FACES = 100  # largest number of half-spaces of a corridor
-_MIN_NORMAL = 1e-9  # the direction of a shorter normal is undefined
+_MIN_NORMAL = 1e-9  # smallest length of a normal; the direction of a shorter one is undefined
 
 
 def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:

@@ -45,7 +45,7 @@ class Condition(Model):
             raise validation_error("must have exactly one of signal, all and any")
         bounded = self.above is not None or self.below is not None
         if bounded != (self.signal is not None):
-            raise validation_error("must have a bound, above or below, if it has a signal, and only then")
+            raise validation_error("must have a bound, above or below, if and only if it has a signal")
         if self.above is not None and self.below is not None and not self.above < self.below:
             raise self.field_error(f"must be larger than above, {self.above}", "below")
         if len(units := self.units()) > 1:

@@ -17,8 +17,8 @@ from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, convex_hull, transformed_points
 from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
 
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# Names that obstacles must not have, since these keys of a mapping have a special meaning when layers are merged.
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
+# Names that obstacles must not have, since these keys have a special meaning when layers are merged.
 _RESERVED_NAMES = ("kind", *DISTRIBUTIONS)
 
 
@@ -139,7 +139,7 @@ class SpaceSettings(Model):
         if len(obstacles) > MAX_OBSTACLES:
             raise validation_error(f"must have at most {MAX_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
-            if not _NAME.fullmatch(str(name)) or name in _RESERVED_NAMES:
+            if not _NAME_PATTERN.fullmatch(str(name)) or name in _RESERVED_NAMES:
                 demand = "the name of an obstacle must consist of letters, digits, '_' and '-', and not be one of "
                 raise validation_error(demand + ", ".join(_RESERVED_NAMES), path=(shorten_text(str(name)),))
         return obstacles

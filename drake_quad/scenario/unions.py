@@ -144,7 +144,7 @@ class OpenFields(_Members):
                     default=None,
                     description=member.description,
                 )
-                # Instances that were created before the member was registered lack the field.
+                # Instances that are older than the registration lack the field.
                 setattr(model, name, None)
             model.model_rebuild(force=True)
 

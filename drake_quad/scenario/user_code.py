@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drake_quad.errors import shortest_path
 
-_LIBRARY = __name__.partition(".")[0]
+_LIBRARY_NAME = __name__.partition(".")[0]
 
 
 def file_of(defined: type) -> str:
@@ -16,7 +16,7 @@ def file_of(defined: type) -> str:
     defined in a file.
     """
     file = getattr(sys.modules.get(defined.__module__), "__file__", None)
-    if file is None or defined.__module__.partition(".")[0] == _LIBRARY:
+    if file is None or defined.__module__.partition(".")[0] == _LIBRARY_NAME:
         return ""
     return shlex.quote(str(shortest_path(Path(file).resolve())))
 

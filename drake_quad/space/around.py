@@ -1,4 +1,4 @@
-"""Planning around obstacles. The problem is converted to one with corridors, which the minimum-snap planner can solve."""
+"""Planning around obstacles, by conversion to a problem with corridors that the minimum-snap planner can solve."""
 
 import contextlib
 import functools
@@ -28,20 +28,19 @@ from drake_quad.space.passage import Passage, candidate_regions, find_passage, o
 from drake_quad.space.regions import SLACK, Regions
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of each grid that provides seeds for regions. If the first grid
-# contains no route, the second grid is tried.
+# Largest number of points and smallest spacing (m) of the grids that provide seeds for regions. The second grid is
+# tried if the first one contains no route.
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
-# Number of grid points on each axis of a waypoint's region (unless the region is a point) that are checked for
-# clearance.
+# Number of grid points along each axis at which a waypoint's region is checked for clearance.
 _POINTS_PER_AXIS = 21
-# Largest number of pieces of a waypoint's region, divided by obstacles, that are considered. Pieces near the middle of
-# the region come first.
+# Largest number of pieces that are considered if obstacles divide a waypoint's region. Pieces near the middle of the
+# region come first.
 _MAX_PIECES = 4
 # Number of passages that are drawn at random in addition to the shortest passage.
 _NUM_OTHER_PASSAGES = 12
-# Largest number of routes whose times are optimised. An optimisation takes almost a second.
+# Largest number of routes whose times are optimised. One optimisation takes almost a second.
 _MAX_OPTIMISED_ROUTES = 3
-# Limits with which routes are compared if the problem has no limits.
+# Arbitrary limits for the comparison of routes if the problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
 
 
@@ -59,7 +58,7 @@ class RouteAround(NamedTuple):
 
 
 def direct_route(problem: PathProblem) -> RouteAround:
-    """Return the route of a problem as it is, without additional waypoints or corridors, if no obstacle is in the way."""
+    """Return the route of a problem without additional waypoints or corridors, for use if no obstacle is in the way."""
     return RouteAround(problem, np.arange(len(problem.waypoints)))
 
 
@@ -89,7 +88,8 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
 
     Args:
         space: obstacles.
-        bounds: bounds of the centre of mass. problem: waypoints, corridors, derivatives and limits of the path.
+        bounds: bounds of the centre of mass.
+        problem: waypoints, corridors, derivatives and limits of the path.
         timing: method that chooses the waypoint times.
 
     Returns:
@@ -100,7 +100,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     """
     routes = _routes_around(space, bounds, problem)
     if isinstance(timing, MinimumTimeTiming | MinimumSnapTiming) and len(routes) > _MAX_OPTIMISED_ROUTES:
-        # The shortest route is always optimised, together with the routes of the lowest estimated cost.
+        # The shortest route is always optimised, in addition to the routes with the lowest estimated cost.
         order = sorted(range(1, len(routes)), key=lambda i: _estimated_cost(routes[i], timing))[
             : _MAX_OPTIMISED_ROUTES - 1
         ]
@@ -276,7 +276,7 @@ def _routes_through(
     regions.cover(points, grid.nearest[free])
     candidates = []
     for i, corridor in enumerate(problem.corridors):
-        # Without a corridor, the routes from a waypoint are the same for both of its legs.
+        # If there is no corridor, both legs at a waypoint share the routes from it.
         leg = None if corridor is None else i
         (lengths, before), (onward, _) = field(i, leg), field(i + 1, leg)
         route = grid.shortest_route(lengths, before, free_points[i], free_points[i + 1])
@@ -294,7 +294,7 @@ def _routes_through(
     ]
     routes = [with_corridors(problem, regions, passage)]
     for other in others:
-        # The intersection of a waypoint's region and the regions around it can be too small for the solver.
+        # The solver can fail if the intersection of a waypoint's region with adjacent regions is too small.
         with contextlib.suppress(InputError):
             routes.append(with_corridors(problem, regions, other))
     return routes

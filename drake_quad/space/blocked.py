@@ -11,10 +11,10 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of each grid on which a route is searched for.
+# Largest number of points and smallest spacing (m) of the grids on which routes are searched.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# Largest number of obstacles of which all sets are tried. If none of these sets blocks the route, one larger minimal
-# set is determined.
+# Largest number of obstacles in a set up to which all sets are tried. If the removal of no such set opens a route, one
+# larger minimal set is determined.
 _MAX_SET_SIZE = 2
 
 
@@ -37,7 +37,7 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Every single leg may have a route, but no route from the points at which the preceding leg ends.
+            # Each leg alone may have a route, although none starts where the preceding leg can end.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
@@ -70,7 +70,7 @@ class _Search:
 
     def __init__(self, grid: Grid, problem: PathProblem, *, certain: bool) -> None:
         self.grid = grid
-        # No point is farther from the nearest grid point than half the diagonal of a cell, m.
+        # Largest distance between a point and its nearest grid point, m.
         self.half_diagonal = 0.5 * float(np.linalg.norm(grid.steps)) + 1e-9
         self._near = [is_near(waypoint, grid.points, self.half_diagonal) for waypoint in problem.waypoints]
         tolerance = 0.0 if certain else self.half_diagonal
@@ -100,14 +100,14 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
         f" in the corridor{'s' if len(legs) > 1 else ''} of segment{'s' if len(legs) > 1 else ''} {_join_names(legs)}"
     )
     between = (
-        f"there is no way from waypoint {first} to waypoint {last}{corridors if legs else ''}"
+        f"there is no route from waypoint {first} to waypoint {last}{corridors if legs else ''}"
         f" with a clearance of {space.clearance:.3g} m"
     )
     if not blocking.sets:
         return f"{between} within the bounds of the space"
     remedies = [_join_names([space.names[number] for number in without]) for without in blocking.sets]
     would = "would" if blocking.is_sure else "may"
-    return f"{between} ({space.clearance_text}); without {', or without '.join(remedies)}, there {would} be a way"
+    return f"{between} ({space.clearance_text}); without {', or without '.join(remedies)}, there {would} be a route"
 
 
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
@@ -145,6 +145,6 @@ def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, 
 
 
 def _join_names(names: Sequence[object]) -> str:
-    """Return names separated by commas, with "and" before the last one."""
+    """Join names by commas, with "and" before the last one."""
     words = [str(name) for name in names]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

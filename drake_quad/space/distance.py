@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks
 from drake_quad.space.space import Space
 
-# Accuracy of the smallest distance, m.
+# Accuracy with which the smallest distance is computed, m.
 _DISTANCE_TOLERANCE = 1e-5
 # Number of pieces into which a segment is divided initially.
 _INITIAL_PIECES = 32

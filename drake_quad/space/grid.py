@@ -13,9 +13,9 @@ import numpy as np
 from drake_quad.reference.regions import Box, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 
-# Largest distance between a waypoint and the grid points to which it is connected, in spacings of the grid.
+# Largest distance at which a waypoint is connected to a grid point, relative to the grid spacing.
 _MAX_CONNECTION_SPACINGS = 1.8
-# Directions to the 26 neighbours of a point, with one direction of each opposite pair.
+# Directions to half of a point's 26 neighbours: one direction of each opposite pair.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
@@ -89,7 +89,7 @@ class Grid:
             (n,) weighted lengths in m, infinite for points that no route reaches, and (n,) indices of the preceding
             point on the route, negative at its start.
         """
-        # SciPy is imported here and below, since routes that pass no obstacle do not need it.
+        # SciPy is imported here and below, since routes far from obstacles do not need it.
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
 
@@ -123,8 +123,8 @@ class Grid:
             both = free[one] & free[other]
             one, other = one[both], other[both]
             length = np.linalg.norm(self.points[other] - self.points[one], axis=1)
-            # Distances from obstacles change by no more than the distance moved, which often proves that the line is
-            # free. Otherwise the middle of the line is checked.
+            # Along a line, the distance from an obstacle changes by at most the length of the line. This often proves
+            # that the line is free. Otherwise the middle of the line is checked.
             is_free = self.nearest[one] + self.nearest[other] - length >= 2.0 * clearance
             uncertain = np.flatnonzero(~is_free)
             middles = 0.5 * (self.points[one[uncertain]] + self.points[other[uncertain]])
@@ -153,7 +153,7 @@ class Grid:
     def shortest_route(
         self, lengths: np.ndarray, predecessors: np.ndarray, starts: np.ndarray, ends: np.ndarray
     ) -> np.ndarray | None:
-        """Return the corners (corners, 3) of the shortest route from any start to any end, m; None if there is no route.
+        """Return the shortest route (corners, 3) from any start to any end, m; None if there is no route.
 
         Args:
             lengths: (n,) lengths from the starting points, a result of `lengths_from`.
@@ -192,7 +192,7 @@ class Grid:
         """
         from scipy.spatial import KDTree
 
-        # SciPy finds only points below the bound.
+        # SciPy's bound is exclusive.
         bound = np.nextafter(_MAX_CONNECTION_SPACINGS * self.spacing, np.inf)
         distances, numbers = KDTree(points).query(self.points, distance_upper_bound=bound)
         return distances, numbers

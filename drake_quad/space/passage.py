@@ -27,17 +27,16 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Number of candidate regions of a leg; all regions are candidates if the chain of a leg has more. With eight
+# Number of candidate regions for a leg. If the chain of a leg is longer, all its regions are candidates. With eight
 # candidates, the search takes half a second.
 _MAX_CANDIDATES = 8
-# Cost of a transition to another region, as a length in m. It favours paths with fewer segments, which have fewer
-# turns.
+# Cost of a transition to another region, m. It favours paths with fewer segments, which have fewer turns.
 _TRANSITION_COST = 0.1
-# Number of paths that Drake tries when it rounds the solution of the convex relaxation.
+# Largest number of paths that Drake tries when it rounds the solution of the convex relaxation.
 _MAX_ROUNDED_PATHS = 10
 # Standard deviation of the logarithm of the random factors on lengths.
 _LOG_FACTOR_DEVIATION = 0.6
-# Largest number of iterations when the chain of a leg is built. Each iteration adds a region, or halves a step of the
+# Largest number of iterations that build the chain of a leg. Each iteration adds a region, or halves a step of the
 # route that no region covers.
 _MAX_CHAIN_LENGTH = 60
 
@@ -100,8 +99,9 @@ def find_passage(
         regions: all regions.
         candidates: indices of the regions that each leg may use.
         waypoints: (legs + 1) regions of the waypoints.
-        corridors: corridor that each leg must not leave, or None for a leg without a corridor. ends: for each waypoint,
-            a mask (regions,) of the regions in which a leg may start or end there. By default, all regions.
+        corridors: corridor that each leg must not leave, or None for a leg without a corridor.
+        ends: for each waypoint, a mask (regions,) of the regions in which a leg may start or end there. By default, all
+            regions.
     """
     graph = GcsTrajectoryOptimization(3)
     # Passing a waypoint takes no time, but Drake requires a positive upper limit.
@@ -124,8 +124,8 @@ def find_passage(
         inside = [regions[n] if corridor is None else regions[n].intersection(corridor) for n in numbers]
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
-        # Drake would find the regions that contain a waypoint by linear programs, and fail if one of these programs
-        # fails.
+        # Drake itself would find the regions that contain a waypoint by linear programs, but it raises an error if one
+        # of them fails.
         first, last = (
             [
                 n

@@ -17,17 +17,17 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Iris, Iri
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.space import Space
 
-# Addition to the clearance, m, since the planner lets a path leave its corridors by a small tolerance.
+# Additional clearance, m. It is needed because the planner lets a path leave its corridors by a small tolerance.
 SLACK = 1e-5
-# Smallest radius of the ball inscribed in the intersection of two regions between which a path may lead, m.
+# Smallest inscribed radius of the intersection of two regions that a path may connect, m.
 MIN_COMMON_RADIUS = 1e-3
-# Limits on the iterations of IRIS. Regions between obstacles hardly grow in further iterations.
+# Largest number of IRIS iterations. Regions between obstacles hardly grow in further iterations.
 _MAX_IRIS_ROUNDS = 4
 _MIN_IRIS_GAIN = 0.05  # smallest relative growth of the region's ellipsoid that is worth a further iteration
-# Fraction of the free points that the regions must cover, unless there are already `_MAX_REGIONS`.
+# Fraction of the free points that the regions must cover. Growth ends earlier if there are `_MAX_REGIONS` regions.
 _MIN_COVERAGE = 0.95
 _MAX_REGIONS = 40
-# Largest distance from a face, m, at which a point still counts as a point of the region, to allow for rounding errors.
+# Distance outside a face up to which a point counts as inside the region, m, to allow for rounding errors.
 _FACE_TOLERANCE = 1e-9
 
 
@@ -61,7 +61,7 @@ class Regions:
             region = Iris(self._sets, seed, domain, options)
             lengths = np.linalg.norm(region.A(), axis=1)
             normals, offsets = region.A() / lengths[:, np.newaxis], region.b() / lengths - self._distance
-            # After the first iteration, the region may no longer contain the ball around the seed.
+            # Later iterations of IRIS may lose the ball around the seed.
             if (normals @ seed <= offsets + _FACE_TOLERANCE).all():
                 break
         reduced = HPolyhedron(normals, offsets).ReduceInequalities()

@@ -21,10 +21,9 @@ from drake_quad.signals import Row
 
 Vector = tuple[float, float, float]
 _ZERO_VECTOR = (0.0, 0.0, 0.0)
-# Number of sides of the polygon by which a circle is drawn.
+# Number of sides of the polygon that represents a circle in drawings.
 _CIRCLE_SIDES = 32
-# Largest distance from a face, relative to the size of the solid, at which a projected point still counts as a point of
-# the face.
+# Distance from a face, relative to the size of the solid, up to which a projected point counts as a point of the face.
 _RELATIVE_ROUNDING = 1e-12
 
 
@@ -260,7 +259,7 @@ class Hull:
             length = float(np.linalg.norm(along))
             along /= length
             ahead = _product(along.tolist(), p) - float(along @ corners[first])
-            # The step is the distance from the first corner to the nearest point of the edge, m.
+            # `step` is the distance from the first corner to the nearest point of the edge, m.
             step = minimum(length, maximum(0.0, ahead))
             min_squared = minimum(min_squared, squared[first] + step * (step - 2.0 * ahead))
         # Rounding can make the result slightly negative for a point on an edge.
@@ -302,7 +301,7 @@ def convex_hull(points: ArrayLike) -> Hull:
     Raises:
         InputError: there are fewer than four points, or they are not finite or lie in a plane.
     """
-    # SciPy's geometry is imported here, since flights around boxes do not need it.
+    # `scipy.spatial` is imported here, since flights around boxes do not need it.
     from scipy.spatial import ConvexHull, QhullError
 
     coordinates = np.asarray(points, dtype=float)

@@ -23,16 +23,17 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.space.shapes import convex_hull
 
-# Largest growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
-# and the hull of a drone's mesh, which has flat sides, by less than 1 %.
+# Largest allowed growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by
+# 2.5 %. The hull of a drone's mesh, which has flat sides, grows by less than 1 %.
 MAX_GROWTH = 0.05
-# If a hull has more corners, only the extreme corners along this number of directions are candidates.
+# Largest number of candidate corners. If a hull has more corners, only the extreme ones along this number of directions
+# are candidates.
 _MAX_CANDIDATES = 500
-# Smallest enlargement of the result, relative to its smallest width, so that the result contains all corners in spite
-# of rounding.
+# Smallest enlargement of the result, relative to its smallest width. It ensures that the result contains all corners
+# despite rounding.
 _MIN_ROUNDING_MARGIN = 1e-9
-# Rounding error of the distance of a point from a face, relative to the largest coordinate. The error is the sum of the
-# errors of three products, of the additions, and of the corners themselves.
+# Largest rounding error of the distance between a point and a face, relative to the largest coordinate. It is the sum
+# of the errors from three products, from the additions, and from the corners themselves.
 _ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
@@ -57,11 +58,11 @@ class SimplifiedHull(NamedTuple):
         return len(self.corners) < self.replaced
 
     def __str__(self) -> str:
-        """Return a sentence which states that the original hull was replaced, with the growth."""
+        """Return a sentence about the replacement of the original hull, with the growth."""
         fraction = 100.0 * self.growth / self.size
         return (
-            f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
-            f" around it, larger by at most {self.growth:.3g}, {fraction:.2g} % of its size"
+            f"its convex hull with {self.replaced} corners is replaced by an enclosing hull with {len(self.corners)}"
+            f" corners, larger by at most {self.growth:.3g}, {fraction:.2g} % of its size"
         )
 
 
@@ -87,7 +88,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     size = float(np.ptp(corners, axis=0).max())
     if len(corners) <= max_corners:
         return SimplifiedHull(corners, 0.0, len(corners), size)
-    # The solver has absolute tolerances, so it needs coordinates in which the hull has the width 1 along each axis.
+    # The solver has absolute tolerances, so coordinates are scaled until the hull has the width 1 along each axis.
     middle, _, axes = _principal(corners)
     offsets = corners - middle
     along = offsets @ axes.T
@@ -102,7 +103,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
         raise InputError(
-            f"the convex hull has {len(corners)} corners, and a hull with {max_corners} corners around it would be"
+            f"the convex hull has {len(corners)} corners, and an enclosing hull with {max_corners} corners would be"
             f" larger by {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify"
             " the mesh"
         )
@@ -178,14 +179,14 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
     centred = corners - inside
     normals, offsets = _faces(centred)
     support = (points @ normals.T).max(axis=0)
-    # A face n·x <= d becomes n·x <= n·shift + factor d.
+    # After shift and scaling, a face n·x <= d becomes n·x <= n·shift + factor d.
     smallest = scipy.optimize.linprog(
         [0.0, 0.0, 0.0, 1.0], A_ub=-np.column_stack([normals, offsets]), b_ub=-support, bounds=(None, None)
     )
     if smallest.x is None:
         raise InputError(
-            f"no hull with {len(corners)} corners was found around the convex hull with {len(points)} corners; simplify"
-            " the mesh"
+            f"no enclosing hull with {len(corners)} corners was found for the convex hull with {len(points)} corners;"
+            " simplify the mesh"
         )
     shift = smallest.x[:3]
     # The solver may violate a face by its tolerance, so the factor is computed again from the solution. All offsets are

@@ -11,10 +11,10 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
 
-# Each test plans a path around obstacles, which takes seconds.
+# All tests of this file are slow, since planning around obstacles takes seconds.
 pytestmark = pytest.mark.slow
 
-ROOM = """
+ROOM_SCENARIO = """
 pillars:
   extends: figure_eight
   route: {kind: waypoints, waypoints: [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], top_speed: 2.0, top_acceleration: 2.0}
@@ -31,7 +31,7 @@ pillars:
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     path = tmp_path_factory.mktemp("rooms") / "pillars.yaml"
-    path.write_text(ROOM, encoding="utf-8")
+    path.write_text(ROOM_SCENARIO, encoding="utf-8")
     return lambda *overrides: load_scenario(path, list(overrides))
 
 
@@ -41,14 +41,14 @@ def smallest_clearance(scenario, plan):
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
-# The tests in `tests/space/test_rooms.py` plan with the other timings.
-TIMINGS = {
+# The other timings are tested in `tests/space/test_rooms.py`.
+TIMING_OVERRIDES = {
     "heuristic": "route.times=heuristic",
     "given": "route.times=[0, 5, 12]",
 }
 
 
-@pytest.mark.parametrize("timing", TIMINGS.values(), ids=TIMINGS)
+@pytest.mark.parametrize("timing", TIMING_OVERRIDES.values(), ids=TIMING_OVERRIDES)
 def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_and_acceleration(room, timing):
     scenario = room(timing)
     plan, problem, waypoints, _ = planned(scenario)
@@ -105,8 +105,8 @@ def test_an_obstacle_away_from_the_path_does_not_change_the_plan(room):
     np.testing.assert_array_equal(plan_without_space.path.coefficients, plan_with_obstacles.path.coefficients)
 
 
-# The search is faster in a smaller room.
-SMALL_ROOM = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
+# A smaller room makes the search faster.
+SMALL_ROOM_OVERRIDE = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
 IMPOSSIBLE_PLANS = {
     "a waypoint too near to an obstacle": (
         ["space.obstacles.ball.centre=[3, 3, 1.5]"],
@@ -118,16 +118,17 @@ IMPOSSIBLE_PLANS = {
         r"m from .* nearer than the clearance of 0.27 m; give space.bounds",
     ),
     "a wall across the room": (
-        [SMALL_ROOM, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
-        r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be a way",
+        [SMALL_ROOM_OVERRIDE, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
+        r"no route from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be a route",
     ),
     "a corridor that the wall closes": (
         [
-            SMALL_ROOM,
+            SMALL_ROOM_OVERRIDE,
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
-        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be a way",
+        r"no route from waypoint 1 to waypoint 2 in the corridor of segment 1 with .*"
+        " without wall, there would be a route",
     ),
     "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
@@ -151,7 +152,7 @@ def test_a_plan_around_obstacles_is_cached(room):
 
 
 def test_a_smaller_margin_makes_the_flight_faster(room):
-    # The plan with a margin of 0.1 m is cached, because other tests also use it.
+    # The margin is 0.1 m because other tests use the same plan, which is cached.
     plan_with_margin, plan_without_margin = (
         plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0)
     )

@@ -33,7 +33,7 @@ def test_a_wall_that_is_touched_between_waypoints_is_active():
     path = minimum_snap([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0.0, 1.0, 2.0])
     top = Box([-1.0, -1.0], [3.0, 1.0])
     actual = active_constraints(path, PathLimits(), (top, None))
-    # The path turns back at the waypoint, which belongs to both segments. Only the first segment has a corridor.
+    # The path turns back at the waypoint between two segments. Only the first segment has a corridor.
     assert all((binding.quantity, binding.location) == ("corridor", "y max") for binding in actual)
     assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 

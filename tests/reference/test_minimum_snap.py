@@ -123,7 +123,7 @@ def test_doubling_all_times_divides_the_cost_by_128():
 
 
 def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
-    """Random smooth detours, which vanish at the waypoints together with their first three derivatives, increase the cost."""
+    """Random smooth detours increase the cost. They vanish at the waypoints, as do their first three derivatives."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
@@ -215,7 +215,7 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    # With one contact for each segment and axis, contacts cannot contradict each other.
+    # There is one contact for each segment and axis, so contacts cannot contradict each other.
     places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
     contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
     if given_motion:
@@ -285,7 +285,8 @@ def test_given_derivatives_are_kept_and_free_ones_are_optimal():
     velocity, acceleration = (evaluate(path, path.times, order).T for order in (1, 2))
     np.testing.assert_allclose(velocity[[0, 2, 5]], [[0, 0, 0], [1, -2, 0.5], [0.3, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(acceleration[[0, 5]], [[0, 0, 0], [0, 0.1, 0]], atol=1e-12)
-    # Where the derivative of order k is free, the derivative of order 7 - k is continuous, or zero at an end.
+    # If the derivative of order k is free at a waypoint, the derivative of order 7 - k is continuous there, or zero at
+    # an end.
     every = np.arange(5)
     for order, free in ((4, [1, 2, 3, 4]), (5, [1, 2, 3, 4]), (6, [1, 3, 4])):
         before = evaluate_at(path, every, np.ones(5), order)[:-1]

@@ -136,7 +136,7 @@ def test_a_path_passes_a_waypoint_on_a_wall_parallel_to_the_wall():
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
     path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
     assert dense_samples(path)[:, :, 1].min() >= -1e-6
-    # The remaining depth v² / 2a beyond the wall is within the tolerance of the corridor.
+    # The remaining excess beyond the wall, v² / 2a, is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 
 

@@ -99,7 +99,7 @@ def test_braking_from_steady_motion_is_the_minimum_snap_motion():
 
 def test_a_path_that_ends_at_rest_is_not_braked():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # the acceleration of the yaw at the end does not require braking
+    assert not planned(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 

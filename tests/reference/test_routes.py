@@ -79,7 +79,7 @@ def test_by_default_the_figure_eight_has_the_extent_in_the_paper():
 def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
-    x, y = np.sqrt(0.75), 1.5  # point of tangency of a tangent from the start to a circle
+    x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
     expected = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],

@@ -131,7 +131,7 @@ def test_a_given_velocity_is_kept_within_the_limits():
     path = MinimumSnap(points, durations, derivatives).path()
     assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
     assert durations.sum() < 6.0 * 1.5
-    # If no limit is active initially, the duration decreases until a limit is active.
+    # If no limit is active initially, the duration decreases until one is active.
     later = minimum_time_durations(points, np.array([12.0, 11.0]), LIMITS, derivatives)
     assert later.sum() == pytest.approx(durations.sum(), rel=0.01)
 

@@ -105,7 +105,7 @@ def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
 
 @pytest.mark.slow
 def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
-    """A Nelder-Mead search yields 14.175 s from three initial points. A single round of optimisation yields 14.308 s."""
+    """A Nelder-Mead search yields 14.175 s from three initial points. A single optimisation yields 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
     actual = minimum_time_path(problem(points, corridors=halls))
@@ -165,8 +165,8 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
-        match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
-        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
+        match=r"^no times were found; for a flight that stops at every waypoint, the acceleration limit of 1 m/s² cannot "
+        r"be kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
     ):
         path_with_fixed_derivatives(asked, shorten=False)
 
@@ -233,7 +233,7 @@ def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     for shorten in (False, True):
         with pytest.raises(
-            InputError, match="^no times were found; for a flight that stops everywhere, the corridor of segment"
+            InputError, match="^no times were found; for a flight that stops at every waypoint, the corridor of segment"
         ):
             path_with_fixed_derivatives(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 

@@ -17,7 +17,7 @@ def acceleration_cost(profile):
     """Return ∫ ψ̈² dt by a quadrature that is exact for cubic profiles."""
     times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
     values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
-    # The acceleration is continuous at inner knots, so the values of both sides are equal.
+    # The acceleration is continuous at inner knots, so the values on both sides are equal.
     return float(np.sum(profile.durations * (values**2 @ [1.0, 4.0, 1.0]) / 6.0))
 
 

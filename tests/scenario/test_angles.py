@@ -20,20 +20,23 @@ def submodels(kind=Model):
         yield from submodels(each)
 
 
-# The yaw of a trajectory may turn many times. For waypoints, only the change between two yaws is limited.
-UNLIMITED_ANGLES = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
-ANGLES = sorted(
+# These fields have no limit. The yaw of a trajectory may turn many times, and for waypoints only the change between two
+# yaws is limited.
+UNLIMITED_ANGLE_FIELDS = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
+ANGLE_FIELDS = sorted(
     {
         (model.__name__, name): field
         for model in submodels()
         for name, field in model.model_fields.items()
-        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLES
+        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLE_FIELDS
     }.items(),
     key=lambda each: each[0],
 )
 
 
-@pytest.mark.parametrize("field", [field for _, field in ANGLES], ids=[".".join(name) for name, _ in ANGLES])
+@pytest.mark.parametrize(
+    "field", [field for _, field in ANGLE_FIELDS], ids=[".".join(name) for name, _ in ANGLE_FIELDS]
+)
 def test_every_angle_of_the_language_is_refused_in_degrees(field):
     adapter = TypeAdapter(field.rebuild_annotation())
     for degrees in (90.0, [10.0, 20.0, -150.0]):

@@ -12,8 +12,8 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# For each distribution, the text in the scenario language, and name and arguments of the SciPy distribution.
-DISTRIBUTIONS = {
+# Equivalent SciPy distribution (name and arguments), by the text of a distribution in the scenario language.
+SCIPY_DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
     "{normal: {mean: 0.7, standard_deviation: 0.02, min: 0.66}}": ("truncnorm", (-2.0, np.inf, 0.7, 0.02)),
@@ -26,10 +26,10 @@ def study(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
-@pytest.mark.parametrize("text", DISTRIBUTIONS)
+@pytest.mark.parametrize("text", SCIPY_DISTRIBUTIONS)
 def test_drawn_values_have_the_given_distribution(study, text):
     masses = Batch.draw(study(f"vehicle.mass={text}"), range(4000)).varying["vehicle.mass"]
-    assert scipy.stats.kstest(masses, *DISTRIBUTIONS[text]).pvalue > 1e-3
+    assert scipy.stats.kstest(masses, *SCIPY_DISTRIBUTIONS[text]).pvalue > 1e-3
 
 
 def test_choices_are_equally_likely(study):
@@ -87,7 +87,7 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
 
 
 def test_a_sample_may_have_an_individual_route(study):
-    """A scenario with a random route is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
+    """A random route is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -95,12 +95,12 @@ def test_a_sample_may_have_an_individual_route(study):
     assert 1.2 < min(radii) < max(radii) < 1.4
 
 
-NORMAL_MOMENT = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
+NORMAL_INERTIA = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
 
 
 def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
     """Impossible moments are replaced by the nearest possible ones, and possible moments are kept."""
-    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
+    scenario = study(f"vehicle.inertia=[{NORMAL_INERTIA}, {NORMAL_INERTIA}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
     moments = np.array([batch.varying[field] for field in fields])
@@ -121,7 +121,7 @@ def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
 
 def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
     """Payload moments, and the medians of all distributions, are adjusted in the same way."""
-    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
+    scenario = study(f"vehicle.inertia=[{NORMAL_INERTIA}, 0.007, 0.012]")
     varying = Batch.draw(scenario, range(500)).varying
     assert [*varying] == ["vehicle.inertia.0"]
     assert varying["vehicle.inertia.0"].min() == pytest.approx(0.005)

@@ -9,8 +9,8 @@ from drake_quad.scenario.batch import Batch, check_pairs, coordinates
 from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.statistics.replicates import Replicates
 
-KINDS = ["latin_hypercube", "sobol"]
-CORRELATED = {
+DESIGN_KINDS = ["latin_hypercube", "sobol"]
+CORRELATED_FIELDS = {
     "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.02, "min": 0.6, "max": 0.8, "shared": {"a": 0.8}}},
     "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.3}},
     "vehicle.centre_of_mass.0": {
@@ -22,7 +22,7 @@ CORRELATED = {
 def scenario(kind, size=64, **more):
     draws = None if kind is None else {"kind": kind, "size": size}
     return load_scenario(
-        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED, **more}.items()]
+        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **more}.items()]
     ).model_copy(update={"draws": draws and DesignedDraws(**draws)})
 
 
@@ -31,7 +31,7 @@ def points(kind, size, samples, names=("a", "b", "c"), seed=5):
     return np.stack([numbers[name] for name in names], axis=1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
     found = points(kind, 32, range(96)).reshape(3, 32, 3)
     expected = np.broadcast_to(np.arange(32)[:, None], (32, 3))
@@ -41,14 +41,14 @@ def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
-    """In the plane of the first two numbers, each rectangle of area 2^-k contains one of 2^k points, for any aspect ratio."""
+    """In the plane of the first two numbers, each rectangle of area 2^-k contains one of 2^k points."""
     found = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
         cells = np.floor(found * (2**first, 2 ** (6 - first)))
         assert len(np.unique(cells, axis=0)) == 64
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_numbers_are_uniform_over_all_replicates(kind):
     found = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
     for column in found.T:
@@ -56,7 +56,7 @@ def test_numbers_are_uniform_over_all_replicates(kind):
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 0.06
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_a_sample_does_not_depend_on_its_batch(kind):
     whole = Batch.draw(scenario(kind), range(200))
     part = Batch.draw(scenario(kind), [150, 3, 64])
@@ -67,7 +67,7 @@ def test_a_sample_does_not_depend_on_its_batch(kind):
     assert part.noise_samples.indices == (150, 3, 64)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(kind):
     names = "vehicle.mass", "vehicle.centre_of_mass.0", "vehicle.linear_drag"
     designed, independent = (Batch.draw(scenario(each), range(4096)).varying for each in (kind, None))
@@ -105,9 +105,9 @@ def test_samples_that_are_no_pairs_are_refused():
         check_pairs({"first": scenario("sobol"), "second": scenario(None)})
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
-    """For a smooth function, the confidence interval of the mean is at most a quarter as wide as for independent samples."""
+    """The confidence interval of a smooth function's mean is at most a quarter as wide as with independent samples."""
     num_samples, repetitions, names = 256, 200, [f"x{i}" for i in range(4)]
     hits, widths, samples = 0, [], np.arange(num_samples)
     for seed in range(repetitions):

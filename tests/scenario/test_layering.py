@@ -11,10 +11,10 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.paths import distributions_in
 
-VEHICLES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
-VEHICLES += ["vehicles/neural_fly:neural_fly"]
-LABORATORIES = ["laboratory:nominal", "laboratory:high_wind", "robustness", "outdoor", "onboard"]
-X500 = """
+VEHICLE_FILES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
+VEHICLE_FILES += ["vehicles/neural_fly:neural_fly"]
+LABORATORY_SCENARIOS = ["laboratory:nominal", "laboratory:high_wind", "robustness", "outdoor", "onboard"]
+X500_SCENARIO = """
 x500:
   nominal:
     layout: {kind: x, length: 0.348, width: 0.348}
@@ -50,13 +50,13 @@ def airframe(scenario):
     return scenario.nominal.model_dump(), vehicle
 
 
-@pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLES, 2)])
+@pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLE_FILES, 2)])
 def test_a_vehicle_replaces_another_one_completely(load, first, second):
     assert airframe(load(first, second, undesigned=True)) == airframe(load(second, undesigned=True))
 
 
-@pytest.mark.parametrize("laboratory", LABORATORIES)
-@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("laboratory", LABORATORY_SCENARIOS)
+@pytest.mark.parametrize("vehicle", VEHICLE_FILES)
 def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
     alone = load(vehicle, undesigned=True)
     for layers in ((laboratory, vehicle), (vehicle, laboratory)):
@@ -67,7 +67,7 @@ def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
         assert all(" no effect, since " in remark for remark in flight_remarks(mixed))
 
 
-@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("vehicle", VEHICLE_FILES)
 def test_robustness_has_the_same_effect_above_and_below_a_vehicle(load, vehicle):
     over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
     assert over.vehicle.model_dump() == under.vehicle.model_dump()
@@ -75,7 +75,7 @@ def test_robustness_has_the_same_effect_above_and_below_a_vehicle(load, vehicle)
 
 
 def test_relative_distributions_scale_with_the_vehicle(load):
-    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500)
+    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500_SCENARIO)
     fractions = np.linspace(0.01, 0.99, 9)
     arm = 0.5 * 0.348 * np.sqrt(2.0)
     for get, ratio in (
@@ -150,7 +150,7 @@ def test_one_item_of_a_list_can_be_relative(field, expected):
 
 def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
     spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
-    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500 + spread).vehicle.inertia
+    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500_SCENARIO + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
     assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
 
@@ -160,7 +160,7 @@ def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_laye
     """Some fields have no nominal value. Their distributions are relative to 1 or to the arm length."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
-    _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)
+    _, *others = getattr(load("spread", "x500", beside=X500_SCENARIO + spread).vehicle, field)
     assert others == [0.0] * (count - 1)
 
 
@@ -185,7 +185,7 @@ def test_a_number_replaces_a_relative_distribution_of_a_lower_layer(load):
 
 
 def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
-    beside = X500 + (
+    beside = X500_SCENARIO + (
         "flight: {extends: onboard, vehicle: {payload: {mass: 0.1, position: [0, 0, -0.1], time: 2.0, event: dropped}},"
         " nominal: {gravity: 3.7}}\n"
     )
@@ -197,8 +197,11 @@ def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
 
 
 def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
-    assert load("vehicles/crazyflie_onboard", "x500", beside=X500, undesigned=True).laboratory.autopilot.kind == "none"
-    assert load("onboard", "x500", beside=X500).laboratory.autopilot.kind == "attitude"
+    assert (
+        load("vehicles/crazyflie_onboard", "x500", beside=X500_SCENARIO, undesigned=True).laboratory.autopilot.kind
+        == "none"
+    )
+    assert load("onboard", "x500", beside=X500_SCENARIO).laboratory.autopilot.kind == "attitude"
 
 
 def test_fields_of_a_vehicle_change_it_and_leave_the_rest(load):
@@ -229,13 +232,13 @@ def test_the_default_vehicle_flies_if_no_other_is_described(load):
     ],
 )
 def test_an_incomplete_vehicle_is_refused(load, missing):
-    """A scenario describes a vehicle by mass and inertia, or by most fields. Fewer fields modify the paper's vehicle."""
-    lines = [line for line in X500.splitlines() if line.split(":")[0].strip() not in missing]
+    """Mass and inertia, or most fields, describe another vehicle. Fewer fields modify the paper's vehicle."""
+    lines = [line for line in X500_SCENARIO.splitlines() if line.split(":")[0].strip() not in missing]
     with pytest.raises(InputError, match=rf"nominal describes a vehicle, but without .*{missing[0]}"):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
 
 
-CONTROLLERS = [
+CONTROLLER_LAYERS = [
     "gains/laboratory",
     "controllers/paper:pd",
     "controllers/designed/laboratory:indi_fast",
@@ -243,7 +246,7 @@ CONTROLLERS = [
 ]
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", CONTROLLER_LAYERS)
 def test_a_control_replaces_another_one_completely(load, controller):
     alone = load("figure_eight", controller).control
     for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
@@ -299,7 +302,7 @@ def test_invalid_relative_distributions_are_refused(field, message):
         load_scenario("figure_eight", [field])
 
 
-DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
+ROTOR_DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
 
 
 def test_a_flight_reports_that_its_nominal_vehicle_differs():
@@ -339,7 +342,9 @@ def test_every_part_of_the_airframe_that_differs_strongly_is_reported(change, wo
 def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
     """All other vehicle fields, such as the centre of mass, are compared with `nominal`."""
     corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
+    rotors = [
+        {"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, ROTOR_DIRECTIONS, strict=True)
+    ]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
     drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
     assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
@@ -363,7 +368,9 @@ def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
 def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third, is_reported):
     """The arm length, the mean of the smallest and the largest rotor distance, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
+    rotors = [
+        {"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, ROTOR_DIRECTIONS, strict=True)
+    ]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
     assert bool(remarks) == is_reported
     assert not is_reported or "use: rotor 1 at" in remarks[0]

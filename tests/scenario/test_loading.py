@@ -16,7 +16,7 @@ from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.scenario.routes.route import ROUTES
 from drake_quad.scenario.winds.source import WINDS
 
-BODY = """\
+MINIMAL_FIELDS = """\
   route: {kind: hover}
   control:
     position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1, 1e0, 1.5]}
@@ -43,14 +43,14 @@ def refusal(write, text, *overrides):
 
 
 def test_a_small_file_is_a_complete_scenario(write):
-    scenario = load_scenario(write(f"small:\n{BODY}"))
+    scenario = load_scenario(write(f"small:\n{MINIMAL_FIELDS}"))
     assert scenario.name == "small"
     assert scenario.control.position.k_d == (1.0, 1.0, 1.5)
     assert scenario.vehicle.mass == 0.68
 
 
 def test_a_file_with_several_scenarios_needs_a_name(write):
-    path = write(f"one:\n{BODY}two:\n{BODY}")
+    path = write(f"one:\n{MINIMAL_FIELDS}two:\n{MINIMAL_FIELDS}")
     assert load_scenario(f"{path}:two").name == "two"
     with pytest.raises(InputError, match="several scenarios; choose one as .*:NAME from one, two"):
         load_scenario(path)
@@ -59,7 +59,10 @@ def test_a_file_with_several_scenarios_needs_a_name(write):
 
 
 def test_extends_merges_deeply_and_later_layers_take_precedence(write):
-    write(f"base:\n{BODY}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n", "base.yaml")
+    write(
+        f"base:\n{MINIMAL_FIELDS}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n",
+        "base.yaml",
+    )
     path = write(
         "a: {extends: base.yaml:base, vehicle: {mass: 0.6}}\n"
         "b: {extends: [a, base.yaml:light], route: {kind: circle, radius: 2.0}}\n"
@@ -72,7 +75,7 @@ def test_extends_merges_deeply_and_later_layers_take_precedence(write):
 
 def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
     path = write(
-        f"base:\n{BODY}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
+        f"base:\n{MINIMAL_FIELDS}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
         "a: {extends: base, route: {kind: circle}, vehicle: {mass: {choice: [0.5, 0.6]}}}\n"
         "b: {extends: base, vehicle: {mass: 0.68}}\n"
     )
@@ -108,7 +111,7 @@ def test_an_undesigned_scenario_needs_neither_route_nor_gains(write):
 
 
 def test_overrides_take_precedence_and_are_named_in_errors(write):
-    text = f"a:\n{BODY}"
+    text = f"a:\n{MINIMAL_FIELDS}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
         "override vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
@@ -173,10 +176,10 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
 )
 def test_a_wrong_field_is_refused_in_one_sentence_with_file_and_line_and_what_is_allowed(write, line, message):
     with pytest.raises(InputError, match=message):
-        load_scenario(write(f"a:\n{BODY}{line}\n"))
+        load_scenario(write(f"a:\n{MINIMAL_FIELDS}{line}\n"))
 
 
-FAN = "kind: fan, position: [0, 0, 1]"
+FAN_FIELDS = "kind: fan, position: [0, 0, 1]"
 
 
 @pytest.mark.parametrize(
@@ -201,14 +204,14 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ("command_link: {delay_ticks: {choice: [1, 2.5]}}", "delay_ticks is .*, but must be a whole number"),
         ("command_link: {loss_rate: -0.1}", "loss_rate is -0.1, but must be at least 0 and at most 1"),
         (
-            f"wind: [{{{FAN}, direction: [1, 0, 0], flow: 2, diameter: 0}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [1, 0, 0], flow: 2, diameter: 0}}]",
             r"wind.0.diameter is 0, but must be larger",
         ),
         (
-            f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
             r"wind.0.direction is .* a component whose magnitude is always larger than",
         ),
-        (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
+        (f"wind: [{{{FAN_FIELDS}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
             f"wind.0.kind is 'breeze', but must be one of {str([*WINDS.members])[1:-1]}",
@@ -218,7 +221,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
             r"wind.0.level is 'mild', but must be 'light', 'moderate' or 'severe'",
         ),
         (
-            f"wind: [{{{FAN}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
             r"wind.0.direction is .* must have a component whose magnitude is always larger than",
         ),
         ("wind: [{kind: dryden, height: 2}]", r"wind.0.height is 2, but must be at least 3.048 and at most 304.8"),
@@ -231,7 +234,9 @@ FAN = "kind: fan, position: [0, 0, 1]"
     ],
 )
 def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
-    assert re.search(f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{BODY}  laboratory: {{{field}}}\n"))
+    assert re.search(
+        f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  laboratory: {{{field}}}\n")
+    )
 
 
 @pytest.mark.parametrize(
@@ -259,11 +264,11 @@ def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
     ],
 )
 def test_a_wrong_vehicle_is_refused_in_one_sentence(write, field, message):
-    assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
+    assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{{field}}}\n"))
 
 
 def test_a_vehicle_has_the_nominal_parameters_by_default(write):
-    text = f"a:\n{BODY}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
     assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
@@ -313,26 +318,30 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
 )
 @pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
 def test_a_wrong_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
-    assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
+    assert re.search(
+        f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  {vehicle}: {{{airframe}}}\n")
+    )
 
 
 def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
-    text = f"a:\n{BODY}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
     assert "layout is" in (message := refusal(write, text))
     assert message.endswith("but must produce thrust without torque: rotor 1 would have to push down")
     drawn = "{uniform: {min: 0.1, max: 0.2}}"
-    message = refusal(write, f"a:\n{BODY}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
+    message = refusal(write, f"a:\n{MINIMAL_FIELDS}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
     assert message.endswith("but must be a number, since planner and controllers use it")
-    vehicle = load_scenario(write(f"a:\n{BODY}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]).vehicle
+    vehicle = load_scenario(
+        write(f"a:\n{MINIMAL_FIELDS}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]
+    ).vehicle
     assert [*distributions_in(vehicle)] == ["layout.length"]
     message = refusal(
-        write, f"a:\n{BODY}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
+        write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
     )
     assert message.endswith("but must be left out, since the layout has distances")
 
 
 def test_overrides_and_messages_number_rotors_in_the_same_way(write):
-    text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
     overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
     vehicle = load_scenario(write(text), overrides).vehicle
     assert vehicle.thrust_factor_error == (0.0, 0.0, 0.1, 0.0)
@@ -346,7 +355,7 @@ def test_overrides_and_messages_number_rotors_in_the_same_way(write):
 def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
     """A given arm length may differ by 1 % from the layout. A default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
-        text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
+        text = f"a:\n{MINIMAL_FIELDS}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
     refusal(write, text.replace("0.1401", "0.1435"))
     refusal(write, text.replace("0.1401", "0.1395"))
@@ -366,7 +375,7 @@ def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
 def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(
     write, tmp_path, nominal, vehicle, has_arm_length
 ):
-    scenario = load_scenario(write(f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
+    scenario = load_scenario(write(f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
     save_scenario(scenario, tmp_path / "saved.yaml")
     saved = YAML(typ="safe").load(tmp_path / "saved.yaml")["a"]
     assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == has_arm_length
@@ -380,7 +389,7 @@ def test_rotors_have_the_positions_of_their_layout(write):
     """Seen from above, rotors are numbered clockwise from the front. The arm of an x is half the diagonal."""
 
     def rotor_rows(airframe):
-        nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
+        nominal = load_scenario(write(f"a:\n{MINIMAL_FIELDS}  nominal: {{{airframe}}}\n")).nominal
         return np.array(rotors_of(nominal))
 
     plus, x = (
@@ -410,7 +419,7 @@ def test_rotors_have_the_positions_of_their_layout(write):
     ],
 )
 def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nominal, vehicle, message):
-    text = f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
     if message is None:
         assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
     else:
@@ -543,7 +552,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading is 'constant' by default, but must be waypoints, since waypoints have yaws",
+            "2: route.heading is 'constant' by default, but must be waypoints, since yaws are given at waypoints",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
@@ -563,7 +572,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
     ],
 )
 def test_wrong_routes_are_explained(write, route, message):
-    text = f"a:\n{BODY}".replace("{kind: hover}", route)
+    text = f"a:\n{MINIMAL_FIELDS}".replace("{kind: hover}", route)
     with pytest.raises(InputError, match=f"loop.yaml:{message}"):
         load_scenario(write(text))
 
@@ -577,7 +586,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("- 1", "contains no scenario"),
         ("a: 3", "scenario a must be a mapping"),
         ("a:", "scenario a must be a mapping"),
-        (f"a:\n{BODY}---\nb: 1", "is not YAML"),
+        (f"a:\n{MINIMAL_FIELDS}---\nb: 1", "is not YAML"),
         ("a: {route: {kind: hover}}", "control is missing; only `drake-quad plan` needs no control"),
         (
             "a: {extends: vehicles/crazyflie}",
@@ -637,7 +646,7 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_file_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited control
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # the control is inherited
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 

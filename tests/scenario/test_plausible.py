@@ -15,8 +15,8 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.paths import mappings_in
 from drake_quad.scenario.plausible import Plausible, numbers_in
 
-TESTS = Path(__file__).parent.parent
-# Planning the whole route through the forest takes several seconds.
+TESTS_FOLDER = Path(__file__).parent.parent
+# Planning the whole route through the forest takes several seconds, so the tests fly a part of it.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
 
 
@@ -24,8 +24,8 @@ def questions(scenario):
     return [remark for remark in flight_remarks(scenario) if "implausible" in remark]
 
 
-BATTERY = {"voltage": 12.6, "empty_voltage": 9.9, "capacity": 2200, "resistance": 0.02, "efficiency": 0.6}
-FAN = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5, "diameter": 0.75}
+BATTERY_MAPPING = {"voltage": 12.6, "empty_voltage": 9.9, "capacity": 2200, "resistance": 0.02, "efficiency": 0.6}
+FAN_MAPPING = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5, "diameter": 0.75}
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ FAN = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5
         ("nominal.rotor_inertia", 0.04, "rotor_inertia is 0.04 kg m²"),
         ("vehicle.thrust_factor_error", [2.0, 0.0, 0.0, 0.0], "rotor_1 is 2, which is implausible; 2 % are 0.02"),
         ("vehicle.centre_of_mass", [0.0, -3.0], r"centre_of_mass.1 is -3 m, .* -3 mm are -0.003 m"),
-        ("vehicle.battery", BATTERY, "2200 mA h are 2.2 A h"),
+        ("vehicle.battery", BATTERY_MAPPING, "2200 mA h are 2.2 A h"),
         ("vehicle.slung_load", {"mass": 100.0, "length": 0.8}, "100 g are 0.1 kg"),
-        ("laboratory.wind", [FAN | {"flow": 9000}], "9000 m³/h are 2.5 m³/s"),
+        ("laboratory.wind", [FAN_MAPPING | {"flow": 9000}], "9000 m³/h are 2.5 m³/s"),
         ("laboratory.wind", [{"kind": "steady", "speed": 90, "heading": 0}], "90 km/h are 25 m/s"),
         ("control.thrust_vectoring.max_thrust", 180.0, "180 % are 1.8"),
         ("control.attitude",
@@ -100,9 +100,9 @@ def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
     assert questions(load_undesigned(spec, SHORT_ROUTES.get(spec, []))) == []
 
 
-@pytest.mark.parametrize("name", [*parse_document((TESTS / "asymmetric.yaml").read_text("utf-8"), "").value])
+@pytest.mark.parametrize("name", [*parse_document((TESTS_FOLDER / "asymmetric.yaml").read_text("utf-8"), "").value])
 def test_no_scenario_of_the_tests_is_questioned(name):
-    assert questions(load_undesigned(TESTS / f"asymmetric.yaml:{name}")) == []
+    assert questions(load_undesigned(TESTS_FOLDER / f"asymmetric.yaml:{name}")) == []
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, 0.5, 2.0, 7.0, 20.0])

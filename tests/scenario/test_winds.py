@@ -20,8 +20,8 @@ from drake_quad.scenario.winds.gust import GustSource
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, steady_wind
 from drake_quad.signals import Wind
 
-ROOT = Path(__file__).parent.parent.parent
-EXAMPLE = ROOT / "scripts" / "wind_shear.py"
+REPOSITORY = Path(__file__).parent.parent.parent
+EXAMPLE_SCRIPT = REPOSITORY / "scripts" / "wind_shear.py"
 POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
 SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
@@ -64,8 +64,8 @@ def mean_wind(source: WindSource) -> np.ndarray:
 @pytest.fixture
 def shear_wind(monkeypatch):
     """Register the kind of wind in the example script during a test, and return it."""
-    monkeypatch.syspath_prepend(EXAMPLE.parent)
-    return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
+    monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
+    return WINDS.member(import_module(EXAMPLE_SCRIPT.stem).ShearSource)
 
 
 def check_member(kind):
@@ -187,7 +187,7 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
     changes = (part for field in ("duration=0.5", "vehicle.linear_drag=0.1", wind) for part in ("--set", field))
     study = ["study", "hover", "--samples", "4", "--workers", "2", *changes]
-    result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
+    result = run(*study, "--output", tmp_path, "--import", EXAMPLE_SCRIPT)
     assert (result.returncode, result.stderr) == (0, "")
     commands = re.findall(
         r"drake-quad (\S+) .* --sample 0 --import scripts/wind_shear.py$", result.stdout, re.MULTILINE

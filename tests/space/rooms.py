@@ -14,7 +14,7 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull
 from drake_quad.space.space import Obstacle, Space
 
-SPACING = 0.05
+SPACING = 0.05  # m
 
 
 class Room(NamedTuple):
@@ -52,7 +52,7 @@ def random_room(seed):
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
         places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
-        # The end points are on different sides of the wall, or of its position in rooms without a wall.
+        # Start and end are on different sides of the wall, or of its position in rooms without a wall.
         apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
         if apart and least_distances(space, places).min() > clearance + 0.02:
             return Room(space, bounds, places)
@@ -177,7 +177,7 @@ class Search:
         rows, columns = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         rooms = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)[1]
-        # A grid that begins at one bound may end up to a step before the other bound.
+        # A grid that begins at one bound may end up to one step before the other bound.
         begin, end = (
             set(rooms[near & (np.linalg.norm(self.points - place, axis=1) <= 2.0 * self.spacing)].tolist())
             for place in self.room.places

@@ -63,7 +63,7 @@ def test_corridors_and_waypoints_outside_the_bounds_are_rejected():
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
     check_waypoint_clearance(space, PathProblem([START, END]))
-    # A waypoint region is passed where it is free.
+    # The path passes a waypoint's region at a free point.
     check_waypoint_clearance(space, PathProblem([START, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
@@ -104,7 +104,7 @@ def detour(*corners):
 
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
-TIMINGS = {
+TIMINGS_AND_LIMITS = {
     "heuristic": (HeuristicTiming(), LIMITS),
     "shortest": (MinimumTimeTiming(), LIMITS),
     "least snap": (MinimumSnapTiming(4.0), LIMITS),
@@ -114,14 +114,14 @@ TIMINGS = {
 }
 
 
-@pytest.mark.parametrize(("timing", "limits"), TIMINGS.values(), ids=TIMINGS)
+@pytest.mark.parametrize(("timing", "limits"), TIMINGS_AND_LIMITS.values(), ids=TIMINGS_AND_LIMITS)
 def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
     ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
     path, way = plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
-    # Without the best route, the next best is selected, regardless of its position in the list.
+    # If the best route is removed, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
@@ -210,7 +210,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
 
 
 class RecordingRegions(Regions):
-    """Subclass of `Regions` that records all instances, all seeds, and seeds that an existing region already contains."""
+    """Regions that record all instances, all seeds, and seeds that an existing region already contains."""
 
     made = []  # noqa: RUF012
 
@@ -244,7 +244,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
 
 
 def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
-    """Routes start from both ends of a leg. If there is no corridor, both legs use the routes from the waypoint between them."""
+    """Routes start from both ends of a leg. Legs without a corridor share the routes from their common waypoint."""
     recorded = []
 
     def lengths_from(grid, places, clearance, inside=None):
@@ -302,7 +302,7 @@ def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
 
 
 def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
-    """A ball blocks one side of a spherical waypoint. The free points keep the clearance, and lie in the sphere and in the bounds."""
+    """A ball blocks one side of a spherical waypoint. The free points keep the clearance, the sphere and the bounds."""
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
@@ -335,13 +335,13 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
     sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
-    # The right side is shorter.
+    # The route on the right side is shorter.
     assert not sides[0]
     assert any(sides)
 
 
 def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """The gap leaves 1 cm for the centre of mass. It lies between points of the first grid, and contains one of the second.
+    """The gap leaves 1 cm for the centre of mass. It contains no point of the first grid, but one of the second.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """

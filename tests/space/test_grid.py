@@ -38,7 +38,7 @@ def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
     np.testing.assert_allclose(grid.steps, (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1))
     assert grid.spacing == max(grid.steps)
-    # A grid is either as fine as allowed, or has nearly as many points as allowed.
+    # A grid has the smallest allowed spacing, or nearly the largest allowed number of points.
     finest = tuple(np.ceil((UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / 0.05).astype(int) + 1)
     assert grid.shape == finest or len(grid.points) > 0.5 * most
     assert grid.spacing <= 0.05 or grid.shape != finest
@@ -89,7 +89,7 @@ def step_lengths(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings. Steps connect these to the other grid points."""
+    """A starting point is connected to all grid points within 1.8 spacings. From these, routes consist of steps."""
     grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -270,7 +270,7 @@ REGIONS = {
 def test_points_near_a_region_are_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Near edges, where the shifted planes intersect, some additional points are included.
+        # Near edges, some points beyond the distance are included, since the faces are shifted outwards.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

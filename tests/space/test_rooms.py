@@ -18,7 +18,8 @@ from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred rooms. Room 4 is blocked, and room 1 is planned with minimum snap.
+# `make rooms` plans a hundred rooms. By default, room 4 is one that has no route, and room 1 is planned with minimum
+# snap.
 ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
@@ -60,8 +61,9 @@ def walled(*solids):
     return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))
 
 
-# The wall in the middle is 10 cm thick. Each case is named after its opening and the grid's route through it.
-PASSAGES = {
+# Parts (centre and size) of a 10 cm thick wall in the middle of a room. Each case is named after the opening in the
+# wall and the route through it.
+WALLS_WITH_OPENINGS = {
     "a door on the left": [((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))],
     "a door on the right": [((2.0, 1.8, 1.0), (0.1, 2.4, 2.0))],
     "over a beam": [((2.0, 1.5, 0.7), (0.1, 3.0, 1.4))],
@@ -78,7 +80,7 @@ PASSAGES = {
 
 # All passages are planned with the fastest timing, and one of them also with each of the other timings.
 PASSAGE_TIMINGS = [
-    *((name, HeuristicTiming()) for name in PASSAGES),
+    *((name, HeuristicTiming()) for name in WALLS_WITH_OPENINGS),
     ("over a beam", MinimumTimeTiming()),
     ("a door on the left", MinimumSnapTiming(8.0)),
 ]
@@ -89,7 +91,7 @@ PASSAGE_TIMINGS = [
     ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
 def test_the_only_best_passage_is_selected(name, timing):
-    room = walled(*PASSAGES[name])
+    room = walled(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
     for order, limit in LIMITS.by_order.items():

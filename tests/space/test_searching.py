@@ -16,7 +16,7 @@ from drake_quad.space.regions import MIN_COMMON_RADIUS, SLACK, Regions
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
+WALL_WITH_DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
 
 
 def grid_of(room):
@@ -43,7 +43,7 @@ def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
     grid = grid_of(shut)
     lengths, before = grid.lengths_from(begin, shut.space.clearance)
     assert grid.shortest_route(lengths, before, begin, end) is None
-    door = walled(DOOR)
+    door = walled(WALL_WITH_DOOR)
     grid = grid_of(door)
     lengths, before = grid.lengths_from(begin, door.space.clearance)
     way = grid.shortest_route(lengths, before, begin, end)
@@ -72,7 +72,7 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
 
 
 def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
-    room = walled(DOOR)
+    room = walled(WALL_WITH_DOOR)
     grid, (begin, end) = grid_of(room), room.places[:, None]
     lengths, before = grid.lengths_from(begin, room.space.clearance)
     onward, _ = grid.lengths_from(end, room.space.clearance)
@@ -102,11 +102,11 @@ def test_all_obstacles_that_must_be_removed_are_named():
         plan(room, HeuristicTiming())
     message = str(refusal.value)
     assert "no way" in message
-    assert "without wall_0, wall_1 and wall_2, there would be a way" in message
+    assert "without wall_0, wall_1 and wall_2, there would be a route" in message
 
 
 def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
-    """Shifting faces outwards and inwards by the clearance causes rounding errors, which can move them inside the bounds.
+    """Faces are shifted outwards and inwards by the clearance. Rounding errors can move them inside the bounds.
 
     If a region did not contain its seed, the search would grow regions around this seed indefinitely.
     """

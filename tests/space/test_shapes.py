@@ -16,14 +16,14 @@ from drake_quad.space.space import Obstacle, Space
 
 CENTRE = (0.3, -0.7, 1.1)
 ROTATION = (0.4, -0.9, 2.0)
-POINTS = np.random.default_rng(5).normal(size=(30, 3))
+HULL_POINTS = np.random.default_rng(5).normal(size=(30, 3))
 SHAPES = {
     "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),
     "upright cuboid": Cuboid(CENTRE, size=(0.4, 1.2, 2.1)),
     "cylinder": Cylinder(CENTRE, ROTATION, 0.3, 1.7),
     "upright cylinder": Cylinder(CENTRE, radius=0.7, height=0.4),
     "ball": Ball(CENTRE, radius=0.6),
-    "hull": convex_hull(POINTS),
+    "hull": convex_hull(HULL_POINTS),
     "tetrahedron": convex_hull([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.2, 0.3, 3.0]]),
     "hull of a box": convex_hull(Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)).corners()),
     "sliver": convex_hull([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, 1.0, 0.01]]),
@@ -166,8 +166,8 @@ def test_transformed_points_are_scaled_rotated_and_moved():
         (lambda: Cylinder(CENTRE, radius=-1.0), "the radius of a solid is -1 m"),
         (lambda: Cylinder(CENTRE, height=math.inf), "the height of a solid is inf m"),
         (lambda: Ball((0.0, math.nan, 0.0)), "the centre of a solid must be three finite numbers"),
-        (lambda: convex_hull(POINTS[:3]), "at least 4 points"),
-        (lambda: convex_hull(POINTS * [1.0, 1.0, 0.0]), "in a plane"),
+        (lambda: convex_hull(HULL_POINTS[:3]), "at least 4 points"),
+        (lambda: convex_hull(HULL_POINTS * [1.0, 1.0, 0.0]), "in a plane"),
         (lambda: convex_hull([[0.0, 0.0, math.inf]] * 4), "finite"),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_failure_of_qhull_is_reported(monkeypatch):
 
     monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
     with pytest.raises(InputError, match="no hull of 30 points was found"):
-        convex_hull(POINTS)
+        convex_hull(HULL_POINTS)
 
 
 def test_a_space_finds_the_nearest_obstacle():
@@ -234,7 +234,7 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
 
 
 def test_points_in_a_plane_have_no_hull():
-    flat = POINTS * [1.0, 1.0, 0.0]
+    flat = HULL_POINTS * [1.0, 1.0, 0.0]
     for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
             convex_hull(points)

@@ -75,7 +75,7 @@ def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_
     assert simple.distances(points).max() <= 0.0
     normals, offsets = np.array(simple.normals), np.array(simple.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
-    # The growth is the largest distance of the new hull from the original hull, which occurs at a corner.
+    # The growth is the largest distance between the two hulls, which occurs at a corner of the new hull.
     assert actual.growth == pytest.approx(original.distances(actual.corners).max(), rel=1e-9)
     assert actual.growth <= most_growth * size <= MAX_GROWTH * size
     weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
@@ -95,7 +95,7 @@ def test_units_do_not_change_the_simplified_hull():
 def test_a_failure_of_the_solver_is_reported(monkeypatch):
     failed = scipy.optimize.OptimizeResult(x=None, status=4)
     monkeypatch.setattr(scipy.optimize, "linprog", lambda *_, **__: failed)
-    with pytest.raises(InputError, match=r"^no hull with 100 corners was found around the convex hull with 103"):
+    with pytest.raises(InputError, match=r"^no enclosing hull with 100 corners was found for the convex hull with 103"):
         simplified_hull(sphere(103, 10), MAX_CORNERS)
 
 
@@ -126,7 +126,7 @@ def test_a_hull_of_few_corners_is_unchanged():
 
 def test_a_hull_that_would_grow_too_much_is_rejected():
     with pytest.raises(
-        InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
+        InputError, match=r"has 300 corners, and an enclosing hull with 8 corners would be larger by \d+ % of"
     ):
         simplified_hull(sphere(300), 8)
     with pytest.raises(InputError, match="in a plane"):
@@ -137,7 +137,7 @@ def test_a_replacement_is_described_in_a_sentence():
     actual = simplified_hull(drone(13), MAX_CORNERS)
     fraction = 100.0 * actual.growth / 0.37
     assert str(actual) == (
-        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, larger by at most"
+        f"its convex hull with 104 corners is replaced by an enclosing hull with 100 corners, larger by at most"
         f" {actual.growth:.3g}, {fraction:.2g} % of its size"
     )
 

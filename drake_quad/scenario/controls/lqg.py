@@ -101,8 +101,8 @@ class Axis(Model):
                 return axis_loop(self.model(), times, noise=noise, command_weight=self.command_weight)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise InputError(
-                f"control.{self.name}: no filter or regulator can be computed; choose times, deviations and weights of"
-                " more similar magnitude"
+                f"control.{self.name}: no Kalman filter or regulator can be computed; choose times, deviations and"
+                " weights of more similar magnitude"
             ) from error
 
     def _noise(self, gravity: float) -> list[float]:

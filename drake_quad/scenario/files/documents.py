@@ -15,7 +15,7 @@ from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
-_SCALARS = ("float", "int", "bool", "null", "str")
+_SCALAR_TYPES = ("float", "int", "bool", "null", "str")
 
 
 @functools.lru_cache(maxsize=4096)
@@ -79,7 +79,7 @@ class _Reader(Composer):
         if self._count > self._max_nodes:
             raise InputError(
                 f"{self._mark(position)}: is too large: a scenario and all that it extends may have at most"
-                f" {MAX_NODES:,} names and values"
+                f" {MAX_NODES:,} keys and values"
             )
         if self._level > MAX_LEVELS:
             raise InputError(
@@ -91,7 +91,7 @@ class _Reader(Composer):
         self._enter(event.start_mark)
         if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a name or value may have at"
+                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a key or value may have at"
                 f" most {MAX_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
@@ -131,7 +131,7 @@ class _Reader(Composer):
     def _scalar(self, node: Any) -> Any:
         mark = self._mark(node.start_mark)
         kind = str(node.tag).rpartition(":")[2]
-        if not isinstance(node, ScalarNode) or kind not in _SCALARS:
+        if not isinstance(node, ScalarNode) or kind not in _SCALAR_TYPES:
             raise InputError(
                 f"{mark}: the tag {shorten_text(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )

@@ -87,7 +87,7 @@ class Library:
         if self._nodes < 0:
             raise InputError(
                 f"{mark}: is too large: a scenario and all that it extends may have at most {MAX_NODES:,}"
-                " names and values"
+                " keys and values"
             )
 
     def _document(self, path: Path) -> Tree:
@@ -107,7 +107,7 @@ class Library:
         scenarios = self._document(path).value
         file = Mark(str(path), 0)
         if not isinstance(scenarios, dict) or not scenarios:
-            raise InputError(f"{file}: contains no scenario; the first level of the file must be names of scenarios")
+            raise InputError(f"{file}: contains no scenario; the top-level keys of the file must be names of scenarios")
         if name is None:
             if len(scenarios) > 1:
                 origin = "" if asked_by == file else f"{asked_by}: "

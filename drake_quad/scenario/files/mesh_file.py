@@ -14,13 +14,13 @@ from drake_quad.scenario.files.robot_files import ROBOT_KINDS
 from drake_quad.scenario.limits import MAX_CORNERS
 from drake_quad.space.simplification import simplified_hull
 
-_MAX_MESH_BYTES = 50_000_000
+_MAX_MESH_BYTES = 50_000_000  # limits the time to read a file
 # Header of a binary .stl file: 80 bytes, then the number of triangles. Each triangle has 12 numbers and 2 more bytes.
 _STL_HEADER_BYTES = 84
 _ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
 _CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
 # Error messages for other common formats, by file suffix.
-_FLAWS_BY_SUFFIX = {
+_ERRORS_BY_SUFFIX = {
     **{suffix: _ROBOT_MESSAGE.format(kind) for suffix, kind in ROBOT_KINDS.items()},
     ".dae": _CONVERSION_MESSAGE.format("Collada mesh"),
     **dict.fromkeys((".gltf", ".glb"), _CONVERSION_MESSAGE.format("glTF mesh")),
@@ -31,16 +31,16 @@ _FLAWS_BY_SUFFIX = {
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
 }
 # Error messages by the first bytes of a file, in lower case.
-_FLAWS_BY_FIRST_BYTES = {
-    b"gltf": _FLAWS_BY_SUFFIX[".gltf"],
-    b"ply\n": _FLAWS_BY_SUFFIX[".ply"],
-    b"ply\r\n": _FLAWS_BY_SUFFIX[".ply"],
+_ERRORS_BY_FIRST_BYTES = {
+    b"gltf": _ERRORS_BY_SUFFIX[".gltf"],
+    b"ply\n": _ERRORS_BY_SUFFIX[".ply"],
+    b"ply\r\n": _ERRORS_BY_SUFFIX[".ply"],
 }
 # Error messages by the root element of an XML file, in lower case.
-_FLAWS_BY_ELEMENT = {
-    b"<robot": _FLAWS_BY_SUFFIX[".urdf"],
-    b"<sdf": _FLAWS_BY_SUFFIX[".sdf"],
-    b"<collada": _FLAWS_BY_SUFFIX[".dae"],
+_ERRORS_BY_XML_ELEMENT = {
+    b"<robot": _ERRORS_BY_SUFFIX[".urdf"],
+    b"<sdf": _ERRORS_BY_SUFFIX[".sdf"],
+    b"<collada": _ERRORS_BY_SUFFIX[".dae"],
 }
 _NUM_SEARCHED_BYTES = 2_000  # enough to find the root element after an XML declaration and comments
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -62,10 +62,10 @@ def mesh_points(path: Path) -> Tree:
     suffix = path.suffix.lower()
     read = {".obj": _obj_vertices, ".stl": _stl_vertices}.get(suffix)
     if read is None:
-        flaw = _FLAWS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
+        flaw = _ERRORS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
         raise InputError(f"{mark}: {flaw}")
     data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have at most {_MAX_MESH_BYTES:,} bytes")
-    if flaw := _other_format_flaw(data[:_NUM_SEARCHED_BYTES].lower()):
+    if flaw := _other_format_error(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:
         points = read(data)
@@ -80,11 +80,11 @@ def mesh_points(path: Path) -> Tree:
     return Tree.of(hull.corners.tolist(), mark)
 
 
-def _other_format_flaw(beginning: bytes) -> str:
+def _other_format_error(beginning: bytes) -> str:
     """Return an error message if the first bytes of a file identify another known format; empty otherwise."""
-    flaws = [flaw for start, flaw in _FLAWS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
+    flaws = [flaw for start, flaw in _ERRORS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
-        flaws += [flaw for element, flaw in _FLAWS_BY_ELEMENT.items() if element in beginning]
+        flaws += [flaw for element, flaw in _ERRORS_BY_XML_ELEMENT.items() if element in beginning]
     return flaws[0] if flaws else ""
 
 

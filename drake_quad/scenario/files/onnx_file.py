@@ -204,7 +204,7 @@ class _Graph:
         try:
             results = self._onnx.reference.ReferenceEvaluator(model).run(None, {})
         except Exception as error:  # the evaluator raises exceptions of several types
-            raise UnreadableError(f"has a node {node.op_type} of constants that cannot be computed") from error
+            raise UnreadableError(f"has a node {node.op_type} with constant inputs that cannot be computed") from error
         self._constants |= dict(zip(node.output, results, strict=False))
 
     def chain(self) -> list[_Node]:
@@ -342,7 +342,7 @@ def _gemm(layers: Layers, node: _Node) -> None:
     attributes = node.attributes
     _, weights, *biases = [*node.constants, None]
     if node.chain_index or weights is None or attributes.get("transA", 0):
-        raise UnreadableError("has a Gemm that is not a product of its input and a constant matrix")
+        raise UnreadableError("has a Gemm that does not multiply its input by a constant matrix")
     weights = _matrix(weights) * attributes.get("alpha", 1.0)
     weights = weights if attributes.get("transB", 0) else weights.T
     summand = np.zeros(1) if biases[0] is None else attributes.get("beta", 1.0) * np.ravel(biases[0])
@@ -388,7 +388,9 @@ def _gru(layers: Layers, node: _Node) -> None:
         raise UnreadableError("has a GRU that is not forward, or without linear_before_reset, which is not supported")
     activations = [each.decode().lower() for each in attributes.get("activations", [b"sigmoid", b"tanh"])]
     if activations != ["sigmoid", "tanh"] or "clip" in attributes or lengths is not None:
-        raise UnreadableError("has a GRU with other activations, a clip, or sequence lengths, which are not supported")
+        raise UnreadableError(
+            "has a GRU with non-default activations, a clip, or sequence lengths, which are not supported"
+        )
     if (
         node.chain_index
         or input_gates is None
@@ -400,7 +402,7 @@ def _gru(layers: Layers, node: _Node) -> None:
     units = hidden_gates.shape[-1]
     both = np.zeros((1, 6 * units)) if both is None else both
     if input_gates.shape[:2] != (1, 3 * units) or both.shape != (1, 6 * units):
-        raise UnreadableError("has a GRU whose weights and biases have shapes that do not match")
+        raise UnreadableError("has a GRU with weights and biases of inconsistent shapes")
     order = np.r_[units : 2 * units, :units, 2 * units : 3 * units]
     inner, outer = np.split(both[0], 2)
     layers.gru((input_gates[0][order], inner[order]), (hidden_gates[0][order], outer[order]), initial)

@@ -72,7 +72,7 @@ class _Values:
             )
         if isinstance(value, str) and len(value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark}: {short_repr(value)} is too long: a name or value may have at most {MAX_CHARACTERS:,}"
+                f"{self._mark}: {short_repr(value)} is too long: a key or value may have at most {MAX_CHARACTERS:,}"
                 " characters"
             )
         return Tree(value, self._mark)

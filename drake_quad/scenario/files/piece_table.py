@@ -8,7 +8,7 @@ from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.number_table import Row, TableFormat, table_rows
 
 # The header row may follow empty lines and comments, and may itself be a comment.
-_HEADING = re.compile(r"(?:\s*+#(?!\s*+duration\s*+,)[^\n]*+\n)*+\s*+(#?+)\s*+duration\s*+,", re.IGNORECASE)
+_HEADER_PATTERN = re.compile(r"(?:\s*+#(?!\s*+duration\s*+,)[^\n]*+\n)*+\s*+(#?+)\s*+duration\s*+,", re.IGNORECASE)
 _FORMAT = TableFormat(
     "pieces",
     COLUMNS,
@@ -20,7 +20,7 @@ _FORMAT = TableFormat(
 
 def is_piece_table(text: str) -> bool:
     """Return whether a CSV text begins with the column names of a table of pieces."""
-    return _HEADING.match(text) is not None
+    return _HEADER_PATTERN.match(text) is not None
 
 
 def parse_piece_table(text: str, path: Path) -> Tree:
@@ -33,7 +33,7 @@ def parse_piece_table(text: str, path: Path) -> Tree:
     Raises:
         InputError: if the text is not such a table, or has no rows or too many.
     """
-    if (heading := _HEADING.match(text)) and heading[1]:
+    if (heading := _HEADER_PATTERN.match(text)) and heading[1]:
         text = text[: heading.start(1)] + " " + text[heading.end(1) :]
     return Tree([_piece(row) for row in table_rows(text, path, _FORMAT)], Mark(str(path), 1))
 

@@ -52,7 +52,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     }
     read = readers.get(path.suffix.lower())
     if read is None:
-        raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
+        raise InputError(f"{mark}: is not a readable network: its name must end in .npz or .onnx")
     data = read_bytes(path, _MAX_FILE_BYTES, f"the file of a network may have at most {_MAX_FILE_BYTES:,} bytes")
     try:
         # Arithmetic on the constants in a file may overflow. Validation later rejects numbers that are not finite.

@@ -20,7 +20,7 @@ RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
 _BASE_VALUE = "value beneath"
 _REFERENCE_VALUE = "to"
-# Fields whose values are already fractions of a property of the vehicle, so their distributions are not scaled.
+# Fields whose values are already relative to the vehicle. Their distributions are not scaled.
 _FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
 
 

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import mappings_in
 
-# First line of a file with a scenario whose kinds are registered by Python files of the user.
+# First line of a saved scenario with kinds that the user's Python files register.
 _HEADER = "# This scenario needs the command-line options {}\n"
 _MAX_HEADER_LENGTH = 1000  # characters
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from drake_quad.errors import did_you_mean, short_repr, shortest_path
 from drake_quad.scenario.files.documents import parse_document
 
-_PACKAGE = Path(__file__).parents[2]
+_PACKAGE_FOLDER = Path(__file__).parents[2]
 
 
 def shipped_folder() -> Path:
     """Return the folder of the shipped files: inside an installed package, or next to the package in a checkout."""
-    installed = _PACKAGE / "diagrams"
-    return installed if installed.is_dir() else _PACKAGE.parent / "diagrams"
+    installed = _PACKAGE_FOLDER / "diagrams"
+    return installed if installed.is_dir() else _PACKAGE_FOLDER.parent / "diagrams"
 
 
 def shipped_file(name: str) -> Path | None:
@@ -52,7 +52,7 @@ def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
     file, _, member = name.partition(":")
     question = did_you_mean(file, shipped_names(), 1)
-    with suppress(OSError, ValueError):  # the text may be too long for a path, or contain a null character
+    with suppress(OSError, ValueError):  # the text may be too long for a path or contain a null character
         if member and Path(f"{file}.py").is_file():
             question = f"did you mean {file}.py:{member}?"
     if file.endswith(".py"):

@@ -144,8 +144,8 @@ def _value_of(rule: str) -> Callable[[ValueSums, Any, float], Any]:
     return lambda sums, ticks, _: REDUCTIONS[rule].value(sums.value, ticks)
 
 
-_VALUES = {rule: _value_of(rule) for rule in REDUCTIONS}
-# Formats of metrics in tables, by unit.
+_VALUE_FUNCTIONS = {rule: _value_of(rule) for rule in REDUCTIONS}
+# Default table format of a metric, by its unit.
 _DISPLAYS = {"m": CENTIMETRES, "1": Display("%", 0.01, 1), "rad": Display("°", math.radians(1.0), 1)}
 
 
@@ -210,7 +210,7 @@ def reduced_metric(
     reduction = REDUCTIONS[rule]
     appearance = appearance._replace(value_range=reduction.value_range_of(appearance.value_range))
     accumulator = Accumulator(ValueSums(reduction.initial), add_reduced, ("period", *arguments), constants)
-    return appearance.metric(name, accumulator, _VALUES[rule], differentiable=reduction.differentiable)
+    return appearance.metric(name, accumulator, _VALUE_FUNCTIONS[rule], differentiable=reduction.differentiable)
 
 
 def metric(
@@ -343,7 +343,7 @@ def _registered(function: _Function, definition: Callable[..., Metric]) -> _Func
         kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
         **_settings_of(function),
     )
-    # Pickle finds the class as an attribute of the function.
+    # Pickle looks the class up as an attribute of the function.
     model.__qualname__ = f"{function.__qualname__}.settings"
     function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
     return function
@@ -368,5 +368,5 @@ def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:
                 raise TypeError(f"the argument {name} of {function.__name__} must have a default")
             fields[name] = (hints.get(name, Real), parameter.default)
         elif parameter.kind != parameter.POSITIONAL_OR_KEYWORD:
-            raise TypeError(f"{function.__name__} must name its signals, in place of *{name}")
+            raise TypeError(f"{function.__name__} must name its signals instead of using *{name}")
     return fields

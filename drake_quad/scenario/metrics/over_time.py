@@ -10,7 +10,7 @@ from drake_quad.laboratory.metrics import Metric
 from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.metrics.metric import METRICS, Appearance, MetricSettings, reduced_metric
 
-# Description of the metric of each rule.
+# Description of the metric that each rule computes.
 _DESCRIPTIONS = {
     "mean": "Mean of a scalar signal.",
     "rms": "Root mean square of a scalar signal.",
@@ -46,7 +46,7 @@ class SignalMetric(MetricSettings):
 
 for _rule, _description in _DESCRIPTIONS.items():
     _name = f"{_rule.capitalize()}OverTime"
-    # Pickle finds the class by its name in this module.
+    # Pickle looks the class up by its name in this module.
     globals()[_name] = METRICS.member(
         create_model(
             _name,

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
-# Largest limit on the output of a layer. The rounding error of adding and subtracting such a limit is at most 1e-10.
+# Largest limit on the output of a layer. Adding and subtracting such a limit causes rounding errors of at most 1e-10.
 _MAX_LIMIT = 1e6
 _Gates = tuple[np.ndarray, np.ndarray]
 
@@ -31,8 +31,8 @@ class Layers:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.preprocessing: dict[str, Any] = {}
-        # Factor and summand, not yet merged, that apply to the output of the last layer, or without layers to the
-        # limited input.
+        # Pending factor and summand, which apply to the output of the last layer, or to the limited input if there is
+        # no layer.
         self._pending: tuple[np.ndarray, np.ndarray] | None = None
 
     def dense(
@@ -60,7 +60,7 @@ class Layers:
         initial = np.zeros(units) if initial is None else initial.ravel()
         shapes = [each.shape for each in (input_gates[0], input_gates[1], hidden_gates[1], initial)]
         if gates != 3 * units or shapes != [(gates, inputs), (gates,), (gates,), (units,)]:
-            raise UnreadableError("has gated recurrent units whose weights and biases have shapes that do not match")
+            raise UnreadableError("has gated recurrent units with weights and biases of inconsistent shapes")
         input_gates = self._with_pending(*input_gates)
         self.layers.append({"kind": "gru", "inputs": inputs, "outputs": units})
         self._numbers += [*input_gates, *hidden_gates, initial]
@@ -159,5 +159,5 @@ class Layers:
             return np.broadcast_to(numbers, (count,))
         except ValueError:
             raise UnreadableError(
-                f"has arithmetic with {numbers.size} numbers after {count} neurons; the two must be equal"
+                f"has arithmetic with {numbers.size} numbers after {count} neurons; the numbers must be equal"
             ) from None

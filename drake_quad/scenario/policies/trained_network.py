@@ -14,7 +14,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, valid
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
 from drake_quad.scenario.quantities import FixedPositive
 
-# Number of rows of a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
+# Number of neurons or units in a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -94,11 +94,15 @@ class TrainedNetwork(Model):
     numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
         description="weights and biases of all layers in base 64, as a list of pieces of text"
     )
-    offset: _Numbers | None = Field(default=None, description="number that is subtracted from each row of the input")
-    scale: _Numbers | None = Field(default=None, description="factor by which each row of the input is then multiplied")
+    offset: _Numbers | None = Field(
+        default=None, description="number that is subtracted from each element of the input"
+    )
+    scale: _Numbers | None = Field(
+        default=None, description="factor by which each element of the input is then multiplied"
+    )
     limit: FixedPositive | None = Field(
         default=None,
-        description="largest magnitude of each row of the input after scaling (1); null for no limit",
+        description="largest magnitude of each input element after scaling (1); null for no limit",
     )
 
     @classmethod
@@ -110,7 +114,7 @@ class TrainedNetwork(Model):
             numbers: weights, biases and initial hidden states of all layers, one layer after another.
             preprocessing: `offset`, `scale` and `limit`, if given.
         """
-        with np.errstate(over="ignore"):  # numbers that overflow become infinite, so the comparison fails
+        with np.errstate(over="ignore"):  # numbers that overflow become infinite, and the comparison fails
             precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MAX_CHARACTERS] for k in range(0, len(text), MAX_CHARACTERS)])
@@ -141,7 +145,7 @@ class TrainedNetwork(Model):
             rows = getattr(self, name)
             if rows is not None and len(rows) != self.layers[0].inputs:
                 raise self.field_error(
-                    f"must have {self.layers[0].inputs} numbers, one for each row of the input", name
+                    f"must have {self.layers[0].inputs} numbers, one for each element of the input", name
                 )
         return self
 

@@ -95,7 +95,7 @@ class MovingRoute(MissionRoute):
 
     def limits(self) -> PathLimits:
         """Return the limits of the path."""
-        # A limit of null, which some routes allow, is omitted.
+        # Some routes allow null for no limit, which is omitted here.
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 

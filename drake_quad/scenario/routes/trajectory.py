@@ -15,14 +15,14 @@ from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedPositive
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# Unit and largest allowed jump between the pieces of a trajectory, by path and order of the derivative. Jumps this
-# small do not affect a vehicle.
+# Unit and largest allowed jump between trajectory pieces, by path and order of the derivative. Such small jumps do not
+# affect a vehicle.
 _MAX_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
-# Rounding error of coefficients in files, which have six decimals. Its effect at the end of a piece is added to the
-# largest jump.
+# Rounding error of coefficients in files with six decimals. Its effect at the end of a piece is added to the allowed
+# jump.
 _COEFFICIENT_ROUNDING = 1e-6
-# Times at which two pieces meet, as fractions of each piece: the end of the first and the beginning of the second.
-_JOINT = np.array([1.0, 0.0])
+# Unit times at which two pieces meet: the end of the first piece and the beginning of the second.
+_JOINT_TIMES = np.array([1.0, 0.0])
 
 
 class Knot(Model):
@@ -141,7 +141,7 @@ class TrajectoryRoute(MissionRoute):
         for i in range(1, len(self.pieces)):
             for (name, order), (unit, max_jump) in _MAX_JUMPS.items():
                 path: PolynomialPath = getattr(plan, name)
-                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _JOINT, order))))
+                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _JOINT_TIMES, order))))
                 rounding = _COEFFICIENT_ROUNDING * float(power_basis(order, self.pieces[i - 1].duration, POWERS).sum())
                 limit = max_jump + rounding
                 if not jump <= limit:

@@ -32,7 +32,8 @@ from drake_quad.space.space import Space
 if TYPE_CHECKING:
     from drake_quad.space.around import RouteAround
 
-# Half a turn plus a tolerance for rounding, rad. Consecutive yaws that differ by no more describe continuous turns.
+# Half a turn plus a rounding tolerance, rad. Successive yaws that differ by at most this angle describe a continuous
+# turn.
 _HALF_TURN = math.pi + 1e-6
 
 
@@ -129,7 +130,7 @@ class WaypointRoute(MovingRoute):
         if self.heading == "waypoints" and not has_yaws:
             raise self.field_error("requires a yaw at at least one waypoint", "heading")
         if self.heading != "waypoints" and has_yaws:
-            raise self.field_error("must be waypoints, since waypoints have yaws", "heading")
+            raise self.field_error("must be waypoints, since yaws are given at waypoints", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
@@ -260,7 +261,7 @@ class WaypointRoute(MovingRoute):
             durations, points = split_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # With given times, the vehicle hovers between two equal waypoints.
+        # If times are given, the vehicle hovers between two equal waypoints.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying
@@ -295,7 +296,7 @@ class WaypointRoute(MovingRoute):
         if space.bounds is None:
             raise InputError(
                 f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
-                " space.bounds, the box in which to plan a way around the obstacles"
+                " space.bounds, the box in which to plan a route around the obstacles"
             )
         path, way = cached_on_disk(plan_around, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)

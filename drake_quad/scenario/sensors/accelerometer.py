@@ -11,7 +11,7 @@ from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, Plausible, not_in_g
 from drake_quad.scenario.quantities import NonNegative, Position, field_of
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
-# Uncalibrated accelerometers have a bias of 0.1 g, 1 m/s², and noise densities of 100 to 400 µg/√Hz.
+# Uncalibrated accelerometers have a bias of up to 0.1 g (1 m/s²), and noise densities of 100 to 400 µg/√Hz.
 _PLAUSIBLE_BIAS = not_in_g(upper=5.0, prefix="m")
 _PLAUSIBLE_DENSITY = Plausible("m/s²/√Hz", "µg/√Hz", 9.80665e-6, upper=0.5)
 

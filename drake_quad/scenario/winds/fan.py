@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Position, Positi
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
 from drake_quad.signals import VelocityW
 
-# Walls of fans for quadrotors move up to 100 m³/s; industrial fans have diameters of up to 7 m.
+# Fan walls for quadrotors move up to 100 m³/s. Industrial fans have diameters of up to 7 m.
 _PLAUSIBLE_FLOW = Plausible("m³/s", "m³/h", 1.0 / 3600.0, upper=500.0)
 _PLAUSIBLE_DIAMETER = not_in_millimetres(upper=10.0)
 

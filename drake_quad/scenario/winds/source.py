@@ -79,7 +79,7 @@ WINDS = OpenUnion(WindSource)
 
 AnyWindSource = Annotated[WindSource, WINDS]
 
-# The strongest hurricanes have 85 m/s.
+# The strongest hurricanes have wind speeds of 85 m/s.
 _PLAUSIBLE_WIND = Plausible("m/s", "km/h", 1.0 / 3.6, upper=85.0)
 
 
