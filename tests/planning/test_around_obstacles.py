@@ -49,7 +49,7 @@ TIMING_OVERRIDES = {
 
 
 @pytest.mark.parametrize("timing", TIMING_OVERRIDES.values(), ids=TIMING_OVERRIDES)
-def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_and_acceleration(room, timing):
+def test_plans_with_every_timing_keep_clearance_and_speed_and_acceleration_limits(room, timing):
     scenario = room(timing)
     plan, problem, waypoints, _ = planned(scenario)
     assert scenario.room().clearance == pytest.approx(0.27)
@@ -64,7 +64,7 @@ def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_an
         assert peak_norm(plan.path, 2) <= 2.0 + 1e-9
 
 
-def test_each_yaw_is_reached_at_its_waypoint(room):
+def test_the_yaw_equals_the_given_yaw_at_each_waypoint(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
     )
@@ -73,7 +73,7 @@ def test_each_yaw_is_reached_at_its_waypoint(room):
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
 
-def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
+def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
     waypoints = (
         "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.6, 0.8], max: [3, 3.4, 1.6]}},"
         " {sphere: {centre: [5.5, 3.5, 1.2], radius: 0.3}}, [6, 0, 1], [0, 0, 1]]"
@@ -90,7 +90,7 @@ def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
     assert last_segment[1].max() <= 0.5 + 1e-6
 
 
-def test_a_gate_is_passed_in_its_free_part(room):
+def test_the_path_passes_a_gate_where_no_obstacle_covers_it(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
     plan, _, numbers, _ = planned(scenario)
@@ -98,7 +98,7 @@ def test_a_gate_is_passed_in_its_free_part(room):
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
 
-def test_an_obstacle_away_from_the_path_does_not_change_the_plan(room):
+def test_an_obstacle_far_from_the_path_does_not_change_the_plan(room):
     remote_obstacles = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
     plan_with_obstacles = plan_route(room("route.times=heuristic", "space.bounds=null", *remote_obstacles))
     plan_without_space = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
@@ -142,7 +142,7 @@ IMPOSSIBLE_PLANS = {
 
 
 @pytest.mark.parametrize(("overrides", "message"), IMPOSSIBLE_PLANS.values(), ids=IMPOSSIBLE_PLANS)
-def test_an_impossible_plan_is_explained(room, overrides, message):
+def test_the_error_for_an_impossible_plan_gives_the_reason(room, overrides, message):
     with pytest.raises(InputError, match=message):
         plan_route(room("route.times=heuristic", *overrides))
 
@@ -161,7 +161,7 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     assert approach.distance >= 0.17
 
 
-def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
+def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room):
     """Wind and control determine the predicted error, and therefore also the plan."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
@@ -175,14 +175,14 @@ def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
     assert distances.min() >= windy.space.clearance
 
 
-def test_a_path_through_the_shipped_forest_is_found():
+def test_the_planner_finds_a_path_through_the_shipped_forest():
     """Drake's search for a convex region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])
     planned_mission = planned(scenario)
     assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 
-def test_a_fraction_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
+def test_a_clearance_for_the_tracking_error_requires_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking_error_factor=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
     with pytest.raises(InputError, match="space.tracking_error_factor multiplies a predicted tracking error"):

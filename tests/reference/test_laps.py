@@ -21,7 +21,7 @@ def closed_path(seam, derivatives=FREE_DERIVATIVES):
     return MinimumSnap(LAP_WAYPOINTS, SEGMENT_DURATIONS, given).path()
 
 
-def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
+def test_motion_at_the_seam_agrees_with_the_middle_lap_of_a_long_path():
     """The test plans 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
     points, durations = np.vstack([LAP_WAYPOINTS, *[LAP_WAYPOINTS[1:]] * 23]), np.tile(SEGMENT_DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
@@ -32,7 +32,7 @@ def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
     )
 
 
-def test_the_motion_between_laps_has_the_minimum_snap():
+def test_no_other_motion_at_the_seam_has_less_snap():
     seam = periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, FREE_DERIVATIVES)
     least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
@@ -40,7 +40,7 @@ def test_the_motion_between_laps_has_the_minimum_snap():
             assert (snap_cost(closed_path(seam + side * change[:, np.newaxis])) > least).all()
 
 
-def test_given_derivatives_between_laps_are_kept():
+def test_derivatives_given_at_the_seam_of_laps_are_kept():
     stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
     np.testing.assert_array_equal(periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, stop), 0.0)
@@ -56,7 +56,7 @@ def test_given_derivatives_between_laps_are_kept():
 
 
 @pytest.mark.parametrize("laps", [2, 5])
-def test_laps_begin_and_end_at_rest_and_are_equal_in_between(laps):
+def test_the_first_lap_starts_and_the_last_ends_at_rest_and_middle_laps_are_equal(laps):
     lead = np.array([[0.2, -0.1, 0.0]])
     durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), SEGMENT_DURATIONS, 1.2 * SEGMENT_DURATIONS[::-1])
     path, starts = path_of_laps(np.vstack([lead, LAP_WAYPOINTS]), durations, laps, lead=1)
@@ -94,7 +94,7 @@ def route(diagrams, text, *more):
         f"kind: waypoints, laps: 4, times: [1, 5, 8, 13], {LAP_WAYPOINTS_YAML}",
     ],
 )
-def test_closed_routes_are_flown_in_laps_within_their_limits(diagrams, text):
+def test_laps_of_closed_routes_satisfy_the_limits(diagrams, text):
     plan = plan_route(route(diagrams, text))
     first, *between, last = np.diff(plan.lap_times)
     assert between == pytest.approx([between[0]] * 2)
@@ -116,7 +116,7 @@ def test_three_laps_of_the_figure_eight_have_a_trapezoidal_profile_scaled_to_the
     np.testing.assert_allclose(stretched, stretched[0], rtol=1e-9)
 
 
-def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
+def test_the_vehicle_rests_between_laps_if_the_last_waypoint_is_a_stop(diagrams):
     stopping = LAP_WAYPOINTS_YAML.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, {stopping}"))
     for order in (1, 2, 3):
@@ -125,7 +125,7 @@ def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
     np.testing.assert_allclose(np.diff(plan.lap_times), once.duration, rtol=1e-3)
 
 
-def test_with_given_times_the_vehicle_stays_at_a_repeated_waypoint(diagrams):
+def test_the_vehicle_stays_at_a_repeated_waypoint_if_times_are_given(diagrams):
     """This also holds for the waypoint at which laps begin."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
@@ -152,7 +152,7 @@ def test_legs_and_yaws_are_repeated_in_each_lap(diagrams):
     np.testing.assert_allclose(evaluate(plan.yaw, passed)[0], 0.7, atol=1e-9)
 
 
-def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagrams):
+def test_circles_and_lissajous_figures_have_several_laps_and_other_routes_have_one(diagrams):
     circle = plan_route(route(diagrams, "kind: circle, laps: 3"))
     np.testing.assert_allclose(circle.path.waypoints[[0, 8, 16, 24]], np.tile([1.5, 0.0, 1.0], (4, 1)), atol=1e-12)
     np.testing.assert_allclose(circle.lap_times, circle.path.times[[0, 8, 16, 24]])
@@ -211,7 +211,7 @@ def test_metrics_cannot_start_at_a_lap_that_does_not_exist(diagrams, window, wor
 
 
 @pytest.mark.parametrize(("fraction", "fits"), [(1.0, True), (1.0 / 1.2, False)])
-def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessary_factor(diagrams, fraction, fits):
+def test_the_error_for_lap_times_that_violate_a_limit_gives_the_necessary_factor(diagrams, fraction, fits):
     given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {LAP_WAYPOINTS_YAML}, top_acceleration: null, top_speed: "
     fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
     limited = given + repr(fraction * fastest)
@@ -222,7 +222,7 @@ def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessar
             plan_route(route(diagrams, limited))
 
 
-def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
+def test_a_stop_applies_to_the_same_waypoint_in_every_lap_and_to_no_other(diagrams):
     for number in (1, 2):
         points = ["[0, 0, 1]", "[1, 0, 1.2]", "[1, 1.5, 1]", "[0, 0, 1]"]
         points[number] = f"{{point: {points[number]}, stop: true}}"
@@ -241,7 +241,7 @@ def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
         ("[0, 0, 1], [1, 0, 1], [0.5, 1, 1], [0, 1, 1], [0, 0, 1], [0, 0, 1]", True),
     ],
 )
-def test_the_vehicle_rests_between_laps_only_if_it_stays_there(diagrams, points, rests):
+def test_the_vehicle_rests_between_laps_only_if_it_stays_at_the_first_waypoint(diagrams, points, rests):
     given = "times: [0, 4, 5, 9, 10, 14], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, waypoints: [{points}]"))
     speed = np.linalg.norm(evaluate(plan.path, [14.0], 1))

@@ -54,12 +54,12 @@ def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
 
 @planners
 @pytest.mark.parametrize(("waypoints", "times", "cost"), EXACT_COSTS)
-def test_costs_are_exact(plan, waypoints, times, cost):
+def test_minimum_snap_costs_equal_exact_values(plan, waypoints, times, cost):
     path = plan(np.array(waypoints)[:, np.newaxis], times)
     assert snap_cost(path)[0] == pytest.approx(cost, rel=1e-8)
 
 
-def test_rest_to_rest_is_the_known_polynomial_with_its_known_peaks():
+def test_a_rest_to_rest_segment_is_the_known_polynomial_with_known_peaks():
     path = minimum_snap([[0.0], [2.0]], [1.0, 4.0])
     np.testing.assert_allclose(path.coefficients[0, :, 0] / 2.0, [0, 0, 0, 0, 35, -84, 70, -20], atol=1e-12)
     times = np.linspace(1.0, 4.0, 100_001)
@@ -106,7 +106,7 @@ def test_short_segments_next_to_long_ones_are_accurate(plan, durations):
 
 @given(st.integers(1, 10), st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_closed_form_and_program_agree(segments, seed):
+def test_the_closed_form_and_the_program_give_the_same_path(segments, seed):
     rng = np.random.default_rng(seed)
     waypoints = rng.normal(size=(segments + 1, 2))
     times = np.cumsum(rng.uniform(0.3, 3.0, segments + 1))
@@ -140,7 +140,7 @@ def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
         assert cost > snap_cost(best)[0]
 
 
-def test_the_path_can_be_converted_to_a_trajectory_of_drake():
+def test_a_path_can_be_converted_to_a_drake_trajectory():
     waypoints, times = np.random.default_rng(1).normal(size=(7, 3)), np.array([1.0, 2.0, 2.2, 4.0, 5.0, 8.0, 8.5])
     path = minimum_snap(waypoints, times)
     trajectory = to_piecewise_polynomial(path)
@@ -185,7 +185,7 @@ def test_invalid_derivatives_are_rejected_with_the_reason(derivatives, words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
 
 
-def test_the_quadratic_form_has_integers_and_no_cost_for_rest():
+def test_the_cost_matrix_consists_of_integers_and_rest_has_no_cost():
     np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
     np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
     assert BOUNDARY_FORM[0, 0] == 100_800.0
@@ -195,7 +195,7 @@ def test_the_unit_of_time_at_a_waypoint_is_the_duration_of_its_shorter_segment()
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 
-def test_a_repeated_contact_acts_like_a_single_contact():
+def test_repeating_a_contact_does_not_change_the_path():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
@@ -335,7 +335,7 @@ def other_cost(trajectory, times):
 
 
 @pytest.mark.slow
-def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less():
+def test_another_planner_finds_the_same_cost_and_optimised_times_reduce_it():
     for seed in range(100):
         rng = np.random.default_rng(seed)
         segments = int(rng.integers(1, 9))

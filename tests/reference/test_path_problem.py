@@ -25,7 +25,7 @@ def around(low, high):
     return Box(low, high)
 
 
-def test_a_box_and_its_nearest_points():
+def test_properties_of_a_box_agree_with_its_corners():
     box = Box([0.0, -2.0], [4.0, 1.0])
     np.testing.assert_array_equal(box.centre, [2.0, -0.5])
     np.testing.assert_array_equal(box.nearest(np.array([5.0, 0.0])), [4.0, 0.0])
@@ -46,7 +46,7 @@ def test_the_nearest_point_of_a_sphere_is_on_the_line_to_its_centre():
     np.testing.assert_array_equal(sphere.nearest(np.array([1.2, 0.9])), [1.2, 0.9])
 
 
-def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
+def test_a_problem_has_rest_at_both_ends_and_no_limits_by_default():
     problem = PathProblem(WAYPOINTS)
     np.testing.assert_array_equal(np.isnan(problem.derivatives).all(axis=(1, 2)), [False, True, False])
     assert not np.nan_to_num(problem.derivatives).any()
@@ -80,7 +80,7 @@ def test_feasible_problems_are_accepted():
     PathProblem([WAYPOINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), WAYPOINTS[2]])
 
 
-def test_the_room_of_a_waypoint_is_the_intersection_of_its_region_and_corridors():
+def test_a_waypoint_may_lie_in_the_intersection_of_its_region_and_corridors():
     corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
     problem = PathProblem([WAYPOINTS[0], Box([1, -2, 0], [4, 2, 0]), WAYPOINTS[2]], corridors=corridors)
     np.testing.assert_array_equal(problem.room(1).low, [1.0, -0.5, 0.0])
@@ -91,7 +91,7 @@ def test_the_room_of_a_waypoint_is_the_intersection_of_its_region_and_corridors(
     np.testing.assert_array_equal(free.representatives()[1], [1.0, 1.0, 1.0])
 
 
-def test_only_points_without_corridors_are_planned_in_closed_form():
+def test_a_problem_has_a_closed_form_only_if_it_has_points_and_no_corridors():
     assert PathProblem(WAYPOINTS).passes_points
     assert not PathProblem(WAYPOINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
     assert not PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points

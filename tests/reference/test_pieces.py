@@ -82,7 +82,7 @@ def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
 
 
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
-def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
+def test_pieces_whose_yaws_differ_by_whole_turns_are_continuous(turns):
     """Other programs write yaw angles from -π to π."""
     rows = pieces_of(EXAMPLE_PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
@@ -92,7 +92,7 @@ def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
 
 
 @pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
-def test_the_yaw_is_continuous_where_the_yaw_of_a_file_wraps(write, before):
+def test_the_yaw_is_continuous_even_if_the_yaw_in_a_file_wraps(write, before):
     after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
     text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
     plan = plan_route(load_mission(write(text)))
@@ -120,7 +120,7 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
         pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 
-def test_a_file_of_other_programs_is_read(write):
+def test_files_written_by_other_programs_can_be_read(write):
     """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
     plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
@@ -168,7 +168,7 @@ def test_defaults_of_a_trajectory_are_not_written(diagrams):
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
 
 
-def test_a_plan_that_knots_do_not_determine_is_saved_with_its_pieces(write, tmp_path, diagrams):
+def test_a_plan_is_saved_with_pieces_if_its_knots_do_not_determine_it(write, tmp_path, diagrams):
     plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
     again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
@@ -267,13 +267,13 @@ def test_many_empty_lines_are_read_quickly(write):
         load_mission(write("\n" * 300_000))
 
 
-def test_a_table_without_a_header_has_all_columns(write):
+def test_a_table_without_a_header_must_have_all_columns(write):
     write("\n".join(ROUND_TRIP_CSV.splitlines()[1:]), "bare.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
     assert_alike(plan_route(load_mission(write(ROUND_TRIP_CSV))), plan_route(load_mission(loop)))
 
 
-def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
+def test_a_plan_converted_to_minsnap_trajectories_has_the_same_values():
     times = np.linspace(0.0, 5.2, 301)
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(EXAMPLE_PLAN), times, 5)
     for order in range(5):
@@ -283,7 +283,7 @@ def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
     np.testing.assert_array_equal(actual.yaw.times, POSITION_PATH.times[[0, -1]])
 
 
-def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():
+def test_minsnap_trajectories_plans_the_same_path_from_exported_waypoints():
     made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(EXAMPLE_PLAN), degree=7, num_continuous_orders=4)
     assert_alike(Plan.with_constant_yaw(POSITION_PATH), plan_of_minsnap(made), atol=1e-9)
 

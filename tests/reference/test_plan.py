@@ -12,7 +12,7 @@ from drake_quad.reference.source import build_reference
 EXAMPLE_PLAN = Plan.with_constant_yaw(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
 
 
-def test_the_source_outputs_the_derivatives_of_the_plan():
+def test_the_reference_diagram_outputs_the_derivatives_of_the_plan():
     times = [0.5, 3.0]
     turning = hermite_path(np.array(times), np.array([[[0.3], [0.0], [0.4]], [[0.8], [0.2], [-0.1]]]))
     plan = Plan(EXAMPLE_PLAN.path, turning)
@@ -77,7 +77,7 @@ def test_derivatives_of_a_plan_agree_with_its_path():
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
-def test_the_reference_lasts_until_path_and_yaw_are_at_rest(speed, yaw_rate):
+def test_the_reference_continues_until_path_and_yaw_are_at_rest(speed, yaw_rate):
     """Either path or yaw is in steady motion and brakes for seconds, while the other one is at rest."""
     times, still = np.array([0.0, 1.0]), np.zeros(3)
     path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))

@@ -149,7 +149,7 @@ def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
-def test_limits_have_priority_over_least_snap():
+def test_limits_take_precedence_over_minimum_snap():
     asked = problem()
     shortest = plan_path(asked, MinimumTimeTiming())
     free = plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total(shortest)))
@@ -169,7 +169,7 @@ def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
 
 
 @pytest.mark.slow
-def test_a_given_velocity_is_flown():
+def test_a_path_has_the_velocity_that_is_given_at_a_waypoint():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [-1.0, 0.5, 0.0]
     for timing in (
@@ -219,11 +219,11 @@ def test_times_may_begin_at_any_instant_and_span_a_day():
 
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])
-def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
+def test_the_total_time_of_minimum_snap_timing_may_be_a_millisecond_or_a_day(total):
     assert plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total)).duration == pytest.approx(total, rel=1e-9)
 
 
-def test_a_flight_after_a_stay_equals_a_flight_that_starts_there():
+def test_a_path_after_a_repeated_waypoint_equals_a_path_that_starts_there():
     points = SQUARE_WAYPOINTS[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), FixedTimes((0.0, 3.0, 7.0, 12.0)))
     alone = MinimumSnap(SQUARE_WAYPOINTS[:3], np.array([4.0, 5.0])).path()
@@ -272,7 +272,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 @pytest.mark.parametrize(
     "times", [(0.0, 0.01, 3.0, 9.0, 10.0), (0.0, 1e-9, 2e-9, 3e-9, 4e-9), (0.0, 1e-3, 2.0, 3.0, 4.0)]
 )
-def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
+def test_a_far_too_short_time_is_reported_with_the_violated_limit_and_a_working_remedy(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), FixedTimes(times))
     slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
@@ -280,7 +280,7 @@ def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(t
     assert max(fractions(path)) <= 1.0 + 1e-6
 
 
-def test_an_object_that_is_no_timing_is_rejected():
+def test_an_object_of_another_type_than_a_timing_is_rejected():
     with pytest.raises(TypeError, match="is not a FixedTimes, HeuristicTiming, MinimumSnapTiming or MinimumTimeTiming"):
         plan_path(problem(), MinimumTimeTiming)
 

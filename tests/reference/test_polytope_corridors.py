@@ -47,7 +47,7 @@ def farthest_beyond(path, corridors):
 
 
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
-def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
+def test_a_box_given_as_a_polytope_gives_the_same_plan(timing):
     boxes = planned(WAYPOINTS, BOXES_AROUND_LEGS, timing)
     polytopes = planned(WAYPOINTS, [Polytope.from_box(box) for box in BOXES_AROUND_LEGS], timing)
     assert polytopes.duration == pytest.approx(boxes.duration, rel=1e-6)
@@ -55,7 +55,7 @@ def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
 
 
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
-def test_a_rotated_problem_has_the_rotated_plan(timing):
+def test_rotating_a_problem_rotates_its_plan(timing):
     matrix = rotation(1)
     boxes = planned(WAYPOINTS, BOXES_AROUND_LEGS, timing)
     rotated = planned(WAYPOINTS @ matrix.T, [rotated_polytope(box, matrix) for box in BOXES_AROUND_LEGS], timing)
@@ -87,7 +87,7 @@ def chain(seed):
     [HeuristicTiming(), MinimumSnapTiming(30.0), MinimumTimeTiming()],
     ids=lambda timing: type(timing).__name__,
 )
-def test_a_path_stays_in_polytopes_everywhere(timing, seed):
+def test_a_path_stays_in_its_polytopes_at_all_times(timing, seed):
     problem = chain(seed)
     path = plan_path(problem, timing)
     largest = max(corridor.size for corridor in problem.corridors)
@@ -100,7 +100,7 @@ def test_a_flat_polytope_is_rejected():
         PathProblem([Box.point([0, 0, 0]), Box.point([1, -1, 0])], corridors=[flat])
 
 
-def test_the_distance_of_a_point_outside_is_reported():
+def test_the_error_for_a_waypoint_outside_a_polytope_gives_the_distance():
     behind = Polytope([[3, 4, 0]], [0])
     with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])

@@ -26,7 +26,7 @@ def test_the_largest_ball_in_a_right_triangle_is_its_incircle():
     assert str(TRIANGLE) == "the polytope of 3 faces around (1, 1)"
 
 
-def test_a_box_as_a_polytope_is_the_same_region():
+def test_a_box_converted_to_a_polytope_is_the_same_region():
     polytope = Polytope.from_box(BOX)
     corners = np.array(list(itertools.product(*zip(BOX.low, BOX.high, strict=True))))
     assert all(abs(polytope.max_violation(corner)) <= 1e-12 for corner in corners)
@@ -71,7 +71,7 @@ def test_separate_regions_have_no_intersection():
     assert TRIANGLE.intersection(TRIANGLE).equals(TRIANGLE)
 
 
-def test_an_intersection_is_computed_once():
+def test_the_intersection_of_two_regions_is_computed_only_once():
     other = Box([0.0, 0.0], [2.0, 1.0])
     assert TRIANGLE.intersection(other) is TRIANGLE.intersection(other)
 

@@ -25,7 +25,7 @@ def test_a_plan_is_sampled_periodically_and_at_its_end(tmp_path, options, period
     assert 0.0 < times[-1] - times[-2] <= period
 
 
-def test_the_table_contains_yaw_position_and_its_derivatives_to_nine_digits(tmp_path):
+def test_the_saved_table_contains_position_derivatives_and_yaw_to_nine_digits(tmp_path):
     file = saved(EXAMPLE_PLAN, tmp_path)
     table = read_table(file)
     times = table["time (s)"]
@@ -39,7 +39,7 @@ def test_the_table_contains_yaw_position_and_its_derivatives_to_nine_digits(tmp_
     assert max(map(len, digits)) == 9
 
 
-def test_both_files_end_with_a_line_break(tmp_path):
+def test_both_files_of_a_saved_plan_end_with_a_line_break(tmp_path):
     table, route, pieces = save_plan(EXAMPLE_PLAN, tmp_path, name="there")
     assert (table.name, route.name, pieces.name) == ("trajectory.csv", "trajectory.yaml", "pieces.csv")
     for file in (table, route, pieces):

@@ -62,7 +62,7 @@ def test_every_angle_of_the_language_is_refused_in_degrees(field):
         ("laboratory.motion_capture.misalignment.1=5", "misalignment.1 is 5, .* 5 degrees are 0.08727 rad"),
     ],
 )
-def test_the_value_in_radians_is_given(diagrams, override, words):
+def test_the_message_about_degrees_gives_the_value_in_radians(diagrams, override, words):
     with pytest.raises(InputError, match=re.escape(words).replace(r"\.\*", ".*")):
         load_scenario(diagrams / "hover.yaml", [override])
 
@@ -101,7 +101,7 @@ def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, index):
         load_mission(diagrams / "hover.yaml", route_with_yaws(*yaws))
 
 
-def test_trajectories_may_turn_any_number_of_times(diagrams):
+def test_the_yaw_of_a_trajectory_may_turn_any_number_of_times(diagrams):
     """The test covers trajectories of knots, trajectories of pieces, and a circle."""
     knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
     yaw_knots = [{"time": 0.0, "yaw": 100.0, "yaw_rate": 1.0}, {"time": 60.0, "yaw": 160.0, "yaw_rate": 1.0}]

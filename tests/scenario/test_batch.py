@@ -58,7 +58,7 @@ def test_a_sample_does_not_depend_on_the_other_samples(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_random_streams_of_rotors_are_unchanged_since_rotors_were_counted_from_0(study):
+def test_random_streams_of_rotor_fields_still_count_rotors_from_0(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
     errors = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
     np.testing.assert_array_equal(errors, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
@@ -81,12 +81,12 @@ def test_fields_without_distributions_are_not_changed(study):
 @pytest.mark.parametrize(
     ("sample", "seed", "words"), [(-1, 0, "sample is -1"), (2**31, 0, "sample is"), (0, -3, "seed is -3")]
 )
-def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
+def test_a_seed_or_sample_index_out_of_range_is_refused(study, sample, seed, words):
     with pytest.raises(InputError, match=words):
         draw_sample(study(), sample, seed=seed)
 
 
-def test_a_sample_may_have_an_individual_route(study):
+def test_single_samples_may_have_a_random_route(study):
     """A random route is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
@@ -119,7 +119,7 @@ def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
         Scenario.model_validate(alone.model_dump(mode="json"))
 
 
-def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
+def test_only_random_moments_of_inertia_are_adjusted(study):
     """Payload moments, and the medians of all distributions, are adjusted in the same way."""
     scenario = study(f"vehicle.inertia=[{NORMAL_INERTIA}, 0.007, 0.012]")
     varying = Batch.draw(scenario, range(500)).varying
@@ -184,7 +184,7 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
     np.testing.assert_array_equal(masses[2:], masses[1])
 
 
-def test_the_scenario_of_a_fleet_contains_arrays_only_where_values_vary(asymmetric):
+def test_fields_of_a_fleet_scenario_are_arrays_only_if_their_values_vary(asymmetric):
     """Varying values may be items of lists, or fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}

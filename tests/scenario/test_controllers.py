@@ -81,20 +81,20 @@ def load(controller, *overrides):
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
     ],
 )
-def test_the_field_of_an_invalid_number_is_named(field, value, words):
+def test_the_error_for_an_invalid_network_parameter_names_its_field(field, value, words):
     with pytest.raises(InputError, match=words) as caught:
         load("pd_t2fnn", f"{NETWORK_FIELD}.{field}={value}")
     assert "\n" not in str(caught.value)
     assert field.split(".")[0] in str(caught.value)
 
 
-def test_a_type_1_network_has_no_exponents_of_ellipses():
+def test_a_type_1_network_rejects_exponents_of_ellipses():
     for field in ("a1", "adaptive.exponents"):
         with pytest.raises(InputError, match="(a1|exponents) is unknown"):
             load("pd_t1fnn", f"{NETWORK_FIELD}.{field}=1.2")
 
 
-def test_numbers_of_a_network_may_be_distributions():
+def test_network_parameters_may_be_distributions():
     overrides = ["a1={uniform: {min: 1.1, max: 2.0}}", "learning.gain={choice: [0.5, 1.0]}"]
     load("pd_t2fnn", *(f"{NETWORK_FIELD}.{override}" for override in overrides))
 
@@ -131,20 +131,20 @@ ESTIMATOR_GAINS = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in magnitude; 2 degrees are 0.03491"),
     ],
 )
-def test_wrong_estimators_and_attitude_controllers_are_explained(override, complaint):
+def test_errors_for_invalid_estimators_and_attitude_controllers_give_the_reason(override, complaint):
     with pytest.raises(InputError) as error:
         load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml", [override])
     assert complaint in str(error.value)
 
 
-def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_saved(tmp_path):
+def test_an_attitude_controller_without_a_kind_is_a_pd_also_after_saving(tmp_path):
     scenario = load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml")
     assert scenario.control.attitude.kind == "pd"
     save_scenario(scenario, tmp_path / "saved.yaml")
     assert load_scenario(tmp_path / "saved.yaml") == scenario
 
 
-def test_without_a_tilt_limit_the_vehicle_may_turn_over():
+def test_the_vehicle_may_turn_over_if_the_tilt_limit_is_disabled():
     scenario = load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
     monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf

@@ -88,7 +88,7 @@ def test_each_field_has_its_given_distribution(samples, path, arguments):
     assert scipy.stats.kstest(samples[path], "truncnorm", arguments).pvalue > 1e-3
 
 
-def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study):
+def test_samples_of_an_uncorrelated_normal_agree_with_earlier_releases(study):
     """Samples are bit-identical, because they use only the random numbers of their own field."""
     values = Batch.draw(study(*correlated_overrides("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
@@ -105,7 +105,7 @@ def test_samples_of_shared_variables_agree_with_earlier_releases(study):
     np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
 
 
-def test_a_field_without_common_variables_does_not_depend_on_others(study):
+def test_samples_of_a_field_do_not_depend_on_uncorrelated_fields(study):
     """Samples of the field stay the same if other correlated fields are added or removed."""
     both = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
     alone = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
@@ -131,7 +131,7 @@ def test_shared_variables_are_distinguished_by_name(study):
     assert abs(scipy.stats.spearmanr(other[MASS_FIELD], other[LAG_FIELD]).statistic) < 0.3
 
 
-def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeypatch):
+def test_drawn_values_are_finite_for_any_number_of_shared_variables(study, monkeypatch):
     """The sum of sixteen variables at their extremes is larger than a single variable can be."""
     monkeypatch.setattr(
         correlation, "parameter_numbers", lambda seed, samples, stream: np.full(len(samples), 1.0 - 2.0**-53)
@@ -175,7 +175,7 @@ def test_invalid_shared_variables_are_refused(study, shared, words):
     assert words in str(caught.value)
 
 
-def test_correlations_may_explain_the_whole_variance(study):
+def test_squared_correlations_may_sum_to_exactly_one(study):
     """The correlations in this example are allowed, although the squares of their binary values sum to more than 1."""
     study(correlated_overrides("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
@@ -198,13 +198,13 @@ def test_correlations_are_written_and_read_again(study, tmp_path):
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_a_normal_without_shared_variables_is_written_as_before(study):
+def test_an_uncorrelated_normal_is_saved_as_in_earlier_releases(study):
     """A study is identified by the text of its scenario, which must not change."""
     mass = json.loads(study(correlated_overrides("")[0]).model_dump_json())["vehicle"]["mass"]
     assert mass == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
 
 
-def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, tmp_path):
+def test_an_extension_replaces_the_distribution_of_one_field_only(study, diagrams, tmp_path):
     """A number or distribution replaces a whole distribution, including its shared variables."""
     base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in correlated_overrides())
     path = tmp_path / "mine.yaml"
@@ -266,7 +266,7 @@ def test_correlated_normals_share_few_variables():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_terms_has_the_given_variance():
+def test_a_sum_has_its_given_variance_even_if_its_terms_are_much_less_certain():
     """In this example, the coefficients of a fitted thrust curve are uncertain, but the hover thrust is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])

@@ -50,7 +50,7 @@ def value_within(declared):
 
 
 @for_each_quantity
-def test_a_number_is_refused_exactly_when_it_is_beyond_the_bounds(model, path, declared):
+def test_a_number_is_refused_if_and_only_if_it_violates_the_declared_bounds(model, path, declared):
     lower, upper = float(declared.lower), float(declared.upper)
     assert -MAX_MAGNITUDE <= lower < upper <= MAX_MAGNITUDE
     outside = [lower - 1.0, upper + 1.0, math.nextafter(lower, -math.inf), math.nextafter(upper, math.inf)]
@@ -63,7 +63,7 @@ def test_a_number_is_refused_exactly_when_it_is_beyond_the_bounds(model, path, d
 
 
 @for_each_quantity
-def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_needs(model, path, declared):
+def test_a_normal_distribution_is_refused_if_and_only_if_a_declared_limit_is_missing(model, path, declared):
     mean = value_within(declared)
     below, above = {"min": mean}, {"max": mean}
     for limits, is_enough in (
@@ -77,7 +77,7 @@ def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_nee
 
 
 @for_each_quantity
-def test_units_are_products_of_si_units(model, path, declared):
+def test_declared_units_are_products_of_si_units(model, path, declared):
     relative = (
         r"unit of the (output|error|proportional gains.*)|its unit"  # loop terms have units that depend on the signals
     )

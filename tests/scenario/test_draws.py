@@ -32,7 +32,7 @@ def points(kind, size, samples, names=("a", "b", "c"), seed=5):
 
 
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
-def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
+def test_each_replicate_has_one_number_in_each_of_its_equal_intervals(kind):
     found = points(kind, 32, range(96)).reshape(3, 32, 3)
     expected = np.broadcast_to(np.arange(32)[:, None], (32, 3))
     for replicate in found:
@@ -95,7 +95,7 @@ def test_fields_of_a_latin_hypercube_do_not_depend_on_other_fields():
     check_pairs({"first": first, "second": second})
 
 
-def test_samples_that_are_no_pairs_are_refused():
+def test_scenarios_whose_samples_do_not_correspond_cannot_be_compared_in_pairs():
     more = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
     with pytest.raises(
         InputError, match=r"second and first have different random parameters \(vehicle.quadratic_drag\)"
@@ -128,6 +128,6 @@ def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
         ("{kind: halton, size: 16}", "draws.kind"),
     ],
 )
-def test_impossible_draws_are_refused(draws, words):
+def test_invalid_settings_of_draws_are_refused(draws, words):
     with pytest.raises(InputError, match=words):
         load_scenario("hover", [f"draws={draws}"])

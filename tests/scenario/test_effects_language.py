@@ -77,7 +77,7 @@ def test_effects_are_off_by_default(load):
         (["vehicle.motors={kind: duty}"], "vehicle.motors.kind is 'duty', but must be"),
     ],
 )
-def test_wrong_effects_are_explained_in_one_sentence(load, overrides, message):
+def test_invalid_effects_are_refused_with_a_reason_in_one_sentence(load, overrides, message):
     with pytest.raises(InputError) as refusal:
         load(*overrides)
     assert re.search(message, str(refusal.value)), str(refusal.value)

@@ -344,7 +344,7 @@ def folder(tmp_path_factory):
 @pytest.mark.slow
 @given(tree=st.one_of(varied_trees(), mutated_trees()))
 @fuzz_settings(0.5)
-def test_a_mutated_tree_flies_or_is_refused_in_a_sentence(folder, tree):
+def test_a_mutated_scenario_flies_or_is_refused_in_one_sentence(folder, tree):
     Path("loop.yaml").write_text(yaml_file(tree), encoding="utf-8")
     scenario = result_or_none(lambda: load_scenario("loop.yaml"), r"loop\.yaml:\d+: ")
     if scenario is not None:
@@ -414,7 +414,7 @@ def mutated_texts(draw, text):
 @pytest.mark.slow
 @given(text=mutated_texts(SMALL_FILE), odd_bytes=st.binary(max_size=3), fraction=st.floats(-2.0, 1.0))
 @fuzz_settings(0.25)
-def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, odd_bytes, fraction):
+def test_a_mutated_yaml_text_flies_or_is_refused_in_one_sentence(folder, text, odd_bytes, fraction):
     data = text.encode("utf-8", errors="surrogatepass")
     position = max(0, round(fraction * len(data)))
     Path("loop.yaml").write_bytes(data[:position] + odd_bytes + data[position:] if position else data)
@@ -454,7 +454,7 @@ def tables(draw):
 @pytest.mark.slow
 @given(text=st.one_of(tables(), tables().flatmap(mutated_texts)), name=st.sampled_from(["course", "-", "a b", "1"]))
 @fuzz_settings(0.1)
-def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name):
+def test_a_mutated_waypoint_table_is_planned_or_refused_in_one_sentence(folder, text, name):
     Path(f"{name}.csv").write_bytes(text.encode("utf-8", errors="surrogatepass"))
     options = [] if "time" in text else ["route.times=heuristic"]
     mission = result_or_none(lambda: load_mission(f"{name}.csv", options), rf"{name}\.csv(:\d+)?: ", "override ")
@@ -499,7 +499,7 @@ def scenarios_with_overrides(draw):
 @pytest.mark.slow
 @given(case=scenarios_with_overrides())
 @fuzz_settings(0.15)
-def test_overrides_fly_or_are_refused_in_a_sentence(folder, case):
+def test_random_overrides_fly_or_are_refused_in_one_sentence(folder, case):
     tree, overrides = case
     Path("loop.yaml").write_text(yaml_file(tree), encoding="utf-8")
     scenario = result_or_none(lambda: load_scenario("loop.yaml", overrides), "override ", r"loop\.yaml:\d+: ")

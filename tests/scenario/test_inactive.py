@@ -83,7 +83,7 @@ def remarks_on_inactive(scenario):
 @pytest.mark.parametrize(
     ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
 )
-def test_a_setting_without_an_effect_is_remarked_with_the_setting_that_is_missing(base, overrides, path, value, reason):
+def test_the_remark_on_an_inactive_setting_gives_the_reason(base, overrides, path, value, reason):
     before = remarks_on_inactive(loaded(base, overrides))
     (remark,) = [each for each in remarks_on_inactive(loaded(base, {**overrides, path: value})) if each not in before]
     assert remark.startswith(path)
@@ -95,13 +95,13 @@ def test_a_setting_without_an_effect_is_remarked_with_the_setting_that_is_missin
 @pytest.mark.parametrize(
     ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
 )
-def test_a_flight_without_the_remarked_setting_is_the_same(base, overrides, path, value, reason):
+def test_removing_an_inactive_setting_does_not_change_the_flight(base, overrides, path, value, reason):
     without, flown = (simulate(loaded(base, each)) for each in (overrides, {**overrides, path: value}))
     for name in ("state", "measurement", "rotor_speed"):
         np.testing.assert_allclose(flown[name], without[name], rtol=0.0, atol=1e-12)
 
 
-def test_a_setting_that_can_act_is_not_remarked():
+def test_there_is_no_remark_on_settings_with_an_effect():
     acting = {
         "laboratory.wind": [GUST, {"kind": "dryden", "intensity": {"uniform": {"min": 0.0, "max": 1.0}}}],
         "control.position": ZERO_K_I_PID | {"k_i": [0.0, 0.0, 0.1], "integral_limit": 1.0},
@@ -111,7 +111,7 @@ def test_a_setting_that_can_act_is_not_remarked():
     assert remarks_on_inactive(loaded("hover", {**acting, **WITH_DRAG})) == []
 
 
-def test_nothing_is_said_about_the_fields_of_a_wind_that_does_not_act():
+def test_an_inactive_wind_causes_no_remarks_on_its_fields():
     (remark,) = remarks_on_inactive(loaded("hover", {"laboratory.wind": [GUST | {"speed": None, "start": 9.0}] * 2}))
     assert remark.startswith("laboratory.wind has no effect")
 
@@ -124,12 +124,12 @@ def test_settings_with_the_same_reason_share_a_remark():
     ]
 
 
-def test_remarks_on_a_random_route_leave_out_the_plan():
+def test_remarks_on_a_scenario_with_a_random_route_do_not_require_a_plan():
     drawn = {"route.position.0": {"uniform": {"min": 0.0, "max": 1.0}}, "laboratory.wind": [GUST], **WITH_DRAG}
     assert flight_remarks(loaded("hover", drawn)) == ()
 
 
-def test_a_kind_of_ones_own_declares_what_its_fields_need():
+def test_a_user_s_kind_can_declare_which_fields_another_field_needs():
     class Own(Model):
         rate: Number = 0.0
         limit: Annotated[Number, needs("rate")] = 1.0
@@ -144,7 +144,7 @@ def test_a_kind_of_ones_own_declares_what_its_fields_need():
     assert reasons(slope=2.0) == [("control.slope", "control.law is sign")]
 
 
-def test_the_named_strength_fields_of_every_kind_exist():
+def test_the_strength_fields_of_every_kind_are_existing_fields():
     members = [member for union in UNIONS for member in union.members.values()]
     declared = [(member, name) for member in members for name in member.strength_fields]
     assert declared
@@ -158,7 +158,7 @@ SCENARIOS_WITH_REMARKS = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])
-def test_shipped_scenarios_have_settings_without_effect_only_for_other_vehicles(spec):
+def test_only_two_shipped_scenarios_cause_remarks_on_inactive_settings(spec):
     assert bool(remarks_on_inactive(load_scenario(spec, SHORT_ROUTES.get(spec, [])))) == (
         spec in SCENARIOS_WITH_REMARKS
     )

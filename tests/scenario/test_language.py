@@ -26,7 +26,7 @@ def schema_errors(text):
     return [error.message for error in validator().iter_errors(YAML(typ="safe", pure=True).load(text))]
 
 
-def test_page_and_schema_are_not_stale():
+def test_generated_page_and_schema_are_up_to_date():
     how_to_update = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
     folder = REPOSITORY / "docs" / "reference"
     assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), how_to_update
@@ -57,7 +57,7 @@ def test_the_schema_accepts_the_examples_on_the_pages(block):
         "a: 3",
     ],
 )
-def test_the_schema_rejects_wrong_files(wrong):
+def test_the_schema_rejects_invalid_files(wrong):
     assert schema_errors(wrong)
 
 

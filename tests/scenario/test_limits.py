@@ -59,7 +59,7 @@ def chain(levels, *, twice=False):
     return f"s0:\n{MINIMAL_FIELDS}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
 
-def test_a_scenario_that_is_extended_several_times_is_resolved_once(write, monkeypatch):
+def test_a_scenario_extended_several_times_is_resolved_only_once(write, monkeypatch):
     calls = []
     with_layer = library.with_layer
     monkeypatch.setattr(library, "with_layer", lambda *trees: calls.append(1) or with_layer(*trees))
@@ -78,7 +78,7 @@ def test_the_number_of_extended_scenarios_is_limited(write):
     assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
 
 
-def test_circular_extensions_are_found_after_other_scenarios_were_resolved(write):
+def test_circular_extensions_are_detected_after_other_scenarios_were_resolved(write):
     path = write("a: {extends: [b, c]}\nb: {route: {kind: hover}}\nc: {extends: [b, a]}\n")
     assert "loop.yaml:3: a extends itself" in refusal(load_scenario, f"{path}:a")
 
@@ -107,7 +107,7 @@ def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
+def test_the_size_limit_includes_all_files_and_overrides(write):
     path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
     write(f"{SMALL_FILE}# {'x' * 300_000}\n", "one.yaml")
     write(f"{SMALL_FILE}# {'x' * 100_000}\n", "two.yaml")
@@ -121,14 +121,14 @@ def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )
-def test_parsing_stops_at_the_limit_of_names_and_values(write, composed_nodes, value):
+def test_parsing_stops_at_the_limit_on_keys_and_values(write, composed_nodes, value):
     message = refusal(load_scenario, write(f"{SMALL_FILE}  vehicle: {value}\n"))
     assert "is too large: a scenario and all that it extends may have at most 30,000 keys and values" in message
     assert len(composed_nodes) <= limits.MAX_NODES
 
 
 @pytest.mark.slow
-def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes, monkeypatch):
+def test_the_limit_on_keys_and_values_includes_all_files(write, composed_nodes, monkeypatch):
     monkeypatch.setattr(library, "MAX_NODES", 3000)
     numbers = ", ".join(["1.0"] * 1400)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
@@ -144,7 +144,7 @@ def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
-def test_parsing_stops_at_the_limit_of_levels(write, composed_nodes, text):
+def test_parsing_stops_at_the_limit_on_nesting(write, composed_nodes, text):
     assert "loop.yaml:1: is nested too deeply: a scenario may have at most 40 levels" in refusal(
         load_scenario, write(text)
     )
@@ -193,7 +193,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
         (f"a: {{extends: {'x' * 900}.yaml}}", "loop.yaml:1: extends .*xxx.yaml, which does not exist"),
     ],
 )
-def test_unusual_text_is_explained(write, text, words):
+def test_errors_for_unusual_yaml_text_give_the_reason(write, text, words):
 
     assert re.search(words, refusal(load_scenario, write(text)))
 
@@ -212,7 +212,7 @@ def test_a_redefined_anchor_causes_no_warning(write):
         (f"loop.yaml:{'x' * 5000}", "there is no scenario 'xxx.* in .*loop.yaml, which contains small"),
     ],
 )
-def test_odd_names_of_files_are_explained(write, monkeypatch, name, words):
+def test_errors_for_unusual_file_names_give_the_reason(write, monkeypatch, name, words):
 
     monkeypatch.chdir(write(SMALL_FILE).parent)
     assert re.search(words, refusal(load_scenario, name))
@@ -254,7 +254,7 @@ def test_the_number_of_waypoints_is_limited(write):
         ("seed=" + "[1," * 30 + "1" + "]" * 30 + " # " + "x" * 600_000, "is too large"),
     ],
 )
-def test_odd_overrides_are_explained(write, override, words):
+def test_errors_for_malformed_overrides_give_the_reason(write, override, words):
 
     message = refusal(load_scenario, write(SMALL_FILE), [override])
     assert re.match(f"override .*{words}", message)
@@ -289,7 +289,7 @@ def test_errors_of_a_file_do_not_name_an_override(write):
         ("vehicle={min_rotor_speed: 400}", "vehicle.min_rotor_speed is 400, but must be smaller than max_rotor_speed"),
     ],
 )
-def test_messages_show_the_value_of_the_field_even_if_it_is_a_default(write, override, words):
+def test_error_messages_show_the_value_of_a_field_even_if_it_is_the_default(write, override, words):
     assert words in refusal(load_scenario, write(SMALL_FILE), [override])
 
 
@@ -356,7 +356,7 @@ def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write,
     assert re.search(words, refusal(load_scenario, write(SMALL_FILE), overrides))
 
 
-def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
+def test_an_attitude_response_too_fast_for_the_time_step_is_refused(write):
     """The Runge-Kutta method is stable for steps up to 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, validation_error in (("1.4", False), ("1.5", True)):
@@ -452,7 +452,7 @@ SHORT_PERIOD_OVERRIDES += ["laboratory.motion_capture.period=0.001"]
         (KNOTS_OVERRIDE % "10001", "route.knots.1.time"),
     ],
 )
-def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
+def test_a_flight_with_too_many_ticks_is_refused_when_it_is_loaded(write, override, field):
     message = refusal(load_scenario, write(SMALL_FILE), [*SHORT_PERIOD_OVERRIDES, override])
     assert message.startswith("override ")
     assert f" {field} is " in message
@@ -460,7 +460,7 @@ def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
     assert load_scenario(write(SMALL_FILE), [*SHORT_PERIOD_OVERRIDES, override.replace("10001", "10000")])
 
 
-def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
+def test_a_flight_with_too_many_ticks_is_refused_after_planning(write):
     shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIOD_OVERRIDES]
     scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
     with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, which is 10,000,"):
@@ -481,7 +481,7 @@ def test_a_vehicle_with_infinite_states_has_crashed_and_records_only_finite_valu
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
+def test_integration_with_euler_angles_stops_close_to_90_degrees_of_pitch(write):
     """Near this pitch, angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
@@ -498,7 +498,7 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
         simulate(load_scenario(write(SMALL_FILE), turns_over), prepare=set_flip)
 
 
-def test_a_continuous_state_that_changes_too_fast_is_explained(write):
+def test_the_error_for_a_state_that_changes_too_fast_gives_the_reason(write):
     fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
     with pytest.raises(
         InputError, match="vehicle.time_step is 0, but from .* s on the continuous state changes too fast"
@@ -506,7 +506,7 @@ def test_a_continuous_state_that_changes_too_fast_is_explained(write):
         simulate(load_scenario(write(SMALL_FILE), fast))
 
 
-def test_the_limit_of_waypoints_includes_all_laps(diagrams):
+def test_the_limit_on_waypoints_includes_all_laps(diagrams):
     """A route with fifty laps of twenty waypoints reaches the limit."""
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"

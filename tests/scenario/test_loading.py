@@ -94,7 +94,7 @@ def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
         ("a: {extends: []}", "extends must be FILE, FILE:NAME or NAME"),
     ],
 )
-def test_bad_extensions_are_explained(write, text, words):
+def test_errors_for_invalid_extensions_give_the_reason(write, text, words):
     with pytest.raises(InputError, match=words):
         load_scenario(f"{write(text)}:a")
 
@@ -174,7 +174,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("\t- x", "is not YAML"),
     ],
 )
-def test_a_wrong_field_is_refused_in_one_sentence_with_file_and_line_and_what_is_allowed(write, line, message):
+def test_the_error_for_an_invalid_field_gives_file_line_and_allowed_values(write, line, message):
     with pytest.raises(InputError, match=message):
         load_scenario(write(f"a:\n{MINIMAL_FIELDS}{line}\n"))
 
@@ -233,7 +233,7 @@ FAN_FIELDS = "kind: fan, position: [0, 0, 1]"
         ),
     ],
 )
-def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
+def test_an_invalid_laboratory_is_refused_in_one_sentence(write, field, message):
     assert re.search(
         f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  laboratory: {{{field}}}\n")
     )
@@ -263,7 +263,7 @@ def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
         ),
     ],
 )
-def test_a_wrong_vehicle_is_refused_in_one_sentence(write, field, message):
+def test_an_invalid_vehicle_is_refused_in_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{{field}}}\n"))
 
 
@@ -317,7 +317,7 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     ],
 )
 @pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
-def test_a_wrong_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
+def test_an_invalid_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
     assert re.search(
         f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  {vehicle}: {{{airframe}}}\n")
     )
@@ -418,7 +418,7 @@ def test_rotors_have_the_positions_of_their_layout(write):
         ("min_rotor_speed: 10", "max_rotor_speed: 55", None),
     ],
 )
-def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nominal, vehicle, message):
+def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nominal(write, nominal, vehicle, message):
     text = f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
     if message is None:
         assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
@@ -571,7 +571,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
     ],
 )
-def test_wrong_routes_are_explained(write, route, message):
+def test_errors_for_invalid_routes_give_the_reason(write, route, message):
     text = f"a:\n{MINIMAL_FIELDS}".replace("{kind: hover}", route)
     with pytest.raises(InputError, match=f"loop.yaml:{message}"):
         load_scenario(write(text))
@@ -596,7 +596,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("[" * 10_000, "is nested too deeply: a scenario may have at most 40 levels"),
     ],
 )
-def test_wrong_files_are_explained(write, text, words):
+def test_errors_for_invalid_files_give_the_reason(write, text, words):
     assert words in refusal(write, text)
 
 
@@ -610,7 +610,7 @@ def test_wrong_files_are_explained(write, text, words):
         ("drone.usda", "scene (USD)"),
     ],
 )
-def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name, kind):
+def test_the_error_for_a_robot_file_names_its_format(write, tmp_path, name, kind):
     words = re.escape(f"describes a {kind} and is not a scenario: write its mass, inertia and rotors into `nominal`")
     (tmp_path / name).write_text("<robot name='drone'/>")
     for spec in (tmp_path / name, f"{tmp_path / name}:drone", tmp_path / f"missing_{name}"):
@@ -620,7 +620,7 @@ def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name,
         load_scenario(write(f"a: {{extends: [figure_eight, {name}]}}"))
 
 
-def test_a_file_that_is_missing_or_is_not_text_is_explained(tmp_path):
+def test_the_error_for_a_missing_or_binary_file_gives_the_reason(tmp_path):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -636,7 +636,7 @@ def test_shipped_scenarios_load(diagrams):
             assert isinstance(load_scenario(f"{path}:{name}"), Scenario)
 
 
-def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
+def test_a_saved_scenario_is_unchanged_after_loading(diagrams, write):
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     text = StringIO()
     YAML().dump({"again": scenario.model_dump(mode="json")}, text)
@@ -673,7 +673,7 @@ def test_a_vehicle_file_has_no_control(diagrams):
         ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
     ],
 )
-def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, expected):
+def test_an_override_can_give_a_single_item_of_a_list(diagrams, written, given, path, expected):
     """The other items keep their values from the file, or their defaults if the file gives no values."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
 
@@ -702,7 +702,7 @@ def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, ex
         ),
     ],
 )
-def test_an_item_that_a_list_does_not_have_is_refused(diagrams, overrides, words):
+def test_an_override_with_an_index_outside_the_list_is_refused(diagrams, overrides, words):
     with pytest.raises(InputError, match=words):
         load_scenario(diagrams / "hover.yaml", overrides)
 

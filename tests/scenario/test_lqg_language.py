@@ -19,7 +19,7 @@ def load(*overrides, layers=(LQG,), spec=HIGH_WIND_LABORATORY):
     return load_scenario(spec, overrides, layers=layers)
 
 
-def test_a_controller_replaces_a_cascade_that_does_not_state_its_kind(tmp_path):
+def test_an_lqg_layer_replaces_a_cascade_without_a_kind(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(
         f"mine: {{extends: [{HIGH_WIND_LABORATORY}, {LQG}], control: {{max_tilt: 0.5, lateral: {{lag: 0.04}}}}}}\n"
@@ -32,7 +32,7 @@ def test_a_controller_replaces_a_cascade_that_does_not_state_its_kind(tmp_path):
     assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)
 
 
-def test_a_saved_control_states_its_kind_and_flies_again(tmp_path):
+def test_a_saved_control_contains_its_kind_and_can_be_flown_again(tmp_path):
     for scenario in (load(), load(layers=())):
         save_scenario(scenario, tmp_path / "saved.yaml")
         assert load_scenario(tmp_path / "saved.yaml") == scenario
@@ -66,7 +66,7 @@ def test_errors_name_the_wrong_field(overrides, words):
         load(*overrides)
 
 
-def test_with_an_autopilot_the_model_is_the_attitude_response():
+def test_the_design_model_is_the_attitude_response_if_there_is_an_autopilot():
     onboard = DIAGRAMS / "onboard.yaml"
     with pytest.raises(InputError, match=r"control\.lateral\.natural_frequency is missing"):
         load(spec=onboard)
@@ -87,14 +87,14 @@ def test_errors_of_a_cascade_name_its_fields():
         load("max_tilt=2", layers=())
 
 
-def test_the_design_of_a_cascade_refuses_other_controls():
+def test_gain_design_for_a_cascade_refuses_other_controls():
     with pytest.raises(
         InputError, match=r"control of high_wind is of kind lqg; select a scenario with control of kind cascade"
     ):
         with_gains(load(), {"position": {"k_p": [1.0, 1.0, 1.0]}})
 
 
-def test_weights_of_too_different_magnitudes_are_refused_on_assembly():
+def test_weights_with_very_different_magnitudes_are_refused_on_assembly():
     slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.5, command_weight: 1.0e+9}"
     with pytest.raises(InputError, match=r"control\.lateral: no Kalman filter or regulator can be computed"):
         build_tracking_diagram(load(slow))

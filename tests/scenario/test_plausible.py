@@ -60,7 +60,7 @@ FAN_MAPPING = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "fl
          "lag is 70 s, which is implausible; 70 ms are 0.07 s"),
     ],
 )  # fmt: skip
-def test_a_value_in_another_unit_is_questioned_with_its_likely_unit(path, value, words):
+def test_a_value_in_a_wrong_unit_is_questioned_with_its_likely_unit(path, value, words):
     scenario = load_scenario("hover", {path: value})
     assert any(re.search(words, question) for question in questions(scenario)), questions(scenario)
 
@@ -79,7 +79,7 @@ def test_a_fraction_in_percent_is_refused_with_its_value(override, words):
         load_scenario("hover", [override])
 
 
-def test_a_field_is_questioned_once():
+def test_a_wrong_nominal_mass_is_questioned_only_once():
     """The vehicle takes its mass from `nominal`, and a wrong mass also makes the inertia implausible."""
     assert questions(load_scenario("hover", {"nominal.mass": 680.0})) == [
         "nominal.mass is 680 kg, which is implausible; 680 g are 0.68 kg"
@@ -87,7 +87,7 @@ def test_a_field_is_questioned_once():
     assert len(questions(load_scenario("hover", {"nominal.mass": 680.0, "vehicle.mass": 700.0}))) == 2
 
 
-def test_correlations_and_small_deviations_are_no_values_of_a_field():
+def test_correlations_and_small_standard_deviations_are_not_questioned():
     normal = {"mean": 9.8, "standard_deviation": 0.001, "min": 9.7, "shared": {"place": 0.9}}
     assert [*numbers_in({"normal": normal})] == [9.8, 0.001, 9.7]
     assert questions(load_scenario("hover", {"vehicle.gravity": {"normal": normal}})) == []
@@ -130,7 +130,7 @@ def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
         assert questions(scenario) == []
 
 
-def test_values_of_the_shipped_scenarios_in_another_unit_are_questioned():
+def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
     """If a value is written in the unit with which its unit is often confused, it is outside the plausible range."""
     questioned = set()
     for spec in ("robustness", "neural_fly:wind_8", "laboratory:high_wind", "vehicles/hummingbird"):

@@ -243,7 +243,7 @@ INVALID_NETWORKS = {
 
 
 @pytest.mark.parametrize(("arrays", "words"), INVALID_NETWORKS.values(), ids=INVALID_NETWORKS)
-def test_a_wrong_network_is_explained_in_one_sentence(load_arrays, arrays, words):
+def test_the_error_for_an_invalid_network_is_one_sentence(load_arrays, arrays, words):
     with pytest.raises(InputError, match=words) as error:
         load_arrays(arrays)
     assert "\n" not in str(error.value)
@@ -282,7 +282,7 @@ def test_a_file_that_is_not_a_network_is_refused(tmp_path, name, data, words):
         load_scenario(tmp_path / "mine.yaml")
 
 
-def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
+def test_an_npz_file_that_expands_beyond_the_size_limit_is_refused(tmp_path):
     np.savez_compressed(tmp_path / "net.npz", weights_0=np.zeros((1000, 1000)), biases_0=np.zeros(1000))
     assert (tmp_path / "net.npz").stat().st_size < 20_000
     (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.npz"), encoding="utf-8")
@@ -550,7 +550,7 @@ GRAPH_CONSTANTS = {
         [*two_layers(last="sum"), make_node("Clip", ["sum", "minus", "one"], ["done"])],
     ],
 )
-def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_onnx, nodes):
+def test_all_supported_forms_of_onnx_networks_have_the_output_of_the_evaluator(load_onnx, nodes):
     constants = {**GRAPH_CONSTANTS, "V": 0.1 * V, "C": 0.1 * C}
     action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
@@ -654,7 +654,7 @@ def test_an_onnx_graph_with_a_cycle_is_refused(load_onnx):
         load_onnx(nodes, {})
 
 
-def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
+def test_an_onnx_file_with_weights_in_another_file_is_refused(tmp_path):
     model = model_of(two_layers(), GRAPH_CONSTANTS)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
@@ -665,7 +665,7 @@ def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("names", "chosen"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, names, chosen):
+def test_the_action_is_the_output_named_actions_or_the_first_output(tmp_path, names, chosen):
     model = model_of([*two_layers(last=names[0]), make_node("Tanh", [names[0]], [names[1]])], GRAPH_CONSTANTS)
     del model.graph.output[:]
     for name in names:
@@ -711,7 +711,7 @@ def test_a_network_with_limited_layers_has_the_output_of_the_onnx_evaluator(load
     np.testing.assert_allclose(output(load_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
 
 
-def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
+def test_the_error_for_an_action_of_the_wrong_size_names_the_assumed_output(tmp_path):
     nodes = [make_node("Gemm", ["seen", "W_value", "b_value"], ["value"]), *two_layers(last="mean")]
     model = model_of(nodes, {**GRAPH_CONSTANTS, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
     del model.graph.output[:]
@@ -724,7 +724,7 @@ def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
         load_scenario(tmp_path / "mine.yaml")
 
 
-def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
+def test_clip_bounds_given_as_attributes_are_read(tmp_path):
     """In opset 10 the bounds are attributes. A clip may limit the observations or, as the last node, the actions."""
     clip = make_node("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
@@ -800,12 +800,12 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
         ),
     ],
 )
-def test_unsupported_nodes_of_onnx_are_named(load_onnx, nodes, words):
+def test_errors_name_unsupported_onnx_nodes(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
         load_onnx(nodes, {"W": np.zeros((6, 3))})
 
 
-def test_the_field_of_a_scenario_that_is_wrong_is_named():
+def test_errors_name_the_invalid_field_of_a_policy():
     def policy(action="{kind: acceleration}", observation="{}", more=(), scenario="figure_eight"):
         attitude = [] if scenario == "onboard" else ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]
         control = f"control={{kind: policy, action: {action}, observation: {observation}}}"
@@ -860,7 +860,7 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
             policy(**given)
 
 
-def test_a_missing_library_for_onnx_is_named(load_onnx, monkeypatch):
+def test_the_error_for_a_missing_onnx_library_names_the_library(load_onnx, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(InputError, match=r"net\.onnx: cannot be read: onnx is not installed; .*'drake_quad\[onnx\]'"):
         load_onnx(two_layers(), GRAPH_CONSTANTS)
@@ -937,7 +937,7 @@ def test_arithmetic_that_is_not_part_of_a_network_is_refused(load_onnx, nodes, w
         (["seen"], [], "has no outputs"),
     ],
 )
-def test_a_network_of_onnx_has_one_input_and_an_output(tmp_path, inputs, outputs, words):
+def test_an_onnx_network_must_have_one_input_and_an_output(tmp_path, inputs, outputs, words):
     model = model_of(two_layers() if inputs else [make_node("Identity", ["C"], ["done"])], GRAPH_CONSTANTS)
     del model.graph.input[:], model.graph.output[:]
     for graph, names in ((model.graph.input, inputs), (model.graph.output, outputs)):

@@ -80,7 +80,7 @@ def test_a_user_s_kind_of_route_is_checked_and_planned_and_is_part_of_the_langua
         plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0}, "space": blocked}))
 
 
-def test_a_kind_without_a_plan_is_refused():
+def test_a_kind_of_route_without_a_plan_method_is_refused():
     class RouteWithoutPlan(MissionRoute):
         kind: Literal["without_plan"]
 

@@ -107,7 +107,7 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ],
     ids=["vehicle", "response"],
 )
-def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
+def test_sensor_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
     """The parameters are random. One sensor has a shorter period than the control, the other one a longer period."""
     drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_OVERRIDE, WHOLE_FLIGHT_OVERRIDE, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
@@ -122,7 +122,7 @@ def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario
 
 
 @pytest.mark.slow
-def test_readings_have_the_same_bits_wired_and_compiled():
+def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
     """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
@@ -257,7 +257,7 @@ def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
         ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
     ],
 )
-def test_an_impossible_sensor_is_refused(sensor, words):
+def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
     with pytest.raises(InputError, match=words):
         load_scenario("hover", [f"laboratory.sensors=[{{kind: accelerometer, {sensor}}}]"])
 

@@ -14,7 +14,7 @@ def plan_of(setpoints):
     return plan_route(load_mission("vehicles/paper", [ROUTE_OVERRIDE % setpoints]))
 
 
-def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
+def test_each_setpoint_is_held_until_the_next_one():
     plan = plan_of(SETPOINTS)
     assert plan.duration == 2.0
     times = np.array([-1.0, 0.0, 0.999, 1.0, 1.499, 1.5, 1.999, 9.0])

@@ -94,7 +94,7 @@ def test_obstacles_are_merged_by_name(folder):
 @pytest.mark.parametrize(
     ("name", "data"), [("rock.obj", obj_mesh()), ("binary.stl", binary_stl_mesh()), ("text.STL", text_stl_mesh())]
 )
-def test_meshes_give_the_corners_of_their_hull(folder, name, data):
+def test_the_corners_of_a_mesh_hull_become_the_obstacle(folder, name, data):
     (folder / name).write_bytes(data)
     path = folder / "rooms.yaml"
     path.write_text(ROOM_SCENARIO.replace("rock.obj", name))
@@ -149,7 +149,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("walls=3", "space.walls is unknown"),
     ],
 )
-def test_an_error_is_reported_with_its_place(folder, monkeypatch, override, words):
+def test_errors_in_obstacles_give_file_line_and_field(folder, monkeypatch, override, words):
     monkeypatch.chdir(folder)
     (folder / "rock.ply").touch()
     with pytest.raises(InputError, match="space|obj|ply") as error:
@@ -211,7 +211,7 @@ def test_files_of_other_formats_are_refused_with_their_names(folder, name, words
 MANY_CORNERS = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
-def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
+def test_a_mesh_with_many_corners_is_replaced_by_a_simpler_enclosing_hull(folder):
     """The mesh may be a file or a list of points. A saved hull is loaded again unchanged."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in MANY_CORNERS))
     with pytest.warns(
@@ -244,7 +244,7 @@ def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):
         load_scenario(path)
 
 
-def test_a_mesh_of_too_many_bytes_is_refused(folder):
+def test_a_mesh_file_that_is_too_large_is_refused(folder):
     with (folder / "rock.obj").open("r+b") as file:
         file.truncate(50_000_001)  # creates a sparse file, which needs no disk space
     with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have at most 50,000,000 bytes"):

@@ -225,7 +225,7 @@ def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding_mode
 
 
 @pytest.mark.slow
-def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
+def test_the_sliding_mode_controller_is_a_pd_within_its_boundary_layer(sliding_mode):
     """There its command K (ė + λ e) / φ + λ ė is that of a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING_MODE[name]) for name in ("slope", "gain", "width"))
     pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
@@ -235,7 +235,7 @@ def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
     np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
 
 
-def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding_mode):
+def test_the_sliding_mode_command_is_limited_outside_its_boundary_layer(sliding_mode):
     position = SLIDING_MODE | {"width": [1e-6] * 3}
     flight = simulate(figure_eight_with(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
     command, reference = flight.record("acceleration_command"), flight.record("reference")
@@ -245,7 +245,7 @@ def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding_mode):
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding_mode):
+def test_a_user_s_position_controller_flies_wired_and_in_compiled_fleets(sliding_mode):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
     assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
@@ -300,7 +300,7 @@ POLICY_CONTROL = {"kind": "policy", "action": {"kind": "acceleration"}, "attitud
         (CONTROLS, OwnControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
     ],
 )
-def test_a_user_s_member_flies_like_the_member_that_it_extends(union, kind, base, changes, path):
+def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, changes, path):
     union.member(kind)
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)

@@ -53,7 +53,7 @@ EFFECT_FIELDS = {
 }
 
 
-def test_a_payload_that_is_dropped_later_stays_in_hover():
+def test_the_hover_state_includes_a_payload_that_is_dropped_later():
     """The vehicle is trimmed with the payload, unless the payload is dropped at time zero."""
     dropped = {**EFFECT_FIELDS["payload"], "event": "dropped"}
     payload = EFFECTS.members["payload"](**dropped)
@@ -61,7 +61,7 @@ def test_a_payload_that_is_dropped_later_stays_in_hover():
     assert payload.model_copy(update={"time": 0.0}).in_hover() is None
 
 
-def test_a_vehicle_leans_against_its_trim_force():
+def test_a_hovering_vehicle_tilts_against_its_trim_force():
     """In hover, the thrust and the trim force together cancel the weight."""
     force = TrimForce(0.3, -0.2, 0.1)
     trim = find_trim(PAPER_VEHICLE, effects=Effects(loads=(force,)))

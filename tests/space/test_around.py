@@ -37,7 +37,7 @@ def space_of(*shapes, radius=0.2):
     return Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=radius)
 
 
-def test_bounds_affect_only_the_corridors():
+def test_adding_bounds_to_a_problem_changes_only_its_corridors():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
     problem = PathProblem([START, END, START], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
@@ -160,7 +160,7 @@ GATES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
-def test_a_gate_is_passed_where_it_is_free(gate):
+def test_the_path_passes_a_gate_at_a_free_point(gate):
     """A wall closes the gate except for a gap on the left, which leaves 20 cm for the centre of mass."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([START, gate, END], limits=LIMITS)
@@ -187,7 +187,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
 
 
 @pytest.mark.slow
-def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
+def test_a_path_passes_divided_gates_on_one_side_of_the_wall():
     """The shortest routes to and from the gate end on different sides of the wall, so the path leads around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
@@ -243,7 +243,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
     assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
 
 
-def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
+def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeypatch):
     """Routes start from both ends of a leg. Legs without a corridor share the routes from their common waypoint."""
     recorded = []
 
@@ -273,7 +273,7 @@ def test_snap_grows_with_the_seventh_power_of_the_speed():
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
-def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
+def test_a_waypoint_must_keep_the_clearance_plus_the_slack_of_regions():
     """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must be in one of them."""
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
@@ -340,7 +340,7 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     assert any(sides)
 
 
-def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
+def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
     """The gap leaves 1 cm for the centre of mass. It contains no point of the first grid, but one of the second.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
@@ -362,7 +362,7 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
+def test_candidate_routes_keep_the_clearance_plus_the_slack_of_regions(monkeypatch):
     """A route through a point is at least as long as the two straight lines from the point to both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from
@@ -388,7 +388,7 @@ def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatc
     assert (lengths <= 2.5 * straight).all()
 
 
-def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_its_points():
+def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_points():
     """The points in a gate of 1 m have a spacing of 5 cm, so free space may be hidden between two of them."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
@@ -397,7 +397,7 @@ def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_it
             around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
-def test_free_points_keep_the_slack_beyond_the_clearance():
+def test_free_points_keep_the_clearance_plus_the_slack_of_regions():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         problem = PathProblem([START, END])

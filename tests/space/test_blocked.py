@@ -93,7 +93,7 @@ def test_the_blocked_leg_is_named():
     assert said.startswith("there is no route from waypoint 0 to waypoint 1 with a clearance of")
 
 
-def test_legs_that_are_open_separately_can_be_blocked_together():
+def test_legs_that_are_open_separately_can_be_blocked_in_combination():
     """A wall divides the waypoint between two legs. The first leg ends in one part, the second begins in the other."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
@@ -121,7 +121,7 @@ def test_a_corridor_is_named_only_for_its_own_segment():
     )
 
 
-def test_corridors_that_are_blocked_together_are_both_named():
+def test_the_message_names_both_corridors_that_are_blocked_in_combination():
     """The middle waypoint can only be reached on one side of a wall, and only be left on the other side."""
     across = Cuboid((1.0, 0.5, 0.5), size=(1.0, 0.06, 1.0))
     gate = Box([1.0, 0.2, 0.5], [1.0, 0.8, 0.5])
@@ -134,7 +134,7 @@ def test_corridors_that_are_blocked_together_are_both_named():
     assert "without a, there would be a route" in said
 
 
-def test_bounds_can_block_all_routes_without_obstacles():
+def test_the_message_names_the_bounds_if_they_alone_block_all_routes():
     """The second waypoint is outside the bounds, so no obstacle is named."""
     said = explanation_of(
         {"a": wall(1.0)}, (LEFT_WAYPOINT, RIGHT_WAYPOINT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9])
@@ -155,7 +155,7 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
     assert said.startswith("no way was found")
 
 
-def test_of_many_obstacles_only_the_blocking_one_is_named():
+def test_the_message_names_only_the_blocking_one_of_many_obstacles():
     """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explanation_of({**beside, "a": wall(1.0)})

@@ -183,7 +183,7 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
+def test_passage_lengths_include_the_distance_from_a_waypoint_to_its_region_s_centre():
     """Two large boxes each contain both ends. The distances from an end to the centres determine which box is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
@@ -193,7 +193,7 @@ def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_uses_the_box_that_covers_the_route_longest():
+def test_a_chain_uses_the_box_that_covers_the_longest_part_of_the_route():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
@@ -218,7 +218,7 @@ def test_a_chain_grows_regions_in_gaps():
     assert regions.containing(way, actual).any(axis=0).all()
 
 
-def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
+def test_candidate_regions_are_the_chain_and_then_regions_on_the_shortest_routes():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
@@ -235,7 +235,7 @@ def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_random_factors_random_passages_are_the_shortest_between_centres(monkeypatch, seed):
+def test_passages_drawn_without_random_factors_are_the_shortest_between_centres(monkeypatch, seed):
     """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])

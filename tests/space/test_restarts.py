@@ -53,7 +53,7 @@ def durations_of_restarts(room, problem, count):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
-def test_no_restart_is_much_faster(seed):
+def test_no_random_restart_finds_a_much_faster_path(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)

@@ -38,7 +38,7 @@ def keeps_clear(room, path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
-def test_a_room_is_planned_or_blocked(seed):
+def test_random_rooms_are_planned_unless_they_are_blocked(seed):
     room = random_room(seed)
     timing = (HeuristicTiming(), MinimumSnapTiming(12.0), *[HeuristicTiming()] * 7, MinimumTimeTiming())[seed % 10]
     try:
@@ -90,7 +90,7 @@ PASSAGE_TIMINGS = [
 @pytest.mark.parametrize(
     ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
-def test_the_only_best_passage_is_selected(name, timing):
+def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
     room = walled(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
@@ -105,7 +105,7 @@ def test_the_only_best_passage_is_selected(name, timing):
     assert least_distances(room.space, between).min() > 0.0
 
 
-def test_the_same_room_gives_the_same_plan_in_another_process():
+def test_a_room_has_the_same_plan_in_another_process():
     path = plan(random_room(2), HeuristicTiming())
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
     text = (

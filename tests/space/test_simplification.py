@@ -99,7 +99,7 @@ def test_a_failure_of_the_solver_is_reported(monkeypatch):
         simplified_hull(sphere(103, 10), MAX_CORNERS)
 
 
-def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
+def test_drone_meshes_of_the_tests_have_as_many_corners_as_real_meshes():
     for name, count in (("drone of 104 corners", 104), ("drone of 213 corners", 213)):
         assert len(convex_hull(MESHES[name][0]).corners) == count
 
@@ -117,7 +117,7 @@ def test_the_growth_is_a_distance_to_drake_s_convex_set():
     assert actual.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
 
 
-def test_a_hull_of_few_corners_is_unchanged():
+def test_a_hull_with_few_corners_is_not_simplified():
     points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
     actual = simplified_hull(points, MAX_CORNERS)
     assert (actual.growth, actual.is_simpler) == (0.0, False)
@@ -133,7 +133,7 @@ def test_a_hull_that_would_grow_too_much_is_rejected():
         simplified_hull(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
 
 
-def test_a_replacement_is_described_in_a_sentence():
+def test_the_replacement_of_a_hull_is_described_in_one_sentence():
     actual = simplified_hull(drone(13), MAX_CORNERS)
     fraction = 100.0 * actual.growth / 0.37
     assert str(actual) == (
@@ -143,14 +143,14 @@ def test_a_replacement_is_described_in_a_sentence():
 
 
 @pytest.mark.parametrize("count", [8, 9, 100])
-def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
+def test_a_hull_with_the_allowed_number_of_corners_is_not_simplified(count):
     points = sphere(count)
     actual = simplified_hull(points, count)
     assert (actual.growth, actual.is_simpler, actual.replaced) == (0.0, False, count)
     np.testing.assert_array_equal(actual.corners, convex_hull(points).corners)
 
 
-def test_directions_are_unit_vectors_that_are_spread_evenly():
+def test_directions_are_evenly_spread_unit_vectors():
     """For n evenly spread points, each covers an area of 4 π / n, and none is far from its neighbours."""
     for count in (50, 500):
         directions = simplification._directions(count)
@@ -162,7 +162,7 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
         assert gaps.max() < side
 
 
-def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_to_their_span():
+def test_the_distance_from_a_flat_hull_is_measured_from_the_span_of_its_corners():
     """This holds for any size and position of the corners."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
@@ -183,7 +183,7 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_a_hull_of_few_corners_grows_with_its_size(scale):
+def test_a_simplified_hull_grows_in_proportion_to_its_size(scale):
     points = sphere(120)
     actual, larger = simplified_hull(points, MAX_CORNERS), simplified_hull(scale * points, MAX_CORNERS)
     assert larger.growth == pytest.approx(scale * actual.growth, rel=1e-6)
