@@ -166,7 +166,8 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
     with pytest.raises(
         InputError,
         match=r"^no times were found; for a flight that stops at every waypoint, the acceleration limit of 1 m/s² "
-        r"cannot be kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
+        r"cannot be kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is"
+        r" feasible$",
     ):
         path_with_fixed_derivatives(asked, shorten=False)
 
