@@ -29,13 +29,13 @@ class LoopTerms(Model):
         default=None, description="gains of the derivative of the measurement (unit of the proportional gains times s)"
     )
     derivative_bandwidth: Annotated[Positives | None, needs("k_d")] = Field(
-        default=None, description="bandwidth of the low-pass filter of the derivative (rad/s); no filter if not given"
+        default=None, description="bandwidth of the low-pass filter on the derivative (rad/s); no filter if not given"
     )
     derivative_order: Annotated[Order, needs("derivative_bandwidth")] = Field(
         default=2, description="order of this filter: 2 for Butterworth, 1 for a first-order lag"
     )
     k_ff: Gains | None = Field(
-        default=None, description="gains of the feed-forward of the setpoint (unit of the proportional gains)"
+        default=None, description="feed-forward gains from the setpoint (unit of the proportional gains)"
     )
     limit: Positives | None = Field(
         default=None, description="largest magnitude of the output (its unit); no limit if not given"

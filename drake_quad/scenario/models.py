@@ -172,7 +172,7 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
     """Vehicle that planner and controllers assume. Defaults are from the paper's Table I where it gives a value."""
 
     motors: NominalMotors = Field(
-        default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"
+        default=SpeedMotors(kind="speed"), description="command of the motors: rotor speed or throttle"
     )
 
     @field_validator("layout")
@@ -219,7 +219,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     )
     motors: Motors = Field(
         default=SpeedMotors(kind="speed"),
-        description="quantity by which the motors are commanded; of the same kind as in `nominal`",
+        description="command of the motors: rotor speed or throttle; of the same kind as in `nominal`",
     )
     battery_sag: Annotated[Number, bounds(ge=0.0, lt=1.0, is_fraction=True)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
@@ -300,7 +300,7 @@ class Laboratory(Model):
     autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="control loops on board")
     allocation: AllocationSettings = AllocationSettings()
     wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
-        default=(), description="sources of wind, whose velocities add up"
+        default=(), description="wind sources, whose velocities are added"
     )
     sensors: Annotated[tuple[AnySensor, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
         default=(),
@@ -362,7 +362,7 @@ class MetricWindow(Model):
 
     additional: dict[str, AnyMetric] = Field(
         default={},
-        description="further metrics by name; the name is the kind of the metric if the metric does not state its kind",
+        description="further metrics by name; if a metric does not give its kind, the name is the kind",
     )
 
     _serialized = omits_defaults("additional")
@@ -489,13 +489,13 @@ class Scenario(Mission):
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of all random numbers")
     sample: _SampleIndex | None = Field(
-        default=None, description="index of the sample of a study, from 0; not needed without distributions"
+        default=None, description="index of the sample in a study, from 0; only needed if there are distributions"
     )
     noise: NoiseSamples | None = Field(
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
     draws: DesignedDraws | None = Field(
-        default=None, description="draws of the samples of a study; independent draws if not given"
+        default=None, description="design of a study's draws; independent draws if not given"
     )
 
     def _summary(self) -> list[str]:

@@ -40,7 +40,7 @@ class BoxRegion(Model):
 class HalfSpace(Model):
     """All points behind a plane."""
 
-    normal: Point = Field(description="normal of the plane, out of the half-space, in W; of any length (1)")
+    normal: Point = Field(description="normal of the plane in W, of any length (1), which points out of the half-space")
     point: Point = Field(description="any point on the plane, in W (m)")
 
     @model_validator(mode="after")

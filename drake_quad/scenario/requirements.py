@@ -26,7 +26,7 @@ class Condition(Model):
         default=None, description="conditions that must all hold, in place of a signal"
     )
     any: Annotated[tuple["Condition", ...], Field(strict=False, min_length=1)] | None = Field(
-        default=None, description="conditions of which one is sufficient, in place of a signal"
+        default=None, description="conditions of which at least one must hold, in place of a signal"
     )
 
     @field_validator("signal")
@@ -78,12 +78,12 @@ class Requirement(Model):
 
     always: Condition | None = Field(default=None, description="condition that must hold at all ticks of the window")
     eventually: Condition | None = Field(
-        default=None, description="condition that must hold at one tick of the window at least"
+        default=None, description="condition that must hold at one or more ticks of the window"
     )
     until: Condition | None = Field(
         default=None,
-        description="condition that must hold at one tick of the window; the condition of `always` must then hold from"
-        " the start of the flight up to this tick only",
+        description="condition that must hold at one tick of the window; up to this tick, the condition of `always`"
+        " must hold from the start of the flight",
     )
     after: FixedMoment = Field(default=0.0, description="start of the window (s)")
     before: FixedMoment | None = Field(

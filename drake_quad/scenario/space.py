@@ -71,7 +71,7 @@ class HullObstacle(Model):
     kind: Literal["hull"]
     points: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=MAX_POINTS)] = Field(
         description="four points (m) or more, not in a plane; or the name of a mesh file (.obj or .stl) with points."
-        f" A hull with more than {MAX_CORNERS} corners is replaced by a simpler hull around it, larger by at most"
+        f" A hull with more than {MAX_CORNERS} corners is replaced by a simpler enclosing hull, larger by at most"
         f" {100.0 * MAX_GROWTH:g} % of its size"
     )
     centre: Point = Field(default=(0.0, 0.0, 0.0), description="position of the origin of the points, in W (m)")
@@ -113,7 +113,7 @@ class SpaceSettings(Model):
 
     bounds: BoxRegion | None = Field(
         default=None,
-        description="box inside which a plan keeps the centre of mass; leaving the box in flight is not a crash",
+        description="box in which a plan must keep the centre of mass; a flight that leaves it is not a crash",
     )
     obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
     margin: Annotated[FixedNonNegative, needs("obstacles")] = Field(

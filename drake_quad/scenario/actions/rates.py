@@ -28,8 +28,8 @@ class RatesAction(ThrustAction):
     )
     k_rate: Gains | None = Field(
         default=None,
-        description="gain from the error of the body rates to an angular acceleration, without an autopilot (1/s); k_d"
-        " of the attitude controller if not given",
+        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); k_d of"
+        " the attitude controller if not given",
     )
     commands: ClassVar = "rates"
 

@@ -27,7 +27,7 @@ class RotorSpeedsAction(Action):
         description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
     )
     order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
-        default=(1, 2, 3, 4), description="number of the rotor that each row of the action commands"
+        default=(1, 2, 3, 4), description="number of the rotor that each element of the action commands"
     )
     num_rows: ClassVar = 4
     commands: ClassVar = "wrench"

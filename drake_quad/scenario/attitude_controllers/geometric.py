@@ -43,7 +43,7 @@ class GeometricAttitude(AttitudeControllerSettings):
     )
     transport_term: bool = Field(
         default=True,
-        description="whether the law has the term -Ω̂ Rᵀ R_d Ω_d, as in Lee et al. (2010); the Crazyflie's firmware"
+        description="whether the law has the term -Ω̂ Rᵀ R_d Ω_d, as in Lee et al. (2010); the Crazyflie firmware"
         " omits it",
     )
 

@@ -70,7 +70,7 @@ class AttitudeAutopilotSettings(Autopilot):
     loop_gains: ClassVar = ("k_attitude", "k_rate")
     kind: Literal["attitude"]
     period: Period = Field(  # type: ignore[misc]
-        default=0.0025, description="period of both loops (s); the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX"
+        default=0.0025, description="period of both loops (s); the default is that of PX4's parameter IMU_GYRO_RATEMAX"
     )
     k_attitude: Gains = Field(description="gain from the error of roll, pitch, yaw to a body rate (1/s)")
     k_rate: Gains = Field(description="gain from the error of p, q, r to an angular acceleration (1/s)")
@@ -88,7 +88,7 @@ class AttitudeAutopilotSettings(Autopilot):
     )
     yaw_weight: Annotated[Number, bounds(gt=0.0, le=1.0)] | None = Field(
         default=None,
-        description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, the loop uses the"
+        description="weight of the yaw in the rotation error, as in PX4 (1); if not given, the loop uses the"
         " errors of roll, pitch and yaw",
     )
     gyroscopic_torque: bool = Field(
@@ -98,13 +98,13 @@ class AttitudeAutopilotSettings(Autopilot):
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
     )
     gyroscope_noise: Annotated[NonNegative, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
-        default=0.0, description="standard deviation of the gyroscope noise in a sample, on each axis (rad/s)"
+        default=0.0, description="standard deviation of the gyroscope noise in one sample, on each axis (rad/s)"
     )
     gyroscope_bias: Annotated[Position, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
         default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)"
     )
     attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
-        default=0.0, description="standard deviation of the noise of roll, pitch and yaw estimated on board (rad)"
+        default=0.0, description="standard deviation of the error of roll, pitch and yaw as estimated on board (rad)"
     )
     neglected_drag: NeglectedDragSettings | None = Field(
         default=None, description="drag that the attitude estimator on board neglects; none if not given"

@@ -34,8 +34,8 @@ class CascadeControl(Control):
     thrust_vectoring: ThrustVectoringSettings = ThrustVectoringSettings()
     attitude: AnyAttitudeController | None = Field(
         default=None,
-        description="attitude controller on the ground; required without an autopilot, and to be left out, or null,"
-        " with an autopilot",
+        description="attitude controller on the ground; required if there is no autopilot; otherwise it must be"
+        " omitted or null",
     )
     user_system_paths: ClassVar = {"position_controller": ("position", "network.")}
 

@@ -72,8 +72,8 @@ class Axis(Model):
     )
     command_noise: FixedNonNegative = Field(
         default=0.0,
-        description="spectral density of white noise on the command, for robustness to model errors (unit of the"
-        " command times √s)",
+        description="spectral density of white noise on the command, which makes the design robust to model errors"
+        " (unit of the command times √s)",
     )
     position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(
         description="standard deviation of the position in a frame (m)"
@@ -128,8 +128,8 @@ class LateralAxis(Axis):
 
     lag: Annotated[FixedSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
-        description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
-        " attitude response includes it",
+        description="time constant of the rotors (s); required if there is no autopilot; otherwise to be omitted if"
+        " the attitude response includes it",
     )
     natural_frequency: FixedPositive | None = Field(
         default=None, description="natural frequency ω of the attitude response (rad/s); required with an autopilot"
@@ -167,7 +167,9 @@ class LqgControl(Control):
     """A Kalman filter and a linear-quadratic regulator that replace the whole cascade. The design uses `nominal`."""
 
     kind: Literal["lqg"]
-    delay_ticks: ModelledDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
+    delay_ticks: ModelledDelay = Field(
+        description="modelled delay from a tick to the effect of its command, in control ticks",
+    )
     lateral: LateralAxis
     vertical: VerticalAxis
     network: Network | None = Field(  # type: ignore[misc]
@@ -175,7 +177,7 @@ class LqgControl(Control):
     )
     yaw: YawPd | None = Field(
         default=None,
-        description="yaw controller; required without an autopilot, and to be left out, or null, otherwise",
+        description="yaw controller; required if there is no autopilot; otherwise it must be omitted or null",
     )
     max_tilt: Tilt = Field(
         default=0.6, description="tilt in hover that corresponds to the largest commanded horizontal acceleration (rad)"

@@ -62,8 +62,14 @@ class Room(_Corridor):
     """Walls at fixed positions in W."""
 
     kind: Literal["room"]
-    lower: Walls = Field(default=_NO_WALLS, description="smallest X, Y, Z of the position (m), or null for no wall")
-    upper: Walls = Field(default=_NO_WALLS, description="largest X, Y, Z of the position (m), or null for no wall")
+    lower: Walls = Field(
+        default=_NO_WALLS,
+        description="lowest allowed X, Y, Z of the position (m), or null for no wall",
+    )
+    upper: Walls = Field(
+        default=_NO_WALLS,
+        description="highest allowed X, Y, Z of the position (m), or null for no wall",
+    )
 
     @model_validator(mode="after")
     def _has_room(self) -> "Room":

@@ -78,7 +78,7 @@ class AccelerationCommand(_CommandKind):
     max_speed: Positive = Field(default=12.0, description="largest commanded horizontal velocity (m/s)")
     max_ascent: Positive = Field(default=3.0, description="largest commanded upward velocity (m/s)")
     max_descent: Positive = Field(default=1.5, description="largest commanded downward velocity (m/s)")
-    max_tilt: Tilt = Field(default=0.785, description="largest angle between thrust and vertical (rad)")
+    max_tilt: Tilt = Field(default=0.785, description="largest angle between thrust and the vertical (rad)")
     horizontal_margin: NonNegative = Field(
         default=0.6,
         description="horizontal thrust reserved when the vertical thrust saturates, relative to the nominal weight (1)",

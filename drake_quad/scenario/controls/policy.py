@@ -38,7 +38,8 @@ class PolicyControl(Control):
     )
     attitude: AnyAttitudeController | None = Field(
         default=None,
-        description="attitude controller on the ground; required without an autopilot for accelerations and attitudes",
+        description="attitude controller on the ground; required for actions that are accelerations or attitudes if"
+        " there is no autopilot",
     )
     network: ClassVar = None
     user_system_paths: ClassVar = {"policy": ("policy",)}

@@ -33,7 +33,7 @@ class PayloadEffect(VehicleEffect):
     )
     time: Moment = Field(description="time of the event (s)")
     event: Literal["picked_up", "dropped"] = Field(
-        description="event at this time; the vehicle carries the payload after picked_up or before dropped"
+        description="event at this time; the vehicle carries the payload after picked_up, or until dropped"
     )
     field: ClassVar = "payload"
     description: ClassVar = "mass fixed to the vehicle for a part of the flight; none if not given"

@@ -52,7 +52,7 @@ class CircularInputSets(InputSets):
     """The fuzzy sets of a periodic input, for which 0 and 1 are equivalent."""
 
     scale: Positive = Field(
-        default=1.0, description="factor by which the input is multiplied, and so the period of the centres"
+        default=1.0, description="factor by which the input is multiplied; it is also the period of the centres"
     )
     centres: _Centres = Field(
         default=(0.0, 0.25, 0.5, 0.75), description="centre c of each set, ascending, within one period (1)"

@@ -18,7 +18,8 @@ class LearnedAxis(Model):
     weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="weight F of each rule (m/s²)")
     antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
         default=None,
-        description="parameters of the sets, if they have learned, in the order of the signal `antecedents` (1)",
+        description="parameters of the membership functions, if they were learned, in the order of the signal"
+        " `antecedents` (1)",
     )
 
 

@@ -37,8 +37,8 @@ class _Network(Model):
     )
     lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
-        description="time (s) by which position and phase are predicted ahead for the correction, about the time from a"
-        " command to its effect",
+        description="time (s) by which the inputs position and phase are predicted, about the time from a command to"
+        " its effect",
     )
     learning: Learning = CovarianceLearning(kind="covariance")
     learned: LearnedNetwork | None = Field(
@@ -145,7 +145,7 @@ class AdaptiveTriangles(Model):
 
     centres: Positive | None = Field(
         default=None,
-        description="learning rate of the inner centres (s²/m² for the surface, s³/m² for the feedback)",
+        description="learning rate of the inner centres (s²/m² for signal surface, s³/m² for signal feedback)",
     )
     widths: Positive | None = Field(
         default=None, description="learning rate of the widths (s²/m² for the surface, s³/m² for the feedback)"

@@ -19,7 +19,8 @@ class ObservationSettings(Model):
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="observed signals in the order of the rows; the page of systems lists their rows and units",
+        description="observed signals, in the order of their rows; the page of systems lists rows and units of each"
+        " signal",
     )
     state_source: Literal["measurement", "state"] = Field(
         default="measurement",

@@ -24,9 +24,9 @@ class DenseLayer(Model):
     """Dense layer of neurons, whose output is the activation of W x + b for an input x."""
 
     kind: Literal["dense"]
-    inputs: Rows = Field(description="number of input rows")
-    outputs: Rows = Field(description="number of output rows")
-    activation: Activation = Field(default="identity", description="activation function of each output row")
+    inputs: Rows = Field(description="number of inputs")
+    outputs: Rows = Field(description="number of outputs")
+    activation: Activation = Field(default="identity", description="activation function of each output")
     alpha: Real | None = Field(
         default=None,
         description="parameter of elu, whose limit is -alpha (1 if not given), or of leaky_relu, the derivative for"
@@ -56,7 +56,7 @@ class GruLayer(Model):
     """Gated recurrent units. The reset gate multiplies the product of weights and hidden state."""
 
     kind: Literal["gru"]
-    inputs: Rows = Field(description="number of input rows")
+    inputs: Rows = Field(description="number of inputs")
     outputs: Rows = Field(description="number of units")
 
     @property
@@ -92,7 +92,7 @@ class TrainedNetwork(Model):
     )
     precision: _Precision = Field(default="single", description="precision of the numbers")
     numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
-        description="weights and biases of all layers in base 64, as a list of pieces of text"
+        description="weights and biases of all layers in base 64, split into a list of texts"
     )
     offset: _Numbers | None = Field(
         default=None, description="number that is subtracted from each element of the input"

@@ -86,11 +86,11 @@ class MovingRoute(MissionRoute):
         default=0.0, description="yaw of the reference, for heading: constant (rad)"
     )
     heading: Literal["constant", "along_path"] = Field(
-        default="constant", description="rule for the yaw; with along_path, the yaw is the direction of the velocity"
+        default="constant", description="rule for the yaw; along_path sets the yaw to the direction of the velocity"
     )
-    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
+    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the default is the paper's")
     top_acceleration: Positive = Field(
-        default=0.7, description="limit on the acceleration (m/s²); the paper's 0.7 m/s²"
+        default=0.7, description="limit on the acceleration (m/s²); the default is the paper's"
     )
 
     def limits(self) -> PathLimits:

@@ -27,7 +27,8 @@ class SetpointsRoute(MissionRoute):
 
     kind: Literal["setpoints"]
     setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
-        description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times increase and begin with 0"
+        description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times must begin with 0 and"
+        " increase"
     )
     last_hold: FixedSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
 

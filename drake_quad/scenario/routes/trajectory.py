@@ -82,7 +82,8 @@ class TrajectoryRoute(MissionRoute):
     )
     pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MAX_WAYPOINTS)] | None = Field(
         default=None,
-        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file with them,"
+        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file that"
+        " contains them,"
         " relative to the folder of the scenario's file",
     )
     origin: Point = Field(

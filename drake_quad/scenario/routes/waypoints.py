@@ -91,7 +91,7 @@ class WaypointRoute(MovingRoute):
     )
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
         default=None,
-        description="box or half-spaces that the path must not leave, for each segment; null for no corridor",
+        description="for each segment, the box or half-spaces that the path must not leave, or null for no corridor",
     )
     space: BoxRegion | None = Field(default=None, description="box that the whole path must not leave")
     laps: Laps = Field(
@@ -102,13 +102,13 @@ class WaypointRoute(MovingRoute):
     # Mypy does not allow a subclass to accept more values than its base class.
     heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
         default="constant",
-        description="rule for the yaw; with waypoints it turns through the yaws given at the waypoints",
+        description="rule for the yaw; waypoints lets it turn through the yaws that are given at the waypoints",
     )
     top_speed: Positive | None = Field(
-        default=2.0, description="limit on the speed (m/s), or null for none; the paper's 2 m/s"
+        default=2.0, description="limit on the speed (m/s), or null for none; the default is the paper's"
     )
     top_acceleration: Positive | None = Field(
-        default=0.7, description="limit on the acceleration (m/s²), or null for none; the paper's 0.7 m/s²"
+        default=0.7, description="limit on the acceleration (m/s²), or null for none; the default is the paper's"
     )
 
     @field_validator("times", mode="before")

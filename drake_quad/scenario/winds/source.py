@@ -91,11 +91,12 @@ class BlowingSource(WindSource):
     )
     speed: Annotated[NonNegative | None, _PLAUSIBLE_WIND] = Field(
         default=None,
-        description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; given with heading, in"
-        " place of velocity",
+        description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; speed and heading replace"
+        " velocity",
     )
     heading: Direction | None = Field(
-        default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
+        default=None,
+        description="direction towards which the wind blows, from X towards Y (rad); required if speed is given",
     )
     strength_fields: ClassVar = ("velocity", "speed")
 
