@@ -25,6 +25,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, evaluate_at
 from drake_quad.reference.time_optimization import minimum_snap_durations
 
+# Waypoints (m), times (s) and exact cost (m²/s⁷) of one-dimensional paths.
 EXACT_COSTS = [
     ([0, 1.7], [0, 1.3], 100800 * 1.7**2 / 1.3**7),
     ([0, 1, 0], [0, 1, 2], 32256),
@@ -41,7 +42,7 @@ def program(waypoints, times):
     return MinimumSnapProgram(problem, np.diff(times)).solve()._replace(times=np.array(times))
 
 
-PLANNERS = {"fast path": minimum_snap, "program": program}
+PLANNERS = {"closed form": minimum_snap, "program": program}
 planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys())
 
 

@@ -101,7 +101,7 @@ def test_the_message_names_all_obstacles_that_must_be_removed():
     with pytest.raises(InputError) as refusal:
         plan(room, HeuristicTiming())
     message = str(refusal.value)
-    assert "no way" in message
+    assert "no route" in message
     assert "without wall_0, wall_1 and wall_2, there would be a route" in message
 
 

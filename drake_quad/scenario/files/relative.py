@@ -18,8 +18,8 @@ from drake_quad.scenario.paths import is_item, join_path
 
 RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
-_BASE_VALUE = "value beneath"
-_REFERENCE_VALUE = "to"
+_BASE_VALUE_KEY = "value beneath"
+_REFERENCE_KEY = "to"
 # Fields whose values are already relative to the vehicle. Their distributions are not scaled.
 _FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
 
@@ -45,10 +45,10 @@ def _has_relative(tree: Tree) -> bool:
 def with_base_value(base: Tree, distribution: Tree) -> Tree:
     """Return a relative distribution together with the number or distribution to which it applies."""
     if is_relative(base):
-        if _BASE_VALUE not in base.value:
+        if _BASE_VALUE_KEY not in base.value:
             return distribution
-        base = base.value[_BASE_VALUE]
-    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: base})
+        base = base.value[_BASE_VALUE_KEY]
+    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE_KEY: base})
 
 
 def with_base_values(base: Tree, distributions: Tree) -> Tree:
@@ -122,7 +122,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
         The field; None if it contains only dropped distributions.
     """
     if is_relative(tree):
-        base = tree.value.get(_BASE_VALUE)
+        base = tree.value.get(_BASE_VALUE_KEY)
         number = reference if base is None else _median(base)
         if path.split(".")[1] in (*_FRACTION_FIELDS, "centre_of_mass"):
             number = reference
@@ -189,16 +189,16 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
     """Scale a relative distribution for a vehicle whose field has the value `number`."""
     body = tree.value[RELATIVE]
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
-    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
+    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_KEY}:
         raise InputError(
             f"{body.mark}: {path}.relative must be one of the distributions {join_names([*DISTRIBUTIONS])}, and may"
             " also have `to`, the value to which the distribution applies"
         )
     (name,) = names
-    reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
+    reference = body.value[_REFERENCE_KEY].value if _REFERENCE_KEY in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
         raise InputError(
-            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {short_repr(reference)}, but must be positive"
+            f"{body.value[_REFERENCE_KEY].mark}: {path}.relative.to is {short_repr(reference)}, but must be positive"
         )
     if number < 0.0:
         raise InputError(
