@@ -42,7 +42,7 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
     return (
-        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_text}); a way may exist"
+        f"no route was found with a clearance of {space.clearance:.3g} m ({space.clearance_text}); a route may exist"
         f" through gaps that are narrower than {2.0 * search.half_diagonal:.2g} m for the centre of mass"
     )
 

@@ -80,7 +80,7 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     """The gap is 1 mm wide, and the diagonal of a cell of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explanation_of(gap)
-    assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a way may exist")
+    assert said.startswith("no route was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a route may exist")
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
     # A gap that is 5 cm too narrow is always recognised as closed. A gap that is 1 mm too narrow is not.
     assert "there is no route" in explanation_of({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
@@ -101,7 +101,7 @@ def test_legs_that_are_open_separately_can_be_blocked_in_combination():
     said = explanation_of({"a": across}, (below, gate, above))
     assert said.startswith("there is no route from waypoint 0 to waypoint 2 with a clearance of")
     assert "without a, there would be a route" in said
-    assert "no way was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
+    assert "no route was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
 
 def test_a_corridor_is_named_only_for_its_own_segment():
@@ -109,7 +109,7 @@ def test_a_corridor_is_named_only_for_its_own_segment():
     walls = {"a": wall(1.0, high=0.5)}
     corridor = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0])
     places = (Box.point([0.3, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5]), Box.point([0.3, 0.3, 0.5]))
-    assert "no way was found" in explanation_of(walls, places)
+    assert "no route was found" in explanation_of(walls, places)
     said = explanation_of(walls, places, [None, corridor])
     assert said.startswith(
         "there is no route from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance of 0.1 m"
@@ -152,7 +152,7 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
     if backwards:
         places, corridors = places[::-1], corridors[::-1]
     said = explanation_of({"a": wall(1.0, high=0.5)}, places, corridors)
-    assert said.startswith("no way was found")
+    assert said.startswith("no route was found")
 
 
 def test_the_message_names_only_the_blocking_one_of_many_obstacles():
