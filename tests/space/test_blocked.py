@@ -80,7 +80,9 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     """The gap is 1 mm wide, and the diagonal of a cell of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explanation_of(gap)
-    assert said.startswith("no route was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a route may exist")
+    assert said.startswith(
+        "no route was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a route may exist"
+    )
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
     # A gap that is 5 cm too narrow is always recognised as closed. A gap that is 1 mm too narrow is not.
     assert "there is no route" in explanation_of({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
