@@ -2,7 +2,7 @@
 # make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
 # make fuzz  reads and flies ten thousand mutated scenarios, a hundred structures in compiled diagrams, and thousands of
 #            mutated logs
-# make rooms  plans a hundred random rooms, or proves that there is no way
+# make rooms  plans a hundred random rooms, or proves that there is no route
 # make passages  compares the passages that are chosen with random ones
 # make paper  flies the paper's experiment again and writes a report
 # make controllers  flies all controllers in all laboratories and writes a report; TUNE=1 tunes them anew before

@@ -14,17 +14,17 @@ from drake_quad.scenario.models import Scenario
 
 # Number of times at which the final braking, a polynomial of degree 6, is checked.
 _NUM_BRAKING_SAMPLES = 200
-# Largest distance by which a position may lie outside a box, m. A path that ends on a face of a box exceeds it by up to
+# Largest distance by which a position may lie outside a box, m. A path that ends on a face of a box leaves it by up to
 # about 1e-6 m.
 _BOX_TOLERANCE = 1e-4
 
 
 def flight_duration(scenario: Scenario, plan: Plan) -> float:
-    """Return the duration of the flight of a scenario, s, which is a whole number of ticks of the control.
+    """Return the duration of a scenario's flight, s, rounded up to whole control ticks.
 
     Raises:
-        InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the
-            vehicle cannot fly the braking at the end of a plan that ends in motion.
+        InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the plan
+            ends in motion and the vehicle cannot brake afterwards.
     """
     shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
@@ -43,13 +43,13 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
 
 
 def _whole_ticks(time: float, scenario: Scenario) -> float:
-    """Return a time rounded up to whole ticks, s; at least one tick."""
+    """Round a time (s) up to whole control ticks, at least one tick."""
     period = scenario.laboratory.command_link.period
     return max(1, math.ceil(time / period - 1e-9)) * period
 
 
 def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
-    """Return whether the plan ends in motion and the flight of the scenario continues after its end."""
+    """Return whether the plan ends in motion and the flight continues after the plan."""
     return (
         scenario.duration is not None
         and plan.brakes
@@ -58,13 +58,13 @@ def continues_in_motion(scenario: Scenario, plan: Plan) -> bool:
 
 
 def _check_braking(scenario: Scenario, plan: Plan) -> None:
-    """Raise InputError if the braking at the end of a plan violates rotor limits or leaves the permitted space."""
+    """Raise InputError if braking after a plan violates rotor limits, leaves a box or hits an obstacle."""
     end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
     times = np.linspace(end, plan.rest_time, _NUM_BRAKING_SAMPLES)
     try:
         check_rotors(plan, scenario, times)
         if moves_at_end(plan.path, PATH_ORDERS):
-            _check_room(evaluate(plan.extended_path, times), scenario)
+            _check_boxes(evaluate(plan.extended_path, times), scenario)
             if scenario.space is not None:
                 braking = PolynomialPath(plan.extended_path.times[-3:-1], plan.extended_path.coefficients[-2:-1])
                 check_obstacles(braking, scenario.room())
@@ -75,12 +75,12 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
         ) from None
 
 
-def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
-    """Raise InputError if positions leave the boxes of the plan or are below `crash.height`.
+def _check_boxes(positions: np.ndarray, scenario: Scenario) -> None:
+    """Raise InputError if positions leave the scenario's boxes or are below `crash.height`.
 
     Args:
         positions: (3, n) positions in W, m.
-        scenario: scenario with the boxes.
+        scenario: scenario with the boxes `space.bounds` and `route.space`, if any.
     """
     boxes = {
         "space.bounds": None if scenario.space is None else scenario.space.bounds,
@@ -99,9 +99,9 @@ def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
 
 
 def window_end(scenario: Scenario, plan: Plan) -> float:
-    """Return the end of the metric window, s; infinite if the window ends with the flight.
+    """Return the end of the metric window, s, or infinity if the window ends with the flight.
 
-    A window that begins with a lap ends with the last lap, even if the flight continues.
+    If the window begins with a lap, it ends with the last lap, even if the flight continues.
     """
     window = scenario.metrics
     if window.end is not None:
@@ -113,7 +113,7 @@ def window_start(scenario: Scenario, plan: Plan) -> float:
     """Return the start of the metric window, s.
 
     Raises:
-        InputError: if the window begins with a lap that the plan does not have.
+        InputError: if the window begins with a lap whose number exceeds the laps of the plan.
     """
     window = scenario.metrics
     if window.first_lap is None:

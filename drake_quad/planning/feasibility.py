@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
-    """Return the rotor speeds, attitude and body rates that a plan requires at times (samples,), s."""
+    """Return the rotor speeds, attitude and body rates that a plan requires at the given times, (samples,) in s."""
     position, velocity, acceleration, jerk, snap = (evaluate(plan.extended_path, times, order) for order in range(5))
     ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.extended_yaw, times, order) for order in range(3))
     reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
@@ -24,7 +24,7 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
 
 
 def check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
-    """Raise InputError if a plan exceeds the rotors' limits at one of the times (samples,), s."""
+    """Raise InputError if a plan violates the rotor speed limits at any of the given times, (samples,) in s."""
     parameters = planned_parameters(mission)
     violation = first_violation(
         times,

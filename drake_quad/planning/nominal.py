@@ -1,4 +1,4 @@
-"""Parameters of the nominal vehicle, which plans and controllers use."""
+"""Parameters of the nominal vehicle, the model that planner and controllers use."""
 
 from drake_quad.framework.records import record_like
 from drake_quad.scenario.layouts import rotors_of
@@ -6,17 +6,17 @@ from drake_quad.scenario.models import Mission, Nominal
 from drake_quad.vehicle.motors import mean_thrust_factor, speed_range_of_throttles
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-_DEFAULTS = QuadrotorParameters._field_defaults
+_DEFAULT_VALUES = QuadrotorParameters._field_defaults
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """Return the parameters of the nominal vehicle, without drag and with the centre of mass at the layout's origin."""
-    unknown = {name: value for name, value in _DEFAULTS.items() if name not in Nominal.model_fields}
+    unknown = {name: value for name, value in _DEFAULT_VALUES.items() if name not in Nominal.model_fields}
     return record_like(QuadrotorParameters, mission.nominal, **unknown | {"rotors": rotors_of(mission.nominal)})
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
-    """Return `nominal_parameters` with the rotor speeds limited to those that the nominal throttle curve can reach."""
+    """Return `nominal_parameters` with rotor speeds limited to the range of the nominal throttle curve."""
     parameters, curve = nominal_parameters(mission), mission.nominal.motors.thrust_curve()
     if curve is None:
         return parameters

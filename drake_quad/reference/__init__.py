@@ -1,1 +1,1 @@
-"""Planning of reference trajectories: minimum-snap paths, routes, times of waypoints, and yaw."""
+"""Planning of reference trajectories: routes, minimum-snap paths, waypoint times, and yaw."""

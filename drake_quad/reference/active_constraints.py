@@ -45,7 +45,7 @@ def active_constraints(
 
 
 def _active_limits(path: PolynomialPath, limits: PathLimits) -> list[ActiveConstraint]:
-    """Return the peaks at which a path attains a limit."""
+    """Return the peaks of speed and acceleration at which a path attains its limit."""
     active = []
     for order, limit in limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -70,5 +70,5 @@ def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) ->
 
 
 def _time(path: PolynomialPath, segment: int, s: float) -> float:
-    """Return the time of a point, given its segment and the unit time on it, s."""
+    """Return the time (s) of a point, given its segment and its unit time on the segment, 0 to 1."""
     return float(path.times[segment] + s * (path.times[segment + 1] - path.times[segment]))

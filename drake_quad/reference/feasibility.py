@@ -17,8 +17,8 @@ class Violation(NamedTuple):
     Attributes:
         time: time of the violation, s.
         rotor: number of the rotor, 1 to 4.
-        speed: speed that the path requires of the rotor, rad/s.
-        limit: limit that this speed violates, rad/s.
+        speed: rotor speed that the path requires, rad/s.
+        limit: idle or maximum speed that is violated, rad/s.
     """
 
     time: float
@@ -34,7 +34,7 @@ class Violation(NamedTuple):
 
 
 def sample_times(path: PolynomialPath) -> np.ndarray:
-    """Return (samples,) times, s, that are dense enough on each segment to resolve all peaks."""
+    """Return sample times, (samples,) in s, dense enough on each segment to resolve the peaks of the rotor speeds."""
     fractions = np.linspace(0.0, 1.0, _SAMPLES_PER_SEGMENT)
     return np.asarray((path.times[:-1, np.newaxis] + path.durations[:, np.newaxis] * fractions).ravel())
 
@@ -42,11 +42,11 @@ def sample_times(path: PolynomialPath) -> np.ndarray:
 def first_violation(
     times: np.ndarray, rotor_speeds: np.ndarray, *, min_rotor_speed: float, max_rotor_speed: float
 ) -> Violation | None:
-    """Return the first violation of the rotors' speed limits, or None if there is none.
+    """Return the first violation of the rotor speed limits, or None.
 
     Args:
         times: (samples,) times, s.
-        rotor_speeds: (4, samples) speeds that the path requires, rad/s.
+        rotor_speeds: (4, samples) rotor speeds that the path requires, rad/s.
         min_rotor_speed: idle speed, rad/s.
         max_rotor_speed: maximum speed, rad/s.
     """

@@ -23,19 +23,20 @@ _QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
 def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence that says why no path satisfies the constraints for given durations (segments,), s."""
+    """Explain in one sentence why no path satisfies the constraints for the given durations, (segments,) in s."""
     try:
         unlimited = path_within(problem.without_limits(), durations)
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # Without limits, both problems are the same, but this time the solver succeeded.
+        # A problem without limits was solved here although the solver failed before, so there is no violation to
+        # explain.
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
         complaint = _describe_violation(problem, least_excess, "at least")
     except PLANNING_ERRORS:
-        # The solver failed, so the message describes the path without limits.
+        # The solver failed for the relaxed problem, so the message describes the path without limits.
         complaint = _describe_violation(problem, unlimited, "by the smoothest path")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
@@ -44,7 +45,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
 
 
 def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
-    """Return a sentence with the limit that a path violates most, the segment, and the value that would be needed."""
+    """Return a sentence that names the most violated limit, its segment, and the value that the path would need."""
     violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -59,13 +60,13 @@ def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: s
 
 
 def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -> float | None:
-    """Return the factor on all durations that makes the problem feasible, rounded up to three digits, or None.
+    """Return a factor on all durations that makes the problem feasible, rounded up to three digits, or None.
 
     Args:
         problem: problem that is infeasible for these durations.
         durations: (segments,) durations, s.
-        enough: factor with which a path without limits satisfies the limits. It is used if no motion is given at the
-            waypoints, since the path can then be slowed down without changing its shape.
+        enough: factor that slows the path without limits down to the limits. It is used if no motion is given at the
+            waypoints, since slowing down then keeps the shape of the path.
     """
 
     def feasible(factor: float) -> bool:
@@ -90,7 +91,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence with the corridor that cannot be kept, and the additional width that the path needs."""
+    """Return a sentence that names the corridor which the path must leave, and the additional width that it needs."""
     unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:
@@ -99,7 +100,7 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
         return unknown
     worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.room, default=None)
     if worst is None or worst.room >= 0.0:
-        # The relaxed path stays in the corridors, so the solver failed although a path exists.
+        # The relaxed path stays in the corridors, so a path exists and only the solver failed.
         return unknown
     wider = WALL_MARGIN * worst.size - worst.room
     return (

@@ -1,10 +1,10 @@
 """Paths with several laps: they begin at rest, are periodic, and end at rest.
 
 The laps between the first and the last are identical. Each is the minimum-snap path with periodic ends: velocity,
-acceleration and jerk at the seam are such that the fourth to sixth derivatives are continuous there, as at any other
-waypoint. The first lap begins at rest and the last lap ends at rest, and both share the motion of the other laps at the
-seam. Three derivatives are therefore continuous everywhere, and a controller that learns in one lap can use the result
-in the next.
+acceleration and jerk at the seam are chosen so that the fourth to sixth derivatives are continuous there, as at any
+other waypoint. The first lap begins at rest and the last lap ends at rest, and both share the motion of the other laps
+at the seam. Three derivatives are therefore continuous along the whole path, and a controller that learns in one lap
+can use the result in the next.
 """
 
 from typing import NamedTuple
@@ -14,17 +14,17 @@ import numpy as np
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
 
-# Orders of the derivatives that are continuous at the seam if velocity, acceleration and jerk are free there.
+# Orders of the derivatives that become continuous at the seam by the choice of velocity, acceleration and jerk there.
 _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 
 class LapDurations(NamedTuple):
-    """Durations of the segments of the first, the middle and the last laps, (segments,) arrays, s.
+    """Segment durations of the first, the middle and the last laps, (segments,) arrays in s.
 
     Attributes:
-        first: durations of the first lap, including the segments that lead to it.
-        between: durations of each lap between the first and the last.
-        last: durations of the last lap.
+        first: durations of the segments before the first lap and in the first lap.
+        between: durations of the segments in each lap between the first and the last.
+        last: durations of the segments in the last lap.
     """
 
     first: np.ndarray
@@ -41,9 +41,9 @@ def path_of_laps(
         waypoints: (segments + 1, axes) points to pass, m. The last point equals the point with the index `lead`.
         durations: durations of the segments.
         laps: number of laps, two or more.
-        lead: number of segments that lead to the first lap.
-        stops: (segments + 1,) True for a waypoint at which velocity, acceleration and jerk are zero. By default these
-            are the first and the last waypoint of the path. A stop at the last waypoint means rest between laps.
+        lead: number of segments before the first lap.
+        stops: (segments + 1,) True for a waypoint at which velocity, acceleration and jerk are zero. The path also
+            rests at both ends. If the last waypoint is True, it rests between laps, too.
     """
     axes, lap = waypoints.shape[1], waypoints[lead:]
     free = np.full((len(waypoints), 3, axes), np.nan)
@@ -67,7 +67,7 @@ def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, der
     Args:
         points: (segments + 1, axes) waypoints of a lap, m; the last waypoint equals the first.
         durations: (segments,) durations, s.
-        derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`; the derivatives at the last waypoint
+        derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`. The derivatives at the last waypoint
             apply to the seam.
     """
     given = derivatives[-1]
@@ -75,7 +75,7 @@ def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, der
     start = np.where(np.isnan(given), 0.0, given)
 
     def jump(seam: np.ndarray) -> np.ndarray:
-        """Return the (unknown, axes) jumps at the seam of the derivatives that must be continuous."""
+        """Return the (unknown, axes) jumps of the fourth to sixth derivatives at the seam, which must be zero."""
         path = _between(points, durations, derivatives, seam, seam)
         first, last = np.array([0]), np.array([len(durations) - 1])
         return np.concatenate(
@@ -87,8 +87,9 @@ def periodic_boundary_derivatives(points: np.ndarray, durations: np.ndarray, der
 
     if not unknown.any():
         return start
-    # The jumps are linear in the motion at the seam, with the same coefficients on all axes. One trial for each unknown
-    # gives these coefficients. With the mean duration as the unit of time, the trials have similar magnitudes.
+    # The jumps are linear functions of the derivatives at the seam, with the same coefficients on all axes. One trial
+    # for each unknown derivative gives these coefficients. The mean duration is the unit of time, so the trials have
+    # similar magnitudes.
     unit = durations.mean() ** -np.arange(1.0, 4.0)[unknown]
     initial_jump = jump(start)
     responses = []

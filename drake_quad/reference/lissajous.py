@@ -1,4 +1,4 @@
-"""Lissajous figures: paths with a sine of time along each axis, which many published flights follow."""
+"""Lissajous figures: paths whose position along each axis is a sine of time. Many published flights use them."""
 
 import math
 
@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_path
 
-# Number of knots per period of the fastest sine. Between the knots, the error of the path is below 1e-10 of the
-# amplitude.
+# Number of knots per period of the fastest sine. The path error between knots is then below 1e-10 of the amplitude.
 _KNOTS_PER_TURN = 16
 
 
@@ -20,7 +19,7 @@ def lissajous(
     Args:
         centre: (3,) centre c, m.
         amplitude: (3,) amplitudes a, m.
-        turns: (3,) integer numbers n of periods per lap.
+        turns: (3,) numbers n of sine periods per lap, integers.
         phase: (3,) phases φ, rad.
         period: duration T of a lap, s.
         laps: number of laps.

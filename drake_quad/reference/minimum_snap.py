@@ -41,7 +41,7 @@ ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
 
 def _snap_form() -> np.ndarray:
-    """Return the (8, 8) matrix of ∫₀¹ (d⁴p/ds⁴)² ds as a quadratic form in the coefficients."""
+    """Return the (8, 8) matrix of the quadratic form ∫₀¹ (d⁴p/ds⁴)² ds in the polynomial coefficients."""
     falling = np.array([math.perm(k, 4) for k in range(DEGREE + 1)], dtype=float)
     exponent = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)) - 7.0
     return np.outer(falling, falling) / np.where(exponent > 0, exponent, 1.0)
@@ -52,8 +52,8 @@ FROM_BOUNDARY = hermite_matrix(4)
 """(8, 8) matrix from the boundary derivatives of a segment to its coefficients."""
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
 """(8, 8) matrix of a segment's cost in unit time, as a quadratic form in its boundary derivatives."""
-# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. The sum of squares is accurate and
-# positive even where the quadratic form would be a difference of large numbers.
+# (4, 8) matrix L with cost = |L d|² for the boundary derivatives d of a segment. This sum of squares remains accurate
+# and positive when the quadratic form would be a difference of large numbers.
 _SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
@@ -76,14 +76,14 @@ def minimum_snap(waypoints: ArrayLike, times: ArrayLike, derivatives: ArrayLike 
 
 
 def rest_at_ends(count: int, axes: int) -> np.ndarray:
-    """Return (count, 3, axes) derivatives at waypoints: zero at the first and the last one, NaN (free) in between."""
+    """Return (count, 3, axes) waypoint derivatives: zero at the first and the last waypoint, NaN (free) in between."""
     derivatives = np.full((count, NUM_FREE, axes), np.nan)
     derivatives[[0, -1]] = 0.0
     return derivatives
 
 
 class Contact(NamedTuple):
-    """Point of a path whose position along a direction is given, as for a path that touches a wall.
+    """Point of a path whose position along one direction is prescribed, such as a point where the path touches a wall.
 
     Attributes:
         segment: index of the segment.
@@ -105,11 +105,11 @@ class MinimumSnap:
         points: (segments + 1, axes) waypoints, m.
         durations: (segments,) positive durations, s.
         derivatives: derivatives as for `minimum_snap`, each given on all axes or on none.
-        contacts: further points at which the position along a direction is given.
+        contacts: further points at which the position along one direction is prescribed.
 
     Attributes:
-        boundary: (segments, 8, axes) boundary derivatives of each segment with respect to s, with the position relative
-            to the start of the segment, m.
+        boundary: (segments, 8, axes) position to jerk at the start and the end of each segment, as derivatives with
+            respect to s, m. Positions are relative to the start of the segment.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class MinimumSnap:
             self._factorise()
             if self.contacts:
                 self._prepare_contacts()
-            # Positions enter only as differences over a segment, since the form vanishes for constant positions.
+            # Only position differences over a segment matter, since the cost of a constant position is zero.
             right_side = -self._free_gradient(BOUNDARY_FORM @ self.boundary)
             gaps = np.array(
                 [
@@ -179,7 +179,7 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers are in the units of the quadratic form, in which the weight of the shortest segment is one.
+        # The multipliers have the scale of the weighted cost, in which the shortest segment has the weight one.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
@@ -199,7 +199,7 @@ class MinimumSnap:
         if not self._fixed.all():
             form = BOUNDARY_FORM @ self.boundary
             residual = ORDERS[:, np.newaxis] * form - 7.0 * form + BOUNDARY_FORM @ growth
-            # A change of a duration changes the residual of this segment only, but the solution on all segments.
+            # A duration affects the residual of its own segment only, but the solution on all segments.
             local = np.zeros((segments, 8, axes, segments))
             local[indices, :, :, indices] = residual
             gaps = np.zeros((len(self.contacts), segments))
@@ -214,7 +214,7 @@ class MinimumSnap:
         return gradient
 
     def _to_boundary(self, shared: np.ndarray) -> np.ndarray:
-        """Return boundary derivatives (segments, 8, columns) for the derivatives at the waypoints.
+        """Convert derivatives at the waypoints to boundary derivatives of the segments, (segments, 8, columns).
 
         Args:
             shared: (waypoints, 3, columns) derivatives in the waypoints' units of time.
@@ -228,8 +228,8 @@ class MinimumSnap:
         """Return the gradient (waypoints, 3, columns) with respect to the free derivatives; zero for given derivatives.
 
         Args:
-            boundary_gradient: (segments, 8, columns) gradient with respect to the boundary derivatives, not yet
-                weighted by the segments' weights in the cost.
+            boundary_gradient: (segments, 8, columns) gradient with respect to the boundary derivatives, before
+                multiplication by the cost weight of each segment.
         """
         weighted = boundary_gradient * (self._scales * self._weight[:, np.newaxis])[:, :, np.newaxis]
         gradient = np.zeros((len(boundary_gradient) + 1, NUM_FREE, boundary_gradient.shape[2]))
@@ -239,7 +239,7 @@ class MinimumSnap:
         return gradient
 
     def _factorise(self) -> None:
-        """Compute the banded Cholesky factor of the matrix of the cost in the free derivatives."""
+        """Compute the banded Cholesky factor of the cost matrix for the free derivatives."""
         scales = self._scales
         form = BOUNDARY_FORM * scales[:, :, np.newaxis] * scales[:, np.newaxis, :]
         form *= self._weight[:, np.newaxis, np.newaxis]
@@ -278,7 +278,7 @@ class MinimumSnap:
         self._contact_responses = self._solve(self._rows.T.reshape(size // NUM_FREE, NUM_FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """Return the (contacts,) positions along the directions for boundary derivatives (segments, 8, axes), m."""
+        """Return the (contacts,) positions along the contact directions, m, given boundary derivatives."""
         return np.array(
             [
                 basis @ boundary[contact.segment] @ direction
@@ -287,11 +287,12 @@ class MinimumSnap:
         )
 
     def _solve_with_contacts(self, right_side: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the free derivatives that move the contacts by given gaps, and the multipliers of the contacts.
+        """Return the free derivatives that move the contacts by given distances, and their Lagrange multipliers.
 
         Args:
             right_side: (waypoints, 3, axes × columns) right-hand side of the equations without contacts.
-            gaps: (contacts,) or (contacts, columns) changes of the positions at the contacts, m.
+            gaps: (contacts,) or (contacts, columns) distances by which the contacts must move along their directions,
+                m.
         """
         solution = self._solve(right_side)
         if not self.contacts:
@@ -307,7 +308,7 @@ class MinimumSnap:
         return by_axis.reshape(solution.shape), multipliers
 
     def _solve(self, right_side: np.ndarray) -> np.ndarray:
-        """Return the (waypoints, 3, columns) free derivatives in the waypoints' units for a right-hand side."""
+        """Solve for the (waypoints, 3, columns) free derivatives, in the waypoints' units of time."""
         scaled = right_side.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
         solution = scipy.linalg.cho_solve_banded((self._factor, True), scaled, overwrite_b=True, check_finite=False)
         return np.asarray(solution * self._unit[:, np.newaxis]).reshape(right_side.shape)
@@ -320,13 +321,13 @@ def snap_cost(path: PolynomialPath) -> np.ndarray:
 
 
 def waypoint_units(durations: np.ndarray) -> np.ndarray:
-    """Return the (segments + 1,) unit of time of each waypoint, the duration of its shorter adjacent segment, s."""
+    """Return the unit of time of each waypoint, (segments + 1,) in s: the duration of its shorter adjacent segment."""
     inner = np.minimum(durations[:-1], durations[1:])
     return np.concatenate([durations[:1], inner, durations[-1:]])
 
 
 def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to the segment's unit."""
+    """Return (segments, 8) factors from derivatives in the waypoints' units of time to those in unit time."""
     ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
     return np.asarray(ratio**ORDERS)
 

@@ -26,20 +26,20 @@ from drake_quad.reference.polynomial_path import (
 from drake_quad.reference.regions import Box, Sphere
 from drake_quad.reference.walls import WallApproach, wall_approaches
 
-# Solver tolerances, tried in this order. Near the limit of feasibility, Clarabel may fail to reach the smallest
-# tolerance. Clarabel's default is 1e-8.
+# Solver tolerances, tried in this order. Clarabel may fail to reach the smallest tolerance if a problem is barely
+# feasible. Clarabel's default is 1e-8.
 _SOLVER_TOLERANCES = (1e-9, 1e-7, 1e-5)
-# A problem is infeasible if the smallest possible violation of the limits, relative to the limits, is larger than this.
+# Smallest violation, relative to the limits, at which a problem counts as infeasible.
 _MIN_RELATIVE_EXCESS = 1e-4
-# The program bounds a path at single points. These margins keep the path within limits and corridors between the
-# points.
+# The program bounds a path at single points. These margins keep the path between the points within limits and
+# corridors.
 _LIMIT_MARGIN = 1e-4  # relative to the limit
 WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
-# Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. A waypoint on a
-# wall leaves no room for a margin.
+# Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. It is needed
+# because no margin is possible at a waypoint on a wall.
 _WALL_TOLERANCE = 1e-7
 _MAX_ROUNDS = 25  # largest number of solutions, each with additional bounds
-# Weight of the snap relative to the slack. It selects among paths with equal slack.
+# Weight of the snap cost relative to the slack. It only selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 
@@ -87,7 +87,7 @@ def _with_rounding(limit: float) -> float:
 
 
 class RelaxedBounds(Enum):
-    """Constraints that a program may violate. The program then minimises the violation instead of the snap."""
+    """Type of constraint that a program may violate. The program then minimises the violation instead of the snap."""
 
     LIMITS = "limits"  # violation relative to each limit
     CORRIDORS = "corridors"  # violation as a distance, m
@@ -159,7 +159,7 @@ class MinimumSnapProgram:
             segment: index of the segment.
             s: unit time on the segment, 0 to 1.
             order: order of the derivative, 1 for the velocity.
-            bound: largest norm, in m and s.
+            bound: largest norm, m/s for the velocity, m/s² for the acceleration.
         """
         rows, variables, constant = self._derivative(segment, s, order)
         matrix = np.vstack([np.zeros(rows.shape[1]), rows / bound])
@@ -203,7 +203,7 @@ class MinimumSnapProgram:
             raise InfeasibleError
 
     def _declare_variables(self, unconstrained: np.ndarray) -> None:
-        """Create the variables, and the values to which they are added, in units of the scales."""
+        """Create the variables and the base values to which the solution adds them, both in units of `scales`."""
         problem = self._problem
         axes = self._points.shape[1]
         self._base = np.zeros((len(self._points), NUM_FREE + 1, axes))
@@ -225,7 +225,7 @@ class MinimumSnapProgram:
         self.variables[self._free] = self.program.NewContinuousVariables(int(self._free.sum()), "d")
 
     def _add_cost(self, total: float) -> None:
-        """Add the cost of the snap, divided by `total`, the cost of a similar path, to improve the scaling."""
+        """Add the snap cost, divided by the cost `total` of a similar path to improve the scaling."""
         weights = self._durations**-7.0 / (total if total > 0.0 else (self._durations**-7.0).max())
         if self._slack is not None:
             weights = _SNAP_WEIGHT_WITH_SLACK * weights
@@ -242,7 +242,7 @@ class MinimumSnapProgram:
                     )
 
     def _add_waypoints(self) -> None:
-        """Add the constraints that the path passes through the regions of the waypoints."""
+        """Constrain the path to pass through the region of each waypoint."""
         for i, region in enumerate(self._problem.waypoints):
             position, length = self.variables[i, 0], self.scales[i, 0]
             room = self._problem.room(i)
@@ -262,7 +262,7 @@ class MinimumSnapProgram:
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
     def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a segment's variables (None for given values), their mask, and boundary derivatives if all are zero.
+        """Return a segment's variables (None for given values), their mask, and the boundary derivatives at zero.
 
         Each of the three arrays has the shape (8, axes).
         """
@@ -275,7 +275,7 @@ class MinimumSnapProgram:
         return local, free, boundary
 
     def _derivative(self, segment: int, s: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a time derivative at a point of a segment as a linear function of the variables.
+        """Return a time derivative of the position at a point of a segment, as a linear function of the variables.
 
         Returns:
             (axes, n) matrix, (n,) variables and (axes,) constant term.
@@ -304,7 +304,7 @@ class MinimumSnapProgram:
         return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
     def _optimise(self, values: np.ndarray) -> None:
-        """Solve the program and set the values of its variables."""
+        """Solve the program and add its solution to `values`."""
         for tolerance in _SOLVER_TOLERANCES:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
@@ -347,9 +347,10 @@ class MinimumSnapProgram:
         return is_violated
 
     def _walls_with_margin(self, approach: WallApproach) -> tuple[float, float]:
-        """Return the bounds of a position with a margin to the walls.
+        """Return lower and upper bounds for a position across a corridor, with a margin to the walls.
 
-        The margin is at most half of the distance that the regions of the segment's waypoints have from the walls.
+        The margin is at most half of the distance between the wall and the farthest allowed point of each adjacent
+        waypoint.
         """
         ends = (approach.segment, approach.segment + 1)
         margin = WALL_MARGIN * approach.size
@@ -365,14 +366,14 @@ class MinimumSnapProgram:
 
 
 def _variable_scales(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
-    """Return (waypoints, 4) changes of position to jerk, in the waypoints' units of time, that cost as much as a path.
+    """Return scales (waypoints, 4) for position to jerk at each waypoint, in the waypoint's unit of time.
 
-    Each single change has about the cost of the given path.
+    A change of one derivative by its scale adds about the snap cost of the given path.
     """
     scales = boundary_scales(path.durations, unit)
     costs = np.diag(BOUNDARY_FORM) * scales**2 * path.durations[:, np.newaxis] ** -7.0
     curvature = np.zeros((len(unit), NUM_FREE + 1))
     curvature[:-1] += costs[:, : NUM_FREE + 1]
     curvature[1:] += costs[:, NUM_FREE + 1 :]
-    # Without a cost, the scale does not matter.
+    # If the cost is zero, any scale will do.
     return np.asarray(np.sqrt((path.cost if path.cost > 0.0 else 1.0) / curvature))

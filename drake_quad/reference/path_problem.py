@@ -28,14 +28,14 @@ from drake_quad.reference.regions import (
     overlap,
 )
 
-# Limits within which plans are accurate in floating point. They include everything that a quadrotor flies.
+# Plans are accurate in floating point within these limits, which no real flight exceeds.
 _MIN_DISTANCE = 1e-5  # smallest distance between successive waypoints, m
 _MAX_COORDINATE = 1e5  # largest coordinate of a waypoint, m
 
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Limits on speed and acceleration along the whole path; infinite for no limit.
+    """Limits on speed and acceleration along the whole path. Infinity means no limit.
 
     Attributes:
         speed: largest norm of the velocity, m/s.
@@ -62,15 +62,15 @@ class PathLimits:
 
 @dataclass(frozen=True)
 class PathProblem:
-    """Constraints of a path that is to be planned.
+    """Constraints on a path that is to be planned.
 
     Attributes:
-        waypoints: (segments + 1) regions through which the path passes, in order; a point is a box without extent.
+        waypoints: segments + 1 regions through which the path passes, in order. A point is a box without extent.
         derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints. Each
             derivative is given on all axes, or NaN on all axes if it is free. By default the path is at rest at both
             ends and free in between.
-        corridors: box or polytope that the path must not leave, for each segment; None for a segment without a
-            corridor. By default there are no corridors.
+        corridors: box or polytope that each segment must stay in, or None for a segment without a corridor. By default
+            there are no corridors.
         limits: limits on speed and acceleration; by default no limits.
         start: (segments + 1, axes) initial points of a search within the waypoints' regions, m. By default these are
             the centres of the regions, or, if a region is a polytope, points on the shortest polyline through all
@@ -124,12 +124,12 @@ class PathProblem:
 
     @property
     def passes_points(self) -> bool:
-        """True if all waypoints are points without corridors, so that the path without limits has a closed form."""
+        """True if all waypoints are points and there are no corridors, so the path without limits has a closed form."""
         return all(map(_is_point, self.waypoints)) and not any(self.corridors)
 
     @property
     def stretchable(self) -> bool:
-        """True if no motion is given at the waypoints, so that a path remains valid at a different speed."""
+        """True if all given derivatives are zero, so a path can be slowed down without changing its shape."""
         return not np.nan_to_num(self.derivatives).any()
 
     def without_limits(self) -> "PathProblem":
@@ -141,7 +141,7 @@ class PathProblem:
         return problem
 
     def room(self, waypoint: int) -> Box | None:
-        """Return the intersection of all boxes among a waypoint's region and the corridors before and after it."""
+        """Return the intersection of all boxes that apply at a waypoint: its region and adjacent corridors."""
         room = None
         for region in self._regions(waypoint):
             if isinstance(region, Box):
@@ -150,16 +150,16 @@ class PathProblem:
         return room
 
     def faces(self, waypoint: int) -> Polytope | None:
-        """Return the intersection of all polytopes among a waypoint's region and the corridors before and after it.
+        """Return the intersection of all polytopes that apply at a waypoint: its region and adjacent corridors.
 
-        The result is None for a point, for which the constructor has checked that it lies in the polytopes.
+        The result is None if the waypoint is a point, since the constructor has checked that the polytopes contain it.
         """
         return None if _is_point(self.waypoints[waypoint]) else self._faces[waypoint]
 
     def inner_point(self, waypoint: int) -> np.ndarray:
-        """Return the allowed point (axes,) of a waypoint with the largest distance from all faces, m.
+        """Return the allowed point of a waypoint that is farthest from all faces, (axes,) in m.
 
-        Without polytopes, the result is the waypoint's representative.
+        The result is the waypoint's representative if no polytope applies at the waypoint.
         """
         faces, room = self.faces(waypoint), self.room(waypoint)
         region = self.waypoints[waypoint]
@@ -172,8 +172,8 @@ class PathProblem:
     def representatives(self) -> np.ndarray:
         """Return an allowed point (segments + 1, axes) for each waypoint, m.
 
-        The point is the allowed point nearest to `start`, or, without a start, to the centre of the waypoint's region.
-        If there is no start and a region is a polytope, all points lie on the shortest polyline.
+        It is the allowed point nearest to `start`, or nearest to the centre of the waypoint's region if there is no
+        start. If there is no start and a region is a polytope, all points lie on the shortest polyline.
         """
         return self._representatives
 
@@ -230,14 +230,16 @@ class PathProblem:
             program.AddLorentzConeConstraint(rows, np.zeros(axes + 1), np.concatenate([length, *pair]))
         result = ClarabelSolver().Solve(program)
         if not result.is_success():
-            raise InputError("no point was found for each waypoint: the waypoints and corridors leave too little room")
+            raise InputError(
+                "no feasible point was found for each waypoint: waypoints and corridors leave too little space"
+            )
         solution = result.GetSolution(points)
         return np.array(
             [solution[i] if (room := self.room(i)) is None else room.nearest(solution[i]) for i in range(len(solution))]
         )
 
     def _check_waypoints(self) -> None:
-        """Raise InputError if a waypoint is too far from the origin, or too near to the next waypoint."""
+        """Raise InputError if a waypoint is too far from the origin or too close to the next waypoint."""
         for i, region in enumerate(self.waypoints):
             if np.abs(region.centre).max() > _MAX_COORDINATE:
                 raise InputError(f"waypoint {i}, {region} m, is farther than {_MAX_COORDINATE:g} m from the origin")
@@ -310,7 +312,7 @@ def _is_point(region: WaypointRegion) -> bool:
 
 
 def _describe_gap(one: WaypointRegion, other: WaypointRegion) -> str:
-    """Return text with the distance between two regions, and for boxes the axis; empty if the distance is not known."""
+    """Describe the distance between two regions, for boxes with the axis. The text is empty if it is unknown."""
     if isinstance(one, Polytope) or isinstance(other, Polytope):
         polytope, region = (one, other) if isinstance(one, Polytope) else (other, one)
         if not _is_point(region):

@@ -3,7 +3,7 @@
 A piece consists of a duration and polynomials c_0 + c_1 t + ... + c_7 t⁷ for x, y, z (m) and the yaw (rad), where t is
 the time from the beginning of the piece, s. In a file, the columns are `duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,
 yaw^7`, each row is a piece, and the first piece begins at time 0. The format was introduced by W. Hönig et al.,
-"Trajectory planning for quadrotor swarms", 2018, and is used by the programs that are based on it.
+"Trajectory planning for quadrotor swarms", 2018.
 """
 
 import math
@@ -26,7 +26,7 @@ COLUMNS = ("duration", *(f"{axis}^{power}" for axis in AXES for power in range(P
 
 
 def pieces_of(plan: Plan) -> np.ndarray:
-    """Return a plan as a (pieces, 33) table with the columns of `COLUMNS`; the conversion is exact.
+    """Convert a plan exactly to a (pieces, 33) table with the columns of `COLUMNS`.
 
     A piece ends at each knot of the position and at each knot of the yaw. If a plan begins later than at time 0, the
     first piece hovers until then.
@@ -66,10 +66,10 @@ def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scal
 
 
 def _whole_turns(yaws: np.ndarray) -> np.ndarray:
-    """Return the whole turns (pieces - 1,) by which the yaws of the pieces after the first one are too large, rad.
+    """Return the multiples of 2π, (pieces - 1,) in rad, by which each piece's yaw exceeds a continuous continuation.
 
     Args:
-        yaws: (pieces, powers) coefficients of the yaw in unit time, rad.
+        yaws: (pieces, powers) yaw coefficients in unit time, starting with the constant term, rad.
     """
     jumps = yaws[1:, 0] - yaws[:-1].sum(axis=1)
     return np.asarray(math.tau * np.cumsum(np.rint(jumps / math.tau)))
@@ -89,7 +89,7 @@ def save_pieces(plan: Plan, path: Path | str) -> Path:
 
 
 def minsnap_trajectory(plan: Plan) -> Any:
-    """Return the position of a plan as a `PiecewisePolynomialTrajectory` of minsnap-trajectories; exact.
+    """Convert the position of a plan exactly to a `PiecewisePolynomialTrajectory` of minsnap-trajectories.
 
     Raises:
         ImportError: if minsnap-trajectories is not installed; the extra `minsnap` contains it.
@@ -100,9 +100,9 @@ def minsnap_trajectory(plan: Plan) -> Any:
 
 
 def minsnap_waypoints(plan: Plan) -> list[Any]:
-    """Return the knots of a plan, with position to jerk, as waypoints for minsnap-trajectories.
+    """Return the position to jerk at each knot of a plan as waypoints for minsnap-trajectories.
 
-    From these waypoints, minsnap-trajectories plans the same path with `degree=7` and `num_continuous_orders=4`.
+    With `degree=7` and `num_continuous_orders=4`, minsnap-trajectories plans the same path from these waypoints.
 
     Raises:
         ImportError: if minsnap-trajectories is not installed; the extra `minsnap` contains it.
@@ -136,7 +136,7 @@ def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
 
 
 def _in_seconds(path: PolynomialPath) -> np.ndarray:
-    """Return the (segments, axes, 8) coefficients of the powers of the time from the start of a segment, in s."""
+    """Return (segments, axes, 8) coefficients for powers of the time since the start of the segment, in m and s."""
     segments, powers, axes = path.coefficients.shape
     if powers > POWERS and path.coefficients[:, POWERS:].any():
         raise InputError(f"the path has degree {powers - 1}, but a piece has at most degree {POWERS - 1}")

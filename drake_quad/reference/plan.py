@@ -20,7 +20,7 @@ PATH_ORDERS = 4
 """Number of continuous derivatives of the position where a reference comes to rest, including order zero."""
 YAW_ORDERS = 2
 """Number of continuous derivatives of the yaw where a reference comes to rest, including order zero."""
-# Acceleration that braking may use even if the route needs less, m/s²: the paper's limit on the acceleration.
+# Acceleration that braking may use even if the route needs less, m/s². It is the paper's acceleration limit.
 _BRAKING_ACCELERATION = 0.7
 # Angular acceleration that braking of the yaw may use, rad/s². With this value, a yaw rate of 1 rad/s ends within two
 # seconds.
@@ -34,7 +34,7 @@ REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk
 class Plan:
     """Position and yaw as functions of time.
 
-    Before the start and after the end of its path the reference hovers: position and yaw are constant, and all
+    The reference hovers before the start and after the end of the path: position and yaw are constant, and all
     derivatives are zero. If the path ends in motion, the reference brakes first; see `drake_quad.reference.rest`.
 
     Attributes:
@@ -109,7 +109,7 @@ class Plan:
         return float(self.yaw.coefficients[0, 0, 0])
 
     def derivative(self, order: int) -> PiecewisePolynomial:
-        """Return the derivative of the position as a (3, 1) trajectory, in m and s, that is valid at any time.
+        """Return a derivative of the position as a Drake (3, 1) trajectory in m and s, defined for all times.
 
         Args:
             order: order of the derivative, 0 for the position itself.
@@ -117,7 +117,7 @@ class Plan:
         return to_piecewise_polynomial(path_derivative(self.extended_path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """Return a trajectory with the rows of all ports in `REFERENCE_PORTS`, in order, that is valid at any time."""
+        """Return a trajectory, defined for all times, with the rows of all `REFERENCE_PORTS` in order."""
         end = max(self.extended_path.times[-1], self.extended_yaw.times[-1])
         path, yaw = (_until(end, part) for part in (self.extended_path, self.extended_yaw))
         path, yaw = subdivide(path, yaw.times), subdivide(yaw, path.times)
@@ -137,7 +137,7 @@ def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
 
 
 def _until(end: float, path: PolynomialPath) -> PolynomialPath:
-    """Return a path that ends at rest, with the rest extended to a time in s."""
+    """Extend the rest at the end of a path to a given time (s)."""
     return path._replace(times=np.append(path.times[:-1], end))
 
 
@@ -147,7 +147,7 @@ def _by_axis(path: PolynomialPath) -> np.ndarray:
 
 
 def _piecewise_polynomial(times: np.ndarray, rows: Iterable[np.ndarray]) -> PiecewisePolynomial:
-    """Return Drake's (rows, 1) trajectory from (segments, powers) coefficients of each row in unit time."""
+    """Return Drake's (rows, 1) trajectory, given the (segments, powers) coefficients of each row in unit time."""
     durations = np.diff(times)[:, np.newaxis]
     segments = len(durations)
     rows = list(rows)

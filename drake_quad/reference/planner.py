@@ -1,4 +1,4 @@
-"""Planning of a minimum-snap path for given constraints, with several methods to choose its times."""
+"""Planning of a minimum-snap path for given constraints, with several methods for the waypoint times."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from drake_quad.reference.timing_search import (
     path_with_fixed_derivatives,
 )
 
-# Largest duration of a path, one day, s. Longer durations are taken to be mistakes.
+# Largest duration of a path, s (one day). Longer durations are probably mistakes.
 _MAX_DURATION = 86_400.0
 
 
@@ -37,8 +37,8 @@ class FixedTimes:
 class HeuristicTiming:
     """Heuristic timing: the faster of a non-stop and a stop-at-every-waypoint profile, scaled to the limits.
 
-    If a nonzero derivative is given at a waypoint, scaling would change it. The timing is then the first feasible
-    timing of several total durations.
+    If a nonzero derivative is given at a waypoint, scaling would change it. Several total durations are then tried, and
+    the first feasible timing is used.
     """
 
 
@@ -55,9 +55,9 @@ class MinimumSnapTiming:
 
 @dataclass(frozen=True)
 class MinimumTimeTiming:
-    """Timing with the shortest total duration for which the minimum-snap path satisfies the limits.
+    """Timing with the shortest total duration at which the minimum-snap path satisfies the limits.
 
-    The duration is a local optimum. If a flight that stops at every waypoint is not slower, its times are used.
+    The duration is a local optimum. The times of a flight that stops at every waypoint are used if they are not slower.
     """
 
 
@@ -68,12 +68,11 @@ Timing = FixedTimes | HeuristicTiming | MinimumSnapTiming | MinimumTimeTiming
 def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
     """Return the minimum-snap path that satisfies the constraints of a problem.
 
-    If the times are given, the vehicle stops at a waypoint that is repeated. Otherwise repeated waypoints count as one
-    waypoint.
+    If the times are given, the vehicle stops at a repeated waypoint. Otherwise repeated waypoints are merged into one.
 
     Raises:
-        InputError: if there is no such path or none is found (the message gives the reason), times do not increase,
-            necessary limits are missing, or all waypoints are equal.
+        InputError: if no such path exists or is found (the message gives the reason), times do not increase, necessary
+            limits are missing, or all waypoints are equal.
     """
     match timing:
         case FixedTimes(times):
@@ -85,7 +84,7 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
                 )
             return minimum_snap_path(without_repeats(problem), duration)
     if not isinstance(timing, HeuristicTiming | MinimumTimeTiming):
-        raise TypeError(f"{timing!r} is not a GivenTimes, Heuristic, LeastSnap or Shortest")
+        raise TypeError(f"{timing!r} is not a FixedTimes, HeuristicTiming, MinimumSnapTiming or MinimumTimeTiming")
     if not problem.limits.by_order:
         raise InputError("the total time cannot be chosen without limits; give a limit on the speed or acceleration")
     shorten = isinstance(timing, MinimumTimeTiming)
@@ -143,7 +142,7 @@ def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
 
 
 def _repeats(one: WaypointRegion, other: WaypointRegion) -> bool:
-    """Return True if both regions are the same point."""
+    """Return whether both regions are the same point."""
     return isinstance(one, Box) and isinstance(other, Box) and one.is_point and one.equals(other)
 
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Number of intervals of a segment in which peaks are searched for. A polynomial of low degree has at most one relevant
+# Number of intervals into which a segment is divided to find peaks. A polynomial of low degree has at most one relevant
 # peak in each interval.
 NUM_CELLS = 48
-_SAMPLES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
-# Number of bisections that locate a peak. The error of its value is of second order in the error of its position, so
-# that only rounding errors remain.
+_CELL_EDGES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
+# Number of bisections that locate a peak. The error in the peak value is quadratic in the error of its position, so
+# only rounding errors remain.
 _NUM_BISECTIONS = 16
 
 
@@ -68,28 +68,28 @@ class Peaks(NamedTuple):
 
 
 def power_basis(order: int, s: ArrayLike, powers: int) -> np.ndarray:
-    """Return the derivatives of 1, s, s², ... with respect to s, of a given order, as an array (..., powers)."""
+    """Return the derivatives of a given order of 1, s, s², ... with respect to s, as an array (..., powers)."""
     falling, exponent = _derivative_of_powers(order, powers)
     return np.asarray(falling * np.asarray(s, dtype=float)[..., np.newaxis] ** exponent)
 
 
 @cache
 def _derivative_of_powers(order: int, powers: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (powers,) factors and exponents of the derivatives of 1, s, s², ..."""
+    """Return (powers,) factors and exponents of the derivatives of the monomials 1, s, s², ..."""
     falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
     return falling, np.maximum(np.arange(powers) - order, 0)
 
 
 @cache
 def hermite_matrix(orders: int) -> np.ndarray:
-    """Return the (2 orders, 2 orders) matrix from a segment's boundary derivatives to its coefficients.
+    """Return the (2 orders, 2 orders) matrix that maps a segment's boundary derivatives to its coefficients.
 
-    The boundary derivatives are the position and its derivatives with respect to s up to order `orders` - 1, first at
-    the start and then at the end.
+    The boundary derivatives are the position and its derivatives with respect to s up to order `orders` - 1. Those at
+    the start come first, then those at the end.
     """
     to_boundary = np.array([power_basis(order, s, 2 * orders) for s in (0.0, 1.0) for order in range(orders)])
-    # The entries of the inverse are integers divided by this factorial. Rounding to such numbers removes the inversion
-    # error.
+    # The entries of the exact inverse are integers divided by this factorial. Rounding to such fractions removes the
+    # inversion error.
     denominator = math.factorial(orders - 1)
     return np.asarray(np.round(denominator * np.linalg.inv(to_boundary)) / denominator)
 
@@ -113,7 +113,7 @@ def hermite_path(times: np.ndarray, derivatives: np.ndarray) -> PolynomialPath:
 
 
 def knots(path: PolynomialPath, orders: int) -> np.ndarray:
-    """Return the position and its derivatives at the times of a path; the inverse of `hermite_path`.
+    """Return the position and its derivatives at the knots of a path, the inverse of `hermite_path`.
 
     Returns:
         (knots, orders, axes) position and its derivatives up to order `orders` - 1, in m and s.
@@ -125,7 +125,7 @@ def knots(path: PolynomialPath, orders: int) -> np.ndarray:
 
 
 def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
-    """Return the time derivative of a path of a given order; its degree is lower by this order."""
+    """Return the time derivative of a given order as a path, whose degree is lower by this order."""
     powers = np.arange(path.coefficients.shape[1])
     falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
     scale = falling * path.durations[:, np.newaxis] ** -order
@@ -133,7 +133,7 @@ def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
 
 
 def evaluate(path: PolynomialPath, times: ArrayLike, order: int = 0) -> np.ndarray:
-    """Return the (axes, samples) time derivative of a path; outside the path, the value at the nearer end.
+    """Return the (axes, samples) time derivative of a path; before and after the path, the value at its nearer end.
 
     Args:
         path: path to evaluate.
@@ -161,7 +161,7 @@ def evaluate_at(path: PolynomialPath, segment: np.ndarray, s: np.ndarray, order:
 
 
 def subdivide(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
-    """Return the same path, with its segments divided at further times (instants,), s."""
+    """Return the same path with its segments divided at additional times, (instants,) in s."""
     next_index = np.clip(np.searchsorted(path.times, times), 1, len(path.times) - 1)
     distance = np.minimum(np.abs(times - path.times[next_index - 1]), np.abs(times - path.times[next_index]))
     inside = (times > path.times[0]) & (times < path.times[-1])
@@ -179,7 +179,7 @@ def subdivide(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
 
 
 def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
-    """Return the local maxima of the norm of a time derivative, and its values at the ends of the segments."""
+    """Return the local maxima of a time derivative's norm, together with its values at the segment ends."""
     components = path_derivative(path, order).coefficients
     powers = components.shape[1]
     # The derivative of half the squared norm is the sum over the axes of products of two polynomials.
@@ -191,7 +191,7 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
     def derivative(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.einsum("nk,nk->n", power_basis(0, s, 2 * powers - 2), derivatives[segment])
 
-    segment, s = _find_maxima(derivatives @ power_basis(0, _SAMPLES, 2 * powers - 2).T, derivative)
+    segment, s = _find_maxima(derivatives @ power_basis(0, _CELL_EDGES, 2 * powers - 2).T, derivative)
     segments_in_order = np.arange(len(components))
     segment = np.concatenate([segment, segments_in_order, segments_in_order])
     s = np.concatenate([s, np.zeros(len(segments_in_order)), np.ones(len(segments_in_order))])
@@ -199,16 +199,17 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
 
 
 def peak_norm(path: PolynomialPath, order: int) -> float:
-    """Return the largest norm of a time derivative over the whole path, exact up to rounding."""
+    """Return the largest norm of a time derivative along the whole path, exact up to rounding."""
     return float(norm_peaks(path, order).norm.max())
 
 
 def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the inner points at which the position turns back along an axis: segment, axis and s, each (points,).
+    """Return the points inside segments at which the position reverses along an axis.
 
-    Each segment is divided into `NUM_CELLS` cells. Two turning points in the same cell are not found, and neither is a
-    turning point in a cell that begins or ends at rest. In these cases the position turns back by at most M h³ / 12,
-    where M is the largest third derivative with respect to s, and h is the width of a cell.
+    The result is the segment, the axis and s of each point, three arrays of shape (points,). Each segment is divided
+    into `NUM_CELLS` cells. The search misses two turning points in the same cell, and a turning point in a cell that
+    begins or ends at rest. The position then turns back by at most M h³ / 12, where M is the largest third derivative
+    with respect to s and h is the cell width.
     """
     segments, powers, axes = path.coefficients.shape
     rows = path.coefficients.transpose(0, 2, 1).reshape(segments * axes, powers)
@@ -219,7 +220,7 @@ def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the row, s and value of the inner maxima of polynomials on [0, 1], each (maxima,).
+    """Return the row, s and value of each maximum of polynomials inside [0, 1], three arrays of shape (maxima,).
 
     Args:
         rows: (rows, powers) coefficients of each polynomial, starting with the constant term.
@@ -229,21 +230,21 @@ def inner_maxima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     def derivative(row: np.ndarray, s: np.ndarray) -> np.ndarray:
         return np.einsum("nk,nk->n", power_basis(1, s, powers), rows[row])
 
-    row, s = _find_maxima(rows @ power_basis(1, _SAMPLES, powers).T, derivative)
+    row, s = _find_maxima(rows @ power_basis(1, _CELL_EDGES, powers).T, derivative)
     return row, s, np.einsum("nk,nk->n", power_basis(0, s, powers), rows[row])
 
 
 def _find_maxima(
     derivatives: np.ndarray, derivative: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows and arguments at which functions on [0, 1] have maxima.
+    """Return the rows and arguments of the maxima of functions on [0, 1].
 
     Args:
-        derivatives: (rows, samples) derivatives of the functions at the samples.
+        derivatives: (rows, samples) derivatives of the functions at equidistant samples.
         derivative: function that returns derivatives for rows and arguments.
     """
     row, sample = np.nonzero((derivatives[:, :-1] > 0.0) & (derivatives[:, 1:] <= 0.0))
-    low, high = _SAMPLES[sample], _SAMPLES[sample + 1]
+    low, high = _CELL_EDGES[sample], _CELL_EDGES[sample + 1]
     for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (low + high)
         rising = derivative(row, middle) > 0.0

@@ -12,12 +12,13 @@ from drake_quad.errors import InputError
 AXES = "xyz"
 # Accuracy of lengths that a solver returns, relative to the largest length in the program.
 _RELATIVE_ROUNDING = 1e-9
-# Limit on the radius and the centre of the ball inscribed in an unbounded polytope, larger than any flight, m.
+# Limit on radius and centre coordinates of the inscribed ball, m, needed for unbounded polytopes. It is larger than any
+# flight.
 _MAX_INSCRIBED_RADIUS = 1e5
 
 
 class Box:
-    """Axis-aligned box; a point if both corners are equal.
+    """Axis-aligned box. It is a point if both corners are equal.
 
     Attributes:
         low: (axes,) lowest corner, m.
@@ -74,7 +75,7 @@ class Box:
 
 
 class Sphere:
-    """Ball through which a path passes.
+    """Ball through which a path must pass.
 
     Attributes:
         centre: (axes,) centre, m.
@@ -127,7 +128,7 @@ class Polytope:
 
     @classmethod
     def from_box(cls, box: Box) -> "Polytope":
-        """Return a box as a polytope."""
+        """Convert a box to a polytope."""
         identity = np.eye(len(box.low))
         return cls(np.vstack([-identity, identity]), np.concatenate([-box.low, box.high]))
 
@@ -158,7 +159,7 @@ class Polytope:
         return max((extent for extent in extents if math.isfinite(extent)), default=1.0)
 
     def support(self, direction: np.ndarray) -> float:
-        """Return the largest value of direction · p over the points p, m; infinite if the polytope is unbounded."""
+        """Return the largest value of direction · p over the points p, m, or infinity if the polytope is unbounded."""
         program = MathematicalProgram()
         p = program.NewContinuousVariables(len(direction))
         program.AddLinearCost(-direction, 0.0, p)
@@ -171,18 +172,18 @@ class Polytope:
         return np.array_equal(self.normals, other.normals) and np.array_equal(self.offsets, other.offsets)
 
     def intersection(self, other: "Box | Polytope") -> "Polytope | None":
-        """Return the intersection of both regions, or None if it is empty.
+        """Return the intersection with another region, or None if it is empty.
 
         The search for a path intersects the same regions many times, so results are cached.
         """
         return _intersection_of_faces(self, other)
 
     def max_violation(self, position: np.ndarray) -> float:
-        """Return the largest distance of a position (axes,) beyond the plane of a face, m; negative inside."""
+        """Return the largest distance by which a position (axes,) lies beyond a face plane, m; negative inside."""
         return float((self.normals @ position - self.offsets).max())
 
     def contains(self, position: np.ndarray) -> bool:
-        """Return True if a position (axes,) is in the polytope, up to the accuracy of solvers."""
+        """Return whether the polytope contains a position (axes,), within solver accuracy."""
         return self.max_violation(position) <= 1e-7 * max(self.size, 1.0)
 
     def nearest(self, position: np.ndarray) -> np.ndarray:
@@ -195,14 +196,15 @@ class Polytope:
         program.AddQuadraticCost(2.0 * np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
         offsets = self.offsets - self.normals @ position
         program.AddLinearConstraint(self.normals, np.full(self.faces, -np.inf), offsets, p)
-        # The cost is flat around its minimum, so the error of the point is the square root of the error of the cost.
+        # The cost is flat around its minimum, so the error of the point is about the square root of the solver
+        # tolerance.
         for option in ("tol_gap_abs", "tol_gap_rel", "tol_feas"):
             program.SetSolverOption(ClarabelSolver.id(), option, 1e-12)
         return position + ClarabelSolver().Solve(program).GetSolution(p)
 
     @cached_property
     def _inscribed(self) -> tuple[np.ndarray, float]:
-        """Centre and radius of the largest inscribed ball, m; the radius is negative if the polytope is empty."""
+        """Centre and radius (m) of the largest inscribed ball. The radius is negative if the polytope is empty."""
         axes = self.normals.shape[1]
         program = MathematicalProgram()
         x = program.NewContinuousVariables(axes + 1)
@@ -251,7 +253,7 @@ def intersection_of(one: Corridor, other: Corridor) -> Corridor | None:
 
 
 def overlap(waypoint: WaypointRegion, corridor: Corridor) -> bool:
-    """Return True if a waypoint's region and a corridor have a common point."""
+    """Return whether a waypoint's region and a corridor have a common point."""
     if isinstance(waypoint, Sphere):
         return bool(np.linalg.norm(corridor.nearest(waypoint.centre) - waypoint.centre) <= waypoint.radius)
     if isinstance(corridor, Polytope) and isinstance(waypoint, Box) and waypoint.is_point:

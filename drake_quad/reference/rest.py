@@ -1,7 +1,7 @@
 """Extension of a reference beyond its route: rest before the start, braking if it ends in motion, and rest afterwards.
 
-A minimum-snap path that ends at rest has zero velocity, acceleration and jerk at its end, but not zero snap. Without
-the extension, a controller would feed forward this snap for ever after the end.
+A minimum-snap path that ends at rest has zero velocity, acceleration and jerk at its end, but not zero snap. If the
+path were not extended, a controller would feed forward this snap for ever.
 """
 
 import math
@@ -10,11 +10,12 @@ import numpy as np
 
 from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_peaks, peak_norm, power_basis
 
-# Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Solvers and files with six
-# decimals leave smaller values, and jumps of this magnitude have no visible effect: 0.01 m/s² is 1 mrad of tilt.
+# Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Rounding by solvers, and by
+# files with six decimals, causes smaller values. Jumps of this magnitude have no visible effect: 0.01 m/s² corresponds
+# to 1 mrad of tilt.
 _REST_TOLERANCES = np.array([1e-3, 1e-2, 1e-1])
-# Duration of the constant pieces, s. Outside its times, a trajectory keeps its first and last value, so the duration
-# does not matter.
+# Duration of the constant pieces, s. Its value does not matter, since a trajectory keeps its first and last value
+# outside its times.
 _REST_DURATION = 1.0
 # Candidate durations of the braking piece, s. The attitude needs some tenths of a second to follow.
 _BRAKING_DURATIONS = np.geomspace(1.0, 30.0, 60)
@@ -28,14 +29,14 @@ def moves_at_end(path: PolynomialPath, orders: int) -> bool:
 def with_rest(path: PolynomialPath, *, orders: int, acceleration: float) -> PolynomialPath:
     """Extend a path by rest before its start and after its end, with a braking piece if it ends in motion.
 
-    If possible, braking does not exceed the largest speed and acceleration of the path. Otherwise it exceeds them as
-    little as possible.
+    Braking stays within the largest speed and acceleration of the path if possible, and exceeds them as little as
+    possible otherwise.
 
     Args:
         path: path to extend, in m (or rad) and s.
         orders: number of continuous derivatives at the end of the path, including the position: 4 for a position,
             since rotor speeds depend on snap, and 2 for a yaw.
-        acceleration: acceleration that braking may always use, m/s² (or rad/s²).
+        acceleration: acceleration that braking may use even if the path stays below it, m/s² (or rad/s²).
 
     Returns:
         The path with an additional piece before it and one or two pieces after it. All derivatives are zero in the
@@ -66,24 +67,24 @@ def _braking(path: PolynomialPath, orders: int, acceleration: float) -> Polynomi
     """Return the piece that brakes from the motion at the end of a path to rest; it starts at time 0."""
     limits = peak_norm(path, 1), max(peak_norm(path, 2), acceleration)
     pieces = _pieces_to_rest(_BRAKING_DURATIONS, knots(path, orders)[-1])
-    # One path consists of all candidates in succession, so that one call finds the peaks of all candidates.
+    # All candidates are joined to one path, so one call finds the peaks of all of them.
     candidates = PolynomialPath(np.concatenate([[0.0], np.cumsum(_BRAKING_DURATIONS)]), pieces)
     excess = np.zeros(len(pieces))
     for order, limit in enumerate(limits, start=1):
         peaks = norm_peaks(candidates, order)
         if limit > 0.0:
             np.maximum.at(excess, peaks.segment, peaks.norm / limit)
-    # The tolerance allows for rounding errors, since a path may end with its largest acceleration.
+    # A path may end with its largest acceleration, so the comparison needs a tolerance for rounding errors.
     within = np.flatnonzero(excess <= 1.0 + 1e-9)
     best = int(within[0] if within.size else np.argmin(excess))
     return PolynomialPath(np.array([0.0, _BRAKING_DURATIONS[best]]), pieces[best : best + 1])
 
 
 def _pieces_to_rest(durations: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return the pieces that come to rest in given times and minimise the integral of their squared n-th derivative.
+    """Return pieces that reach rest in given durations and minimise the integral of their squared n-th derivative.
 
-    The position at the end is free. The optimal polynomial therefore has degree 2n - 2, since the derivative of order
-    2n - 1 is zero at a free end.
+    The end position is free, so the derivative of order 2n - 1 is zero there. The optimal polynomial therefore has
+    degree 2n - 2.
 
     Args:
         durations: (pieces,) durations, s.

@@ -52,7 +52,8 @@ def figure_eight(
         offset: distance of the circles' centres from the start, in the directions of Y and -Y, m; larger than the
             radius.
     """
-    # Angle between Y and a tangent at the start. Each circle sweeps half a turn plus twice this angle.
+    # Angle between the Y axis and the tangent through the start. The path follows each circle for half a turn plus
+    # twice this angle.
     tangent = math.asin(radius / offset)
     sweep = math.pi + 2.0 * tangent
     count = math.ceil(sweep / _MAX_ARC)

@@ -1,4 +1,4 @@
-"""Drake diagram that outputs the reference of a plan."""
+"""Drake diagram that outputs a plan as the reference."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,13 +23,13 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1, ahead: Sequence[float]
         - reference_snap
         - reference_ahead
 
-    The output `reference_ahead` exists if `ahead` is not empty. It contains X, Y and Z of the position at each of these
-    future times, one after another.
+    The output `reference_ahead` exists if `ahead` is not empty. It contains the position X, Y, Z at the first of these
+    future times, then at the second, and so on.
 
     Args:
         plan: plan that every vehicle follows.
         num_vehicles: number N of vehicles.
-        ahead: times relative to the present at which the position is previewed, s.
+        ahead: preview times relative to the present, s.
     """
     builder = DiagramBuilder()
     source = append(builder, "trajectory", TrajectorySource(plan.reference()))

@@ -1,4 +1,4 @@
-"""Heuristic times of waypoints: a trapezoidal speed profile, rest at every waypoint, and scaling to the limits."""
+"""Heuristic waypoint times: trapezoidal speed profile, stops at every waypoint, and scaling to the limits."""
 
 import math
 
@@ -13,11 +13,11 @@ _REST_TO_REST_PEAKS = {1: 35.0 / 16.0, 2: 84.0 * math.sqrt(5.0) / 25.0}
 
 
 def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float) -> np.ndarray:
-    """Return the (segments + 1,) times of the waypoints for a trapezoidal speed profile along the polyline, s.
+    """Return the waypoint times, (segments + 1,) in s, of a trapezoidal speed profile along the polyline.
 
-    The profile starts and ends at rest and does not slow down at waypoints in between. The profile is a heuristic for
-    `minimum_snap`, whose path then has larger peaks of speed and acceleration. `stretch_factor` returns the factor that
-    reduces these peaks.
+    The profile starts and ends at rest and does not slow down at waypoints in between. It is a heuristic: a
+    `minimum_snap` path with these times has larger peaks of speed and acceleration than the profile. `stretch_factor`
+    returns the factor on the durations that reduces these peaks to the limits.
 
     Args:
         waypoints: (segments + 1, axes) points to pass, m; successive points must differ.
@@ -26,7 +26,7 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
     """
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
     total = distance[-1]
-    # On a short route the profile is a triangle, since braking begins before the speed is reached.
+    # On a short route the speed profile is a triangle, since braking must begin before the top speed is reached.
     top = min(speed, math.sqrt(acceleration * total))
     ramp = top**2 / (2.0 * acceleration)
     duration = total / top + top / acceleration
@@ -38,11 +38,11 @@ def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float)
 
 
 def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndarray:
-    """Return the (segments,) shortest durations within the limits of a flight that stops at every waypoint, s.
+    """Return the shortest segment durations, (segments,) in s, for a flight within limits that stops at every waypoint.
 
     Args:
         waypoints: (segments + 1, axes) points to pass, m; successive points must differ.
-        limits: limits, of which at least one is finite.
+        limits: limits on speed and acceleration, at least one of them finite.
     """
     distance = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     demands = [
@@ -52,7 +52,7 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
 
 
 def stretch_factor(path: PolynomialPath, limits: PathLimits) -> float:
-    """Return the factor on the durations with which a path attains one limit and satisfies the other.
+    """Return the factor on all durations at which a path attains one limit and satisfies the other.
 
     The factor is less than 1 for a path that stays below the limits.
     """

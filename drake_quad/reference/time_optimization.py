@@ -18,18 +18,18 @@ from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, Mi
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
-# Largest change of the logarithms of the durations. All observed optima need smaller changes, and floating point is
-# still accurate.
+# Largest change of the logarithm of a duration. Observed optima need smaller changes, and floating point is accurate
+# enough up to this change.
 _MAX_LOG_CHANGE = 5.0
-# Initial, largest and smallest radius of the trust region, in logarithms of the durations.
+# Initial, largest and smallest radius of the trust region, as changes of the logarithm of a duration.
 _INITIAL_TRUST_RADIUS = 0.3
 _MAX_TRUST_RADIUS = 1.0
 _MIN_TRUST_RADIUS = 1e-6
 _MAX_STEPS = 60  # largest number of linear programs
 # The optimisation ends when the predicted relative gain in the total duration is less than this.
 _MIN_GAIN = 1e-4
-# Weight of the excess over a limit relative to the logarithm of the total duration, if the path cannot be scaled in
-# time. For a path that can be scaled, the weight is 1.
+# Weight of the excess over a limit, relative to the logarithm of the total duration, for a path that cannot be scaled
+# in time. The weight is 1 for a path that can be scaled.
 _EXCESS_WEIGHT = 10.0
 
 
@@ -41,7 +41,7 @@ def minimum_snap_durations(
     contacts: Sequence[Contact] = (),
     max_log_change: float = _MAX_LOG_CHANGE,
 ) -> np.ndarray:
-    """Return the durations (segments,) with the same sum that minimise the cost of the minimum-snap path, s.
+    """Return durations, (segments,) in s, that minimise the minimum-snap cost and have the given sum.
 
     The result is a local optimum of the logarithm of the cost, found with L-BFGS.
 
@@ -49,9 +49,8 @@ def minimum_snap_durations(
         points: (segments + 1, axes) waypoints, m.
         durations: (segments,) initial durations, s.
         derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
-        contacts: further conditions on the path.
-        max_log_change: largest change of the logarithms of the durations, before the durations are scaled to the given
-            sum.
+        contacts: points at which the position along one direction is prescribed.
+        max_log_change: largest change of the logarithm of a duration, before all durations are scaled to the given sum.
     """
     total = float(durations.sum())
 
@@ -75,8 +74,8 @@ def minimum_snap_durations(
     start = np.log(durations)
     bounds = [(x - max_log_change, x + max_log_change) for x in start]
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
-    # The search can reach durations so unequal that the matrix is not positive definite in floating point. The result
-    # is then the best of the durations found before.
+    # The durations can become so unequal that the matrix is not positive definite in floating point. The best durations
+    # so far are then returned.
     with suppress(np.linalg.LinAlgError), single_threaded_blas():
         scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
@@ -91,20 +90,20 @@ def minimum_time_durations(
     contacts: Sequence[Contact] = (),
     max_log_change: float = math.inf,
 ) -> np.ndarray:
-    """Return (segments,) durations with the smallest sum whose minimum-snap path satisfies the limits, s.
+    """Return durations, (segments,) in s, with the smallest sum whose minimum-snap path satisfies the limits.
 
-    The result is a local optimum. For each peak of speed or acceleration there is a factor with which the path must be
-    slowed down for this peak to satisfy its limit. The method minimises the largest factor times the total duration, by
-    linear programs with the exact gradients of the peaks in a trust region. If nonzero derivatives are given, a path
-    cannot be slowed down without changing its shape. The method then minimises a weighted sum of duration and excess,
-    and some excess over the limits may remain.
+    The result is a local optimum. Each peak of speed or acceleration needs a certain slow-down factor to satisfy its
+    limit. The method minimises the product of the largest factor and the total duration. It solves linear programs in a
+    trust region, with exact gradients of the peaks. If nonzero derivatives are given, a path cannot be slowed down
+    without changing its shape. The method then minimises a weighted sum of duration and excess, and some excess over
+    the limits may remain.
 
     Args:
         points: (segments + 1, axes) waypoints, m.
         durations: (segments,) initial durations, s.
         limits: limits, of which at least one is finite.
         derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
-        contacts: further conditions on the path.
+        contacts: points at which the position along one direction is prescribed.
         max_log_change: largest change of the logarithms of the durations, before the final scaling.
     """
     stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
@@ -151,7 +150,8 @@ class _LimitPeaks(NamedTuple):
         segment: (peaks,) indices of the segments.
         s: (peaks,) unit times on the segments, 0 to 1.
         value: (peaks, axes) velocity or acceleration at the peaks, in m and s.
-        excess: (peaks,) logarithm of the factor on the durations with which the peak attains its limit.
+        excess: (peaks,) logarithm of the factor on the durations at which the peak equals its limit; positive if the
+            peak exceeds the limit.
     """
 
     solution: MinimumSnap
@@ -168,7 +168,7 @@ class _LimitPeaks(NamedTuple):
 
 
 def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
-    """Return all nonzero peaks of the limited derivatives of a path."""
+    """Return all nonzero peaks of speed and acceleration, as far as they are limited."""
     path = solution.path()
     parts = []
     for order, limit in limits.by_order.items():
@@ -184,7 +184,7 @@ def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
 def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
     """Return the (peaks, segments) derivatives of the excess with respect to the logarithms of the durations.
 
-    A peak also moves along the path, but to first order this motion does not change its height.
+    If the durations change, a peak also moves along the path, but to first order this does not change its height.
     """
     solution = peaks.solution
     boundary_gradient = solution.boundary_gradient()
@@ -206,19 +206,19 @@ def _best_change(
     weight: float,
     floor: float,
 ) -> tuple[np.ndarray, float]:
-    """Return the best change (segments,) of the logarithms of the durations in the linear model, and its gain.
+    """Return the change (segments,) of the log-durations that is optimal in the linear model, and the predicted gain.
 
     Args:
         durations: (segments,) present durations, s.
         excess: (peaks,) excess of each peak.
         gradients: (peaks, segments) derivatives of the excess.
-        box: (segments,) lower and upper bounds of the change.
+        box: lower and upper bounds of the change, each (segments,).
         weight: weight of the largest excess.
         floor: excess below which a further reduction has no benefit.
     """
     low, high = box
     worst = max(float(excess.max()), floor)
-    # A peak is irrelevant if it stays below the smallest value that another peak can reach.
+    # A peak is irrelevant if its largest possible value is below the smallest possible value of another peak.
     max_change = np.abs(gradients) @ np.maximum(-low, high)
     is_relevant = excess + max_change >= max(float((excess - max_change).max()), floor)
     segments = len(durations)

@@ -1,4 +1,4 @@
-"""Search for the times of a path with corridors, waypoint regions and given derivatives."""
+"""Search for waypoint times of a path with corridors, waypoint regions and given derivatives."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -16,37 +16,38 @@ from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch
 from drake_quad.reference.time_optimization import minimum_snap_durations, minimum_time_durations
 from drake_quad.reference.walls import wall_approaches
 
-# Cost that the search minimises.
+# Key function for the comparison of paths by duration.
 _DURATION = attrgetter("duration")
-# Limits that determine the ratios of the durations if a problem has no limits.
+# Arbitrary limits that determine the ratios between durations if a problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
-# Smallest initial duration of a segment, relative to the longest segment. It is smaller for a route of points, which is
-# planned in closed form, than for a route that requires the solver.
+# Smallest initial duration of a segment, relative to the longest duration. The first value is for routes of points,
+# which have a closed-form plan, the second for routes that require the solver.
 _MIN_POINT_DURATION_RATIO = 1e-3
 _MIN_DURATION_RATIO = 1e-2
 # Largest number of rounds in which the times are adapted to the path.
 _MAX_ROUNDS = 10
-# Relative gain of a round below which the search ends.
+# The search ends after a round whose relative gain is smaller than this.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
 # Distance from the ends of a segment, in unit time, within which contacts are ignored.
 _CONTACT_END_MARGIN = 0.02
-# Largest change of the logarithms of the durations in the first round.
+# Largest change of the logarithm of a duration in the first round.
 _INITIAL_LOG_CHANGE = 0.3
-# Limit on this change below which the search ends.
+# The search ends when the largest allowed change falls below this value.
 _MIN_LOG_CHANGE = 0.02
 _NUM_BISECTIONS = 6  # number of bisections between optimal and feasible times
-# Total duration, s, below which any motion of a path is a rounding error.
+# Total duration below which any motion of a path is a rounding error, s.
 _MIN_TOTAL_DURATION = 1e-3
-# If a path takes more than this fraction of the duration of a flight with stops everywhere, a second start is tried.
+# A second search is started if a path takes more than this fraction of the duration of a flight that stops at every
+# waypoint.
 _MAX_FRACTION_OF_STOPPING = 0.95
-# Total durations that are tried if derivatives are given, relative to a flight with stops everywhere.
+# Total durations to try if derivatives are given, relative to a flight that stops at every waypoint.
 _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
 def path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path for given durations (segments,), s.
+    """Return the path for the given durations, (segments,) in s.
 
     Raises:
         InputError: if there is no path; the message gives the reason.
@@ -63,7 +64,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
-    # The flight with stops is computed first, since its durations reveal a problem in which the vehicle need not move.
+    # The flight with stops is computed first, since it reveals whether the vehicle must move at all.
     candidates = [
         _scaled_to_limits(_path_by_rule(problem, rule), problem.limits)
         for rule in (_stopping_durations, _trapezoid_durations)
@@ -72,19 +73,19 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
 
 
 def _stopping_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """Return the (segments,) durations of a flight that stops at each of the given points, s."""
+    """Return the segment durations, (segments,) in s, of a flight that stops at each of the given points."""
     durations = rest_to_rest_durations(points, problem.limits if problem.limits.by_order else _ANY_LIMITS)
     return _with_min_durations(problem, durations)
 
 
 def _trapezoid_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """Return the (segments,) durations of a trapezoidal speed profile through the given points at the limits, s."""
+    """Return the segment durations, (segments,) in s, of a trapezoidal speed profile at the limits."""
     times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
     return _with_min_durations(problem, np.diff(times))
 
 
 def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
-    """Return durations of which none is much shorter than the longest duration; all 1 s if there is no motion."""
+    """Raise durations that are much shorter than the longest one; return 1 s for each segment if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
     fraction = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
@@ -92,9 +93,9 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """Return the path without limits whose durations are computed by a rule.
+    """Return a path without limits, with durations from a rule.
 
-    The rule is applied twice, since the durations affect the points at which the path passes the waypoints' regions.
+    The rule is applied twice, since the durations affect where the path passes through the waypoint regions.
     """
     unlimited = problem.without_limits()
     points = problem.representatives()
@@ -105,7 +106,7 @@ def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray]
 
 
 def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPath:
-    """Return the path with all durations scaled so that it attains a limit."""
+    """Scale all durations so that the path attains one limit and satisfies the other."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
         raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")
@@ -113,16 +114,17 @@ def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPat
 
 
 def minimum_time_path(problem: PathProblem) -> PolynomialPath:
-    """Return the minimum-snap path with the shortest total time within the limits, a local optimum.
+    """Return the minimum-snap path with the (locally) shortest total time within the limits.
 
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
     heuristic = heuristic_path(problem)
     best = _local_minimum_time_path(problem, heuristic, smooth=True)
-    # A flight that stops everywhere satisfies the limits. For very unequal segments, it can be as fast as the optimum.
+    # A flight that stops at every waypoint satisfies the limits. If segments are very unequal, it can be as fast as the
+    # optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
-    # Paths that touch a wall and paths that do not can be different local optima.
+    # The local optimum can depend on the start, for example on whether the path touches a wall.
     if not problem.passes_points or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
         best = min(best, _local_minimum_time_path(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
@@ -167,13 +169,13 @@ def improve_repeatedly(
 ) -> PolynomialPath:
     """Apply changes to a path until the cost no longer decreases, and return the best path.
 
-    A change assumes that the path keeps its present contacts with corridors and its points in the waypoints' regions.
-    If the cost increases because this assumption is violated, the reach is reduced.
+    A change assumes that the path keeps its present contacts with corridors and its points in the waypoint regions. The
+    reach is reduced if the cost increases because this assumption is violated.
 
     Args:
         path: initial path.
-        change: function that returns a new path for a path and a reach, the largest change of the logarithms of the
-            durations.
+        change: function of a path and a reach that returns a new path. The reach is the largest change of the logarithm
+            of a duration.
         cost: function that returns the cost of a path.
     """
     max_log_change = _INITIAL_LOG_CHANGE
@@ -214,13 +216,14 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
             break
     if not paths:
         raise InputError(
-            f"no times were found; for a flight that stops everywhere, {explain_infeasibility(problem, stopping)}"
+            "no times were found; for a flight that stops at every waypoint,"
+            f" {explain_infeasibility(problem, stopping)}"
         )
     return min(paths, key=_DURATION)
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield (segments,) durations with the smallest snap for several sums, and nearby ones with the smallest sum, s."""
+    """Yield durations, (segments,) in s: those with the smallest snap for several sums, and shorter ones near them."""
     for factor in _TRIED_FACTORS:
         try:
             path = _minimum_snap_with_same_duration(problem.without_limits(), factor * stopping)
@@ -234,7 +237,7 @@ def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bo
 
 
 def _minimum_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path with the smallest snap for the same total duration; limits are ignored."""
+    """Return the path with the smallest snap for the same total duration, without limits."""
     if problem.passes_points:
         durations = minimum_snap_durations(problem.representatives(), durations, problem.derivatives)
         return path_within(problem, durations)
@@ -255,7 +258,7 @@ def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
     """Return the path with the smallest snap for a total time, within the limits.
 
     If the times with the smallest snap violate the limits, they are moved towards the times of the fastest path until
-    the limits are satisfied.
+    the path satisfies the limits.
 
     Args:
         problem: problem without repeated waypoints.

@@ -12,7 +12,7 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 
 _MAX_SAMPLES = 20_000  # largest number of rows of `trajectory.csv`, except the last
 _PIECES_FILE = "pieces.csv"
-# Rounding error of coefficients that are computed from derivatives, relative to the largest coefficient.
+# Tolerance for rounding errors in coefficients that are computed from derivatives, relative to the largest coefficient.
 _COEFFICIENT_TOLERANCE = 1e-12
 _COLUMNS = (
     "time (s)",

@@ -1,4 +1,4 @@
-"""Points at which a path comes locally nearest to the walls of its corridors."""
+"""Points at which the distance from a path to a corridor wall has a local minimum."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from drake_quad.reference.regions import AXES, Box, Corridor, Polytope
 
 
 class WallApproach(NamedTuple):
-    """Point inside a segment at which the position turns back along a direction across the corridor.
+    """Point inside a segment at which the position reverses along a direction across the corridor.
 
     Attributes:
         segment: index of the segment.
         s: unit time on the segment, 0 to 1.
         wall: axis of a box, such as "x", or face of a polytope, such as "face 0".
-        direction: (axes,) unit vector across the walls.
+        direction: (axes,) unit vector perpendicular to the wall.
         position: position along the direction, m.
         low: position of the lower wall along the direction, m; -inf for a face.
         high: position of the upper wall along the direction, m.
@@ -39,11 +39,11 @@ class WallApproach(NamedTuple):
 
 
 def wall_approaches(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
-    """Yield the points at which a path comes locally nearest to a wall of its corridor.
+    """Yield the points at which the distance from a path to a wall of its corridor has a local minimum.
 
     Args:
         path: path of the position.
-        corridors: corridor of each segment; None for a segment without one.
+        corridors: corridor of each segment, or None for a segment without a corridor.
     """
     if any(isinstance(corridor, Box) for corridor in corridors):
         yield from _approaches_in_boxes(path, corridors)
@@ -52,7 +52,7 @@ def wall_approaches(path: PolynomialPath, corridors: Sequence[Corridor | None]) 
 
 
 def _approaches_in_boxes(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
-    """Yield the points at which a path turns back along an axis on which its box has an extent."""
+    """Yield the points at which a path reverses along an axis, for boxes with an extent along this axis."""
     segments, axes, unit_times = turning_points(path)
     positions = evaluate_at(path, segments, unit_times)[np.arange(len(unit_times)), axes]
     directions = np.eye(path.coefficients.shape[2])
@@ -66,7 +66,7 @@ def _approaches_in_boxes(path: PolynomialPath, corridors: Sequence[Corridor | No
 
 
 def _approaches_at_faces(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> Iterator[WallApproach]:
-    """Yield the points at which a path is farthest along the outward normal of a face."""
+    """Yield the points at which the position along the outward normal of a face has a local maximum."""
     faces = [
         (segment, face, corridor)
         for segment, corridor in enumerate(corridors)

@@ -15,20 +15,20 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 
 # Horizontal speed below which the direction of flight is ignored, relative to the largest horizontal speed.
 _MIN_RELATIVE_SPEED = 0.02
-# The largest horizontal speed counts as at least this fraction of the largest speed, since small sideways motion of a
-# vertical path has no meaningful direction.
+# Lower limit on the horizontal reference speed, relative to the largest speed. The direction of small sideways motion
+# on a vertical path is not meaningful.
 _MIN_RELATIVE_HORIZONTAL_SPEED = 0.1
-# Positions of the knots within a segment, in unit time, for a profile that follows a path.
+# Positions of the yaw knots within a path segment, in unit time.
 _KNOT_POSITIONS = np.linspace(0.0, 1.0, 16, endpoint=False)
-# Matrix of ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and derivative at the start, and value and derivative at the
-# end.
+# Matrix of the quadratic form ∫₀¹ (d²y/ds²)² ds. Its vector consists of value and derivative at the start, then value
+# and derivative at the end.
 _BENDING_FORM = np.array(
     [[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]]
 )
 
 
 def constant_yaw(start: float, end: float, yaw: float) -> PolynomialPath:
-    """Return the profile with a constant yaw (rad) from a start to an end (s)."""
+    """Return a profile with a constant yaw (rad) between a start and an end time (s)."""
     coefficients = np.zeros((1, 4, 1))
     coefficients[0, 0] = yaw
     return PolynomialPath(np.array([start, end]), coefficients)
@@ -41,7 +41,8 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     last given angle.
 
     Args:
-        times: (waypoints,) times, s, which must not decrease; waypoints passed at the same instant have equal times.
+        times: (waypoints,) waypoint times, s, which must not decrease. Waypoints that are passed simultaneously have
+            equal times.
         yaws: (waypoints,) angles, rad; NaN for a waypoint at which the yaw is free.
 
     Raises:
@@ -75,7 +76,7 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
 
     The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and
     v_max is the larger of the largest horizontal speed and a tenth of the largest speed. The spline follows a direction
-    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. Where the path
+    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. If the path
     stops or is vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path
     without horizontal motion has yaw zero.
 
@@ -104,7 +105,7 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
 
 
 def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray) -> PolynomialPath:
-    """Return the cubic spline at rest at both ends that minimises ∫ ÿ² + weight (y - value)² dt.
+    """Return the cubic spline that minimises ∫ ÿ² + weight (y - value)² dt and is at rest at both ends.
 
     Args:
         times: (knots,) times, s.
@@ -139,6 +140,6 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
 def _clamped_spline(times: np.ndarray, angles: np.ndarray) -> PolynomialPath:
     """Return the cubic spline through angles (rad) at given times (s) with zero derivative at both ends."""
     spline = scipy.interpolate.CubicSpline(times, angles, bc_type="clamped")
-    # SciPy's coefficients start with the highest power, in seconds since the knot.
+    # SciPy's coefficients start with the highest power. They are for the time in seconds since the knot.
     coefficients = spline.c[::-1].T * np.diff(times)[:, np.newaxis] ** np.arange(4)
     return PolynomialPath(times, coefficients[:, :, np.newaxis])

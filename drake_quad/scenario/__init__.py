@@ -1,1 +1,1 @@
-"""The scenario language: a closed loop in YAML."""
+"""The scenario language, which describes a closed loop in YAML."""

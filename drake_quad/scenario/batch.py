@@ -23,12 +23,11 @@ class Batch:
         scenario: scenario of the study, with its distributions.
         samples: (N,) indices of the samples in the study, counted from 0. Together with the seed they determine wind
             and noise.
-        varying: (N,) values, by path, of each field that differs from vehicle to vehicle, such as a field with a
-            distribution.
-        seeds: (N,) seeds of the samples, for samples of several studies; None if all samples use the seed of the
-            scenario.
-        noise: (periods, N) indices of the samples whose wind and noise are used in each period of the scenario's
-            `noise`; None if the scenario determines them.
+        varying: (N,) values of each field that differs between vehicles, such as a field with a distribution, by path.
+        seeds: (N,) seed of each sample, used if the samples belong to several studies; None if all samples use the seed
+            of the scenario.
+        noise: (periods, N) indices of the samples that provide wind and noise in each period of the scenario's `noise`;
+            None if the scenario determines them.
     """
 
     scenario: Scenario
@@ -49,8 +48,8 @@ class Batch:
         Args:
             scenario: scenario, which may contain distributions.
             samples: indices of the samples, counted from 0.
-            seed: seed of the study; the seed of the scenario if not given.
-            seeds: seed of each sample, for samples of several studies, which are drawn independently.
+            seed: seed of the study. By default, the seed of the scenario.
+            seeds: seed of each sample, if the samples belong to several studies. They are then drawn independently.
 
         Raises:
             InputError: if a seed or the index of a sample is negative or too large.
@@ -80,15 +79,15 @@ class Batch:
         *,
         noise: Sequence[Sequence[int]] | None = None,
     ) -> "Batch":
-        """Return the batch whose fields have the values at given points of the unit cube.
+        """Map points of the unit cube to a batch, by the quantiles of the scenario's distributions.
 
         Args:
             scenario: scenario, which may contain distributions.
             points: (N, d) numbers between 0 and 1, one column for each of the `coordinates` of the scenario. A field
                 without shared variables has the quantile of its distribution at this probability.
             samples: (N,) indices of the samples whose wind and noise are used.
-            noise: (periods, N) indices of the samples whose wind and noise are used in each period of the scenario's
-                `noise`, in place of `samples`.
+            noise: (periods, N) indices of the samples that provide wind and noise in each period of the scenario's
+                `noise`. By default, the scenario determines them.
         """
         inside = np.clip(points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
         columns = dict(zip(coordinates(scenario), inside.T, strict=True))
@@ -98,7 +97,7 @@ class Batch:
 
     @property
     def noise_samples(self) -> Samples:
-        """Samples that determine the wind and the noise of each vehicle."""
+        """Indices of the samples that determine the wind and the noise of each vehicle."""
         settings = self.scenario.noise
         if settings is None:
             return Samples(self.seed, self.samples)
@@ -112,7 +111,7 @@ class Batch:
 
     @property
     def fleet_scenario(self) -> Any:
-        """Scenario in which each field that differs from vehicle to vehicle is an (N,) array.
+        """Scenario in which each field that differs between vehicles is an (N,) array.
 
         Only the assembly of diagrams uses this form of a scenario.
         """
@@ -142,7 +141,7 @@ class Batch:
         return Batch(self.scenario, padded(self.samples), varying, seeds, noise)
 
     def scenario_of(self, vehicle: int) -> Scenario:
-        """Return the scenario that a vehicle, counted from 0, flies, with its numbers and the index of its sample."""
+        """Return the scenario of one vehicle, counted from 0, with its drawn values and its sample index."""
 
         def number(path: str, value: Any) -> Any:
             return float(self.varying[path][vehicle]) if path in self.varying else value
@@ -160,17 +159,17 @@ class Batch:
 def coordinates(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the independent random numbers from which the fields of a sample are drawn.
 
-    They are the paths of the fields with a distribution and, as `shared` followed by the name, the shared variables.
+    They are the paths of all fields with a distribution and the shared variables, each as `shared` and its name.
     """
     distributions = distributions_in(scenario)
     return (*distributions, *map(shared_stream, shared_names(distributions.values())))
 
 
 def check_pairs(scenarios: Mapping[str, Scenario]) -> None:
-    """Check that equal samples of scenarios draw equal numbers, so that their flights can be compared in pairs.
+    """Check that samples with equal index draw equal numbers in all scenarios, so flights can be compared in pairs.
 
     Args:
-        scenarios: scenarios by the name for messages; the first is the baseline.
+        scenarios: scenarios by the name that messages use. The first is the baseline.
 
     Raises:
         InputError: if the scenarios have different draws, or Sobol draws of different random parameters.
@@ -194,7 +193,7 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     Args:
         scenario: scenario, which may contain distributions.
         sample: index of the sample, counted from 0.
-        seed: seed of the study; the seed of the scenario if not given.
+        seed: seed of the study. By default, the seed of the scenario.
 
     Raises:
         InputError: if the seed or the index is negative or too large.
@@ -221,7 +220,7 @@ def median_scenario(scenario: Scenario) -> Scenario:
 
 
 def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return drawn values in which impossible moments of inertia are replaced by possible moments.
+    """Replace moments of inertia that no rigid body can have by the nearest possible moments.
 
     Args:
         scenario: scenario with distributions.
@@ -241,7 +240,7 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
 
 
 def _stream_name(path: str) -> str:
-    """Return the name of the random stream of a field: its path with indices in brackets, as in `vehicle.inertia[0]`.
+    """Return the name of a field's random stream: its path with indices in brackets, as in `vehicle.inertia[0]`.
 
     Earlier versions wrote paths in this form. The names of streams still use it, so that the samples of existing
     studies do not change.

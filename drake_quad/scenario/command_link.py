@@ -14,10 +14,10 @@ from drake_quad.signals import AttitudeTarget, Wrench
 
 
 class CommandLinkSettings(Model):
-    """Radio link that carries the command to the vehicle: a wrench, or the target of an autopilot."""
+    """Radio link that carries the command to the vehicle: a wrench, or a target for the autopilot."""
 
-    period: Period = Field(default=0.02, description="period of the control (s); the paper's 50 Hz")
-    delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole ticks")
+    period: Period = Field(default=0.02, description="control period (s); the default is the paper's")
+    delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole control ticks")
     loss_rate: Probability = field_of(LinkParameters, "loss_rate", "fraction of packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:

@@ -6,8 +6,9 @@ A field with a normal distribution and `shared: {a: 0.6, b: -0.3}` is drawn from
 
 All variables are standard normal. In each sample, u_a and u_b are drawn once for all fields that name them, and u is
 drawn only for this field. The value of the field is the quantile of its distribution at the probability Φ(z). Each
-field therefore has exactly the distribution that the scenario gives it, including limits. Two fields are joined by a
-Gaussian copula. Its correlation is the sum over all shared variables of the product of their two coefficients.
+field therefore has exactly the distribution that the scenario gives it, including limits. The joint distribution of two
+fields is a Gaussian copula. To compute its correlation, multiply the two coefficients of each shared variable, and add
+the products.
 """
 
 import math
@@ -23,17 +24,17 @@ from drake_quad.scenario.distributions import Distribution
 
 MIN_PROBABILITY = 2.0**-53
 """Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers."""
-# Smaller correlations count as zero.
+# Magnitude below which a correlation counts as zero.
 _MIN_CORRELATION = 1e-3
-# Levels of accuracy at which weights of shared variables are written: the smallest weight that is not omitted, and the
-# number of decimals. The first level that reproduces the covariance is used. A coarse level fails, for example, if a
-# sum of strongly correlated fields has a much smaller variance than the fields themselves.
+# Accuracy levels for the weights of shared variables: the smallest weight that is not omitted, and the number of
+# decimals. The first level that reproduces the covariance is used. A coarse level fails, for example, if a sum of
+# strongly correlated fields has a much smaller variance than the fields themselves.
 _ACCURACY_LEVELS = ((1e-3, 4), (1e-4, 6), (1e-6, 8), (0.0, 12))
 # Relative tolerance on the variance of any weighted sum of fields.
 _VARIANCE_TOLERANCE = 0.02
-# Smaller variances of a sum of fields, relative to the variances of the fields, count as zero.
+# Variance of a weighted sum, relative to the variances of the fields, below which it counts as zero.
 _MIN_VARIANCE = 1e-9
-# Tolerance, for rounding errors, on the symmetry and the negative eigenvalues of a given covariance matrix.
+# Tolerance for rounding errors in the symmetry and the eigenvalues of a given covariance matrix.
 _ROUNDING = 1e-6
 
 
@@ -63,8 +64,8 @@ def values_at(distributions: Mapping[str, Distribution], uniform: Callable[[str]
 
     Args:
         distributions: distributions by the name of their stream of random numbers.
-        uniform: function that returns the (N,) uniform numbers in (0, 1) of a stream, given its name. The shared
-            variables have streams, too, see `shared_stream`.
+        uniform: function that returns the (N,) uniform numbers in (0, 1) of a stream, given its name. Each shared
+            variable also has a stream; see `shared_stream`.
 
     Returns:
         (N,) values by the name of the stream.
@@ -88,14 +89,14 @@ def values_at(distributions: Mapping[str, Distribution], uniform: Callable[[str]
 
 
 def shared_stream(name: str) -> str:
-    """Return the name of the stream of a shared variable; it differs from all paths, which contain no spaces."""
+    """Return the stream name of a shared variable. It contains a space, so it differs from all paths."""
     return f"shared {name}"
 
 
 def correlation_matrix(distributions: Sequence[Distribution]) -> np.ndarray:
     """Return the (n, n) correlation matrix of the standard normal variables behind n distributions.
 
-    The correlations of the drawn values themselves are slightly smaller if limits truncate much of a distribution.
+    The drawn values are correlated slightly less if limits truncate much of a distribution.
     """
     names = shared_names(distributions)
     rows = [[each.correlations.get(name, 0.0) for name in names] for each in distributions]
@@ -120,7 +121,7 @@ class CorrelatedPair(NamedTuple):
 
 
 def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[CorrelatedPair]:
-    """Return the pairs of correlated fields, the strongest correlation first.
+    """Return the pairs of correlated fields, sorted from the strongest to the weakest correlation.
 
     Args:
         distributions: distributions by the path of their field, as from `distributions_in`.
@@ -137,7 +138,7 @@ def correlated_pairs(distributions: Mapping[str, Distribution]) -> list[Correlat
 
 
 def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tuple[str, ...]]:
-    """Return the group of correlated fields to which each field belongs, by the path of the field.
+    """Return the group of each correlated field, by the path of the field.
 
     A group contains all fields that are correlated directly or through other fields. Fields without any correlation are
     omitted.
@@ -157,12 +158,12 @@ def correlated_normals(
 ) -> dict[str, dict[str, Any]]:
     """Express a covariance matrix in the scenario language, as a normal distribution for each name.
 
-    Names that are correlated, directly or through others, form a group with shared variables. The correlation matrix
-    V Λ Vᵀ of a group, with the smallest eigenvalue λ, gives the weights V √(Λ - λ) of the shared variables. The rest of
-    the variance of each name is independent. The Cholesky factor is used instead if it has fewer nonzero weights.
+    Names that are correlated, directly or through other names, form a group with shared variables. If V Λ Vᵀ is the
+    correlation matrix of a group and λ its smallest eigenvalue, the weights of the shared variables are V √(Λ - λ). The
+    remaining variance of each name is independent. The Cholesky factor is used instead if it has fewer nonzero weights.
 
-    Variables and decimals that do not matter are omitted. The standard deviations are exactly the given ones, and the
-    standard deviation of any weighted sum of the numbers is correct to one per cent.
+    Negligible variables and decimals are omitted. The standard deviations of the names are exactly the given ones, and
+    the standard deviation of any weighted sum is correct to one per cent.
 
     Args:
         names: n names, such as paths of fields.
@@ -181,7 +182,9 @@ def correlated_normals(
     deviation = checked_deviations(names, mean, covariance)
     correlation = covariance / np.outer(deviation, deviation)
     if len(names) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(names):
-        raise InputError("the covariance matrix is not positive semidefinite, so no random numbers have it")
+        raise InputError(
+            "the covariance matrix is not positive semidefinite, so it cannot be the covariance of random numbers"
+        )
     weights = _weights(correlation)
     result: dict[str, dict[str, Any]] = {}
     for name, centre, spread, row in zip(names, mean, deviation, weights, strict=True):
@@ -224,7 +227,7 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
 
 
 def _weights(correlation: np.ndarray) -> np.ndarray:
-    """Return the (n, k) weights of k shared variables, at the coarsest level of accuracy that is sufficient."""
+    """Return the (n, k) weights of k shared variables, rounded as coarsely as the tolerances allow."""
     for min_weight, decimals in _ACCURACY_LEVELS:
         weights = _grouped_weights(correlation, min_weight, decimals)
         if _agrees(weights, correlation):
@@ -237,7 +240,7 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
 
     Args:
         correlation: (n, n) correlation matrix.
-        min_weight: smallest correlation that joins names, and smallest weight that is not omitted.
+        min_weight: smallest correlation that puts two names into one group, and smallest weight that is not omitted.
         decimals: number of decimals of the weights.
     """
     count = len(correlation)
@@ -250,7 +253,7 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
             _rounded_factors(factors, part, min_weight, decimals)
             for factors in (_eigenvalue_factors(part), _cholesky_factor(part))
         ]
-        # Accurate weights are preferred, and among them those with the fewest nonzero numbers.
+        # Accurate weights are preferred. Among these, the weights with the fewest nonzero numbers are used.
         kept = min(candidates, key=lambda each: (not _agrees(each, part), np.count_nonzero(each)))
         columns.append(np.zeros((count, kept.shape[1])))
         columns[-1][members] = kept
@@ -258,7 +261,7 @@ def _grouped_weights(correlation: np.ndarray, min_weight: float, decimals: int) 
 
 
 def _rounded_factors(factors: np.ndarray, correlation: np.ndarray, min_weight: float, decimals: int) -> np.ndarray:
-    """Return rounded factors, with no more columns than an accurate result needs and no column of only one name."""
+    """Round factors, and drop columns that the accuracy does not need or that concern only one name."""
     # Numbers are rounded towards 0, so that the sum of the squares of a row does not increase.
     rounded = np.trunc(factors * 10.0**decimals) / 10.0**decimals
     rounded = np.where(np.abs(rounded) < min_weight, 0.0, rounded)
@@ -286,7 +289,7 @@ def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
 
 
 def _agrees(weights: np.ndarray, correlation: np.ndarray) -> bool:
-    """Return whether weights give any weighted sum of the names the correct variance.
+    """Return whether the weights reproduce the variance of any weighted sum of the names.
 
     The tolerances are `_VARIANCE_TOLERANCE` and, for sums with almost no variance, `_MIN_VARIANCE`.
     """

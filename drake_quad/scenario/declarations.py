@@ -1,4 +1,4 @@
-"""Units and bounds of the quantities of the scenario language, as its fields declare them."""
+"""Units and bounds that the fields of the scenario language declare for their quantities."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
@@ -11,14 +11,14 @@ from drake_quad.scenario.unions import alternatives
 
 
 class Declaration(NamedTuple):
-    """Declaration of a quantity: a number, or a list of numbers, that may be distributions.
+    """Declared unit and bounds of a quantity: a number or a list of numbers, each of which may be a distribution.
 
     Attributes:
-        unit: unit; "1" for a ratio or a count.
+        unit: unit of the quantity; "1" for a ratio or a count.
         lower: smallest number that the language allows.
         upper: largest number that the language allows.
-        needs_min: whether a normal distribution needs a smallest value.
-        needs_max: whether a normal distribution needs a largest value.
+        needs_min: whether a normal distribution needs a lower limit.
+        needs_max: whether a normal distribution needs an upper limit.
         is_whole: whether numbers must be whole.
         items: number of items of a list; 0 for a single number.
     """
@@ -33,9 +33,9 @@ class Declaration(NamedTuple):
 
 
 def quantities_in(model: type[Model]) -> Iterator[tuple[str, Declaration]]:
-    """Yield path and declaration of each quantity of a mapping, and of the mappings in it.
+    """Yield the path and the declaration of each quantity in a mapping and its nested mappings.
 
-    Lists of mappings, such as the sources of wind, are left out.
+    Quantities in lists of mappings, such as the wind sources, are omitted.
     """
     for name, field in model.model_fields.items():
         for path, declaration in _quantities(field.annotation, field.metadata, field.description or ""):
@@ -43,7 +43,7 @@ def quantities_in(model: type[Model]) -> Iterator[tuple[str, Declaration]]:
 
 
 def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterator[tuple[str, Declaration]]:
-    """Yield the quantities of a type; the path is empty for the type itself, and begins with a dot in a mapping."""
+    """Yield the quantities in a type hint. The path is empty for the type itself, ".field" inside a mapping."""
     if get_origin(hint) is Annotated:
         hint, *inner = get_args(hint)
         yield from _quantities(hint, [*inner, *metadata], description)
@@ -63,7 +63,7 @@ def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterato
 
 
 def _declaration(unit: str, rules: Sequence[Rule]) -> Declaration:
-    """Return the declaration of a single number that follows some rules."""
+    """Return the declaration of a single number, given its unit and its rules."""
     binding = [rule for rule in rules if not rule.is_of_numbers]
     return Declaration(
         unit,

@@ -1,4 +1,4 @@
-"""Distributions of the scenario language, which can replace the number of any physical quantity."""
+"""Distributions of the scenario language, any of which can replace the value of a physical quantity."""
 
 import math
 import re
@@ -30,19 +30,19 @@ from drake_quad.scenario.limits import MAX_MAGNITUDE, MIN_MAGNITUDE
 from drake_quad.scenario.user_code import import_option
 
 Real = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
-# Pattern of the names of shared variables.
+# Pattern that the name of a shared variable must match.
 _IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
-# Tolerance on the sum of squared correlations, for the rounding of decimal numbers.
+# Tolerance on the sum of squared correlations, since decimal numbers are rounded.
 _ROUNDING = 1e-12
 _AnyDistribution = TypeVar("_AnyDistribution", bound="Distribution")
 
 
 class Model(BaseModel):
-    """Mapping of the scenario language: immutable, without unknown fields, type coercion or NaN.
+    """Base class of all mappings in the scenario language: immutable, without unknown fields, type coercion or NaN.
 
     Attributes:
-        strength_fields: names of fields of which one must differ from zero, or the mapping has no effect; empty if the
-            mapping always has an effect.
+        strength_fields: names of fields. The mapping has no effect if all of them are zero. Empty if the mapping always
+            has an effect.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
@@ -68,11 +68,11 @@ class Model(BaseModel):
         return data
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight."""
+        """Yield the settings of this mapping that have no effect on a flight, excluding nested mappings."""
         yield from declared_inactive_settings(self, path)
 
     def questions(self) -> Iterator[tuple[str, str]]:
-        """Yield the path within this mapping, and a clause, for each field that is implausible beside others."""
+        """Yield the path and a clause with the reason for each field that is implausible given other fields."""
         return iter(())
 
     @classmethod
@@ -84,7 +84,7 @@ class Model(BaseModel):
         """Return a validation error about a field of this mapping, which reports the value of the field.
 
         Args:
-            demand: text of the demand on the value, such as "must be finite".
+            demand: requirement on the value, such as "must be finite".
             path: keys and indices that lead from this mapping to the field.
         """
         value: Any = self
@@ -94,15 +94,15 @@ class Model(BaseModel):
 
 
 def validation_error(demand: str, **context: Any) -> PydanticCustomError:
-    """Return a validation error whose message is a demand on the value, such as "must be finite"."""
+    """Return a validation error whose message states a requirement on the value, such as "must be finite"."""
     return PydanticCustomError("refused", "{demand}", {"demand": demand, **context})
 
 
 def omits_defaults(*names: str) -> Any:
-    """Return a serializer that omits some fields of a model if they have their defaults.
+    """Return a serializer that omits the given fields of a model if they have their default values.
 
-    These fields were added in later versions. A study is identified by its document, so the documents of earlier
-    versions, which lack these fields, must not change.
+    Use it for fields that a later version adds. A study is identified by the hash of its document, so documents without
+    these fields must not change.
     """
 
     @model_serializer(mode="wrap")
@@ -255,7 +255,7 @@ class LogUniform(Distribution):
 
 @_named
 class Normal(Distribution):
-    """Normal distribution, which can be correlated with others of its type. A quantity with bounds needs limits."""
+    """Normal distribution, optionally correlated with other normal distributions. A bounded quantity needs limits."""
 
     normal: Bell
     dimensionless: ClassVar = ("shared",)
@@ -307,15 +307,15 @@ class Choice(Distribution):
         return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile, with the numbers in the order in which they are given."""
+        """Return the quantile at a probability, with the numbers in the given order."""
         return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
 
 
 def is_distribution(fields: Mapping[str, Any]) -> bool:
     """Return whether a mapping from a YAML document is a distribution.
 
-    A distribution has a single field, which contains a mapping of parameters or, for a choice, a list. The name of the
-    field is not sufficient, since a half-space also has a field `normal`, which is a vector.
+    A distribution has a single field, which contains a mapping of parameters or, for a choice, a list. The field name
+    alone does not decide, since a half-space also has a field `normal`, which is a vector.
 
     Args:
         fields: values of the mapping by field name.
@@ -327,7 +327,7 @@ def is_distribution(fields: Mapping[str, Any]) -> bool:
 
 
 def is_number_or_distribution(hint: Any) -> bool:
-    """Return whether a type, without its annotations, is a number that may be replaced by a distribution."""
+    """Return whether a type hint, without its annotations, is a number that a distribution may replace."""
     return any(get_args(member)[:1] == (Normal,) for member in get_args(hint))
 
 
@@ -339,7 +339,7 @@ def _tag(value: Any) -> str | None:
 
 
 if TYPE_CHECKING:
-    # For type checkers any type is allowed, since computations use scenarios whose distributions have been drawn.
+    # Type checkers see `Any`, since most code uses scenarios whose distributions have been replaced by numbers.
     NumberOrDistribution = Any
 else:
     _NUMBER: Any = Annotated[Real, Tag("number")]

@@ -2,8 +2,8 @@
 
 Each replicate of a study is a Latin hypercube (M. D. McKay, R. J. Beckman and W. J. Conover, "A comparison of three
 methods for selecting values of input variables", Technometrics, 1979), or a scrambled Sobol sequence (A. B. Owen,
-"Monte Carlo variance of scrambled net quadrature", SIAM Journal on Numerical Analysis, 1997). The samples of a
-replicate depend on one another, so intervals follow from the spread of independent replicates.
+"Monte Carlo variance of scrambled net quadrature", SIAM Journal on Numerical Analysis, 1997). The samples within a
+replicate depend on one another, so confidence intervals are computed from the spread of independent replicates.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ SOBOL = "sobol"
 MAX_SIZE = 2**16
 """Largest number of samples of a replicate, all of which are computed for each batch."""
 _SOBOL_BITS = 30  # binary digits of the numbers of a Sobol sequence
-_SOBOL_KEY = 3  # distinguishes the seeds of Sobol sequences from other seeds, see `StreamKind`
+_SOBOL_KEY = 3  # distinguishes the seeds of Sobol sequences from other seeds; see `StreamKind`
 
 
 class DesignedDraws(Model):
@@ -46,15 +46,15 @@ class DesignedDraws(Model):
         return np.asarray(samples) // self.size
 
     def numbers(self, seed: int, samples: Sequence[int], streams: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return the (N,) uniform numbers in (0, 1) of each stream.
+        """Return the (N,) uniform numbers in (0, 1) of each stream, by its name.
 
-        A number of a Latin hypercube depends on the name of its stream only. A number of a Sobol sequence depends on
-        all names.
+        In a Latin hypercube, the numbers of a stream depend only on its own name. In a Sobol sequence, they depend on
+        the names of all streams.
 
         Args:
             seed: seed of the study.
             samples: (N,) indices of the samples.
-            streams: names of the streams of drawn fields and shared variables.
+            streams: names of the random streams, one for each drawn field and each shared variable.
         """
         replicates, members = np.unique(self.replicates(np.asarray(samples)), return_inverse=True)
         indices, streams = np.asarray(samples) % self.size, sorted(streams)
@@ -65,7 +65,7 @@ class DesignedDraws(Model):
         else:
             cells = np.stack([self._ranks(seed, replicates, name)[members, indices] for name in streams], axis=1)
             width = 1.0 / self.size
-        # Each number is uniform in its cell, and the same for any design of the same width.
+        # Each number is uniform within its cell. Its position within the cell does not depend on the design.
         inside = np.stack([parameter_numbers(seed, samples, name) for name in streams], axis=1)
         smallest = 2.0**-53
         numbers = np.clip((cells + inside) * width, smallest, 1.0 - smallest)
@@ -78,7 +78,7 @@ class DesignedDraws(Model):
         return np.argsort(np.argsort(keys, axis=1), axis=1)
 
     def _sobol_points(self, seed: int, replicate: int, dimension: int) -> np.ndarray:
-        """Return the points of a replicate as whole numbers of `_SOBOL_BITS` digits, (size, dimension)."""
+        """Return the points of a replicate as integers of `_SOBOL_BITS` bits, (size, dimension)."""
         generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(replicate, _SOBOL_KEY)))
         sequence = scipy.stats.qmc.Sobol(dimension, bits=_SOBOL_BITS, seed=generator)
         return np.rint(sequence.random(self.size) * 2.0**_SOBOL_BITS)

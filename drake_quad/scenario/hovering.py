@@ -1,4 +1,4 @@
-"""Conversion of a scenario into a hover flight, with or without noise and losses, for linear analysis and design."""
+"""Conversion of a scenario to a hover flight, with or without noise and losses, for linear analysis and design."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 def at_rest(scenario: Scenario) -> Scenario:
     """Return the scenario in hover, without random or time-varying effects.
 
-    The vehicle hovers at the position of the route if its kind is `hover`, and otherwise at (0, 0, 1). Noise, lost
+    The vehicle hovers at the position of a route of kind `hover`, and at (0, 0, 1) m for any other route. Noise, lost
     frames and packets, turbulence, gusts, sinusoidal wind, battery sag, the battery, rotor failures and obstacles are
     removed. Delays, lags, filters, drag, errors of the vehicle, the bias of the gyroscope, fans and steady wind remain.
     A payload remains if the vehicle carries it at the start of the flight.
@@ -37,9 +37,9 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def in_hover(scenario: Scenario) -> Scenario:
-    """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
+    """Return the scenario in hover as `at_rest` does, but with noise, turbulence, lost frames and lost packets.
 
-    Sensors are removed, since no control of the scenario language reads them.
+    Sensors are removed, since no built-in control reads them.
 
     Raises:
         InputError: if the scenario contains a distribution.
@@ -77,7 +77,7 @@ def without_losses(scenario: Scenario) -> Scenario:
 
 
 def nominal_hover(scenario: Scenario) -> Scenario:
-    """Return the scenario in hover at (0, 0, 1) in still air, with the vehicle that controllers are designed for.
+    """Return the scenario in hover at (0, 0, 1) m in still air, with the vehicle for which controllers are designed.
 
     This vehicle has the parameters of `nominal`. It also has those parts of `vehicle` that the ground station knows:
     the lag of accelerating rotors, the drag, and the aerodynamic forces on the rotors.
@@ -86,7 +86,7 @@ def nominal_hover(scenario: Scenario) -> Scenario:
 
 
 def with_nominal_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with the vehicle that the ground station knows, see `nominal_hover`."""
+    """Return the scenario with the vehicle as the ground station knows it; see `nominal_hover`."""
     nominal = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
     effects = [name for name, effect in EFFECTS.members.items() if effect.is_nominal]
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step", *effects)
@@ -95,7 +95,7 @@ def with_nominal_vehicle(scenario: Scenario) -> Scenario:
 
 
 def symmetric_hover(resting: Scenario) -> Scenario:
-    """Return a scenario from `at_rest` in hover at (0, 0, 1), without effects that couple axes or tilt the vehicle.
+    """Return the result of `at_rest` at (0, 0, 1) m, without effects that couple axes or tilt the vehicle.
 
     These effects are wind, unequal rotors, misalignment, the angular momentum of rotors at unequal speeds, the bias of
     the gyroscope, and forces off the centre of mass, such as the drag of the body or the weight of a payload.

@@ -1,8 +1,8 @@
-"""Settings of a scenario that have no effect on its flight, because another setting is zero, missing or different.
+"""Inactive settings: settings without effect on the flight, because another setting is zero, missing or different.
 
-Each mapping of the language declares in the annotation of a field which other field the field `needs`, and in
-`strength_fields` which of its own fields must differ from zero. Other conditions are checked by its method
-`inactive_settings`. `drake_quad.flight.remarks` collects these settings.
+Two declarations of a mapping describe the conditions. The annotation `needs` of a field names the fields on which it
+depends, and `strength_fields` names the fields of which one must differ from zero. The method `inactive_settings` of
+the mapping checks other conditions. `drake_quad.flight.remarks` collects these settings.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ class InactiveSetting(NamedTuple):
 
     Attributes:
         path: path of the field or the mapping in the scenario.
-        reason: clause that names the setting which makes this one inactive, as in `vehicle.rotor_inertia is 0`.
+        reason: clause that names the setting responsible, such as `vehicle.rotor_inertia is 0`.
     """
 
     path: str
@@ -31,11 +31,11 @@ class FlightConditions(Protocol):
 
     @property
     def end(self) -> float:
-        """Time at which the flight ends, s; infinite if it is not known."""
+        """Time at which the flight ends, s; infinite if it is unknown."""
 
     @property
     def lowest_height(self) -> float:
-        """Smallest height of the reference, m; minus infinity if it is not known."""
+        """Smallest height of the reference, m; minus infinity if it is unknown."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Needs:
 
     Attributes:
         fields: names of fields of the same mapping, one of which must be given and differ from zero.
-        value: value that the field must have instead; None if it must only differ from zero.
+        value: value that one of the fields must have; None if a value different from zero suffices.
     """
 
     fields: tuple[str, ...]
@@ -58,14 +58,14 @@ class Needs:
 
 
 def needs(*fields: str, value: str | None = None) -> Needs:
-    """Return the condition that one of some fields of the mapping differs from zero, or has the given value."""
+    """Return the condition that at least one of the given fields differs from zero, or has the given value."""
     return Needs(fields, value)
 
 
 def can_act(value: Any) -> bool:
-    """Return whether a value of a scenario can be anything but missing, false, empty or zero.
+    """Return whether a value in a scenario can have an effect, that is, is not missing, false, empty or zero.
 
-    A mapping can act if one of its `strength_fields` can, or if it has none.
+    A mapping can have an effect if one of its `strength_fields` can, or if it has no `strength_fields`.
     """
     if hasattr(value, "strength_fields"):
         return not value.strength_fields or any(can_act(getattr(value, name)) for name in value.strength_fields)
@@ -79,7 +79,7 @@ def can_act(value: Any) -> bool:
 def declared_inactive_settings(mapping: Any, path: str) -> Iterator[InactiveSetting]:
     """Yield the settings of a mapping that are inactive according to its declarations.
 
-    A field counts as set if its value is not the default, because scenarios that are saved contain all fields.
+    Only fields that differ from their defaults are reported, because saved scenarios contain all fields.
     """
     if not can_act(mapping):
         yield InactiveSetting(path, _reason(mapping, mapping.strength_fields, path))
@@ -91,13 +91,13 @@ def declared_inactive_settings(mapping: Any, path: str) -> Iterator[InactiveSett
 
 
 def is_set(mapping: Any, name: str) -> bool:
-    """Return whether a field of a mapping has another value than its default."""
+    """Return whether the value of a field differs from its default."""
     field = type(mapping).model_fields[name]
     return bool(field.is_required() or getattr(mapping, name) != field.get_default(call_default_factory=True))
 
 
 def late_setting(mapping: Any, name: str, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-    """Yield a time of a mapping if it is always after the end of the flight.
+    """Yield the setting if a time in a mapping is always after the end of the flight.
 
     Args:
         mapping: mapping of a scenario.
@@ -112,9 +112,9 @@ def late_setting(mapping: Any, name: str, flight: FlightConditions, path: str) -
 
 
 def _reason(mapping: Any, fields: tuple[str, ...], path: str) -> str:
-    """Return a clause with the values of the fields that make a setting inactive, without fields that are not given.
+    """Return a clause with the given values of the fields that make a setting inactive.
 
-    If none of them is given, the clause names all of them.
+    If none of these fields is given, the clause names all of them.
     """
     specified = [name for name in fields if getattr(mapping, name) is not None]
     if not specified:

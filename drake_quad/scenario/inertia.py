@@ -1,4 +1,4 @@
-"""Checks and corrections of moments of inertia, so that they belong to a rigid body even if they are random."""
+"""Checks and corrections that make given or drawn moments of inertia possible for a rigid body."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ INERTIA_RULE = (
 
 
 def explain_invalid_inertia(moments: Sequence[NumberOrDistribution]) -> str:
-    """Return an error message if no draw of the moments of inertia belongs to a rigid body; empty otherwise."""
+    """Return an error message if no draw of the moments of inertia is possible for a rigid body; empty otherwise."""
     lowest, _ = bounds = _bounds(moments)
     flaw = rigid_body.explain_invalid_inertia(rigid_body.nearest_rigid_inertia(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
@@ -24,10 +24,10 @@ def explain_invalid_inertia(moments: Sequence[NumberOrDistribution]) -> str:
 
 
 def rigid_inertias(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:
-    """Return the moments of inertia of the rigid bodies that are nearest to drawn moments.
+    """Return the moments of inertia nearest to drawn moments that are possible for a rigid body.
 
     Args:
-        moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions; the moments given as numbers are kept.
+        moments: I_xx, I_yy, I_zz of the scenario, as numbers or distributions, kg m². Numbers are never changed.
         drawn: values of the three moments, each a number or an (N,) array, kg m².
 
     Returns:

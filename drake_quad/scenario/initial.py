@@ -1,4 +1,4 @@
-"""Initial state of the vehicle in the scenario language."""
+"""Initial vehicle state in the scenario language."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -34,7 +34,7 @@ class InitialState(Model):
     )
 
     def place(self, fleet: Any, start: HoverPose) -> HoverPose:
-        """Return the position and yaw of the vehicles of a fleet.
+        """Return the initial position and yaw of a fleet's vehicles.
 
         Args:
             fleet: initial state of a `Batch.fleet_scenario`.
@@ -48,6 +48,6 @@ class InitialState(Model):
 
     @staticmethod
     def motion(fleet: Any) -> InitialMotion:
-        """Return tilt, velocity, body rates and rotor speeds of the vehicles of a fleet."""
+        """Return the initial tilt, velocity, body rates and rotor speeds of a fleet's vehicles."""
         roll, pitch, _ = fleet.attitude
         return InitialMotion(roll, pitch, *fleet.velocity, *fleet.body_rates, *fleet.rotor_speeds)

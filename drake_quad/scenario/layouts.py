@@ -21,10 +21,10 @@ _Turns = Literal["clockwise", "anticlockwise"]
 class RotorLayout(Model):
     """Positions and directions of rotation of four rotors.
 
-    In the scenario of a fleet, values that a study draws are (N,) arrays.
+    In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
-        is_paired: True if opposite rotors of every airframe with the layout form pairs, see `paired_rotor_action`.
+        is_paired: True if opposite rotors of every airframe with this layout form pairs; see `paired_rotor_action`.
         has_sides: True if the frame is drawn as an H, with a bar on each side; False if every rotor has an arm from
             the middle.
     """
@@ -36,7 +36,7 @@ class RotorLayout(Model):
     @property
     @abstractmethod
     def has_distances(self) -> bool:
-        """True if the layout itself determines the positions of its rotors, False if the arm length does."""
+        """True if the layout itself determines the rotor positions, False if the arm length does."""
 
     @abstractmethod
     def rotors_of(self, airframe: Any) -> Rotors:
@@ -64,7 +64,7 @@ class _Alternating(RotorLayout):
     is_paired: ClassVar = True
     has_sides: ClassVar = False
     _shape: ClassVar[Callable[..., Rotors]] = Rotors.x
-    # Ratio of length and width to the arm length.
+    # Length and width, relative to the arm length.
     _distance_per_arm: ClassVar = sqrt(2.0)
 
     @model_validator(mode="after")
@@ -77,7 +77,7 @@ class _Alternating(RotorLayout):
 
     @property
     def has_distances(self) -> bool:
-        """True if the layout has a length and a width."""
+        """True if the layout has a length and a width, which determine the rotor positions."""
         return self.length is not None
 
     def rotors_of(self, airframe: Any) -> Rotors:
@@ -110,7 +110,7 @@ class XLayout(_Alternating):
 
 @LAYOUTS.member
 class HLayout(_Alternating):
-    """Rotors numbered as in an x, with a length that differs from the width."""
+    """Rotors numbered as in the layout `x`, with a length that differs from the width."""
 
     kind: Literal["h"]
     length: Annotated[Positive, PLAUSIBLE_SIZE] = Field(
@@ -153,7 +153,7 @@ class RotorsLayout(RotorLayout):
         return True
 
     def rotors_of(self, airframe: Any) -> Rotors:
-        """Return the rotors; a factor that a rotor omits is the factor of the airframe."""
+        """Return the rotors. If a rotor gives no thrust or drag factor, the factor of the airframe applies."""
         return Rotors._make(_rotor(placement, airframe) for placement in self.rotors)
 
 
@@ -163,13 +163,13 @@ def rotors_of(airframe: Any) -> Rotors:
 
 
 def arms_of(airframe: Any) -> tuple[float, float]:
-    """Return the smallest and the largest horizontal distance of a rotor from the middle of an airframe, m."""
+    """Return the smallest and the largest horizontal distance between a rotor and the middle of an airframe, m."""
     arms = [sqrt(float(rotor.x * rotor.x + rotor.y * rotor.y)) for rotor in rotors_of(airframe)]
     return min(arms), max(arms)
 
 
 def arm_length_of(airframe: Any) -> float:
-    """Return the arm length of an airframe, m; if its layout has distances, the mean of shortest and longest arm."""
+    """Return the arm length of an airframe, m, or the mean of shortest and longest arm if the layout has distances."""
     return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 

@@ -1,55 +1,57 @@
 """Limits on the size of a scenario.
 
-Scenarios that a person or a script of this project writes stay far below these limits. The limits stop the reading of
-broken files, and of files that are not scenarios, at an early point: ruamel.yaml takes one second for 30,000 names and
-values, and another second for half a megabyte of text.
+Typical scenarios stay far below these limits. The limits reject broken files, and files that are not scenarios, before
+they take long to parse: ruamel.yaml takes one second for 30,000 keys and values, and another second for half a megabyte
+of text.
 """
 
-# Largest number of bytes of text in all files of a scenario. A path through 1,000 waypoints, as `drake-quad plan`
-# writes it, has 300,000 bytes.
+# Largest total size of a scenario's files, bytes. A path through 1,000 waypoints, as `drake-quad plan` writes it, has
+# 300,000 bytes.
 MAX_BYTES = 500_000
-# Largest number of names and values in all YAML of a scenario. A path through 1,000 waypoints has 23,000, and the
-# largest shipped scenario has 700.
+# Largest number of YAML nodes (keys and values) in a scenario's files. A path through 1,000 waypoints has 23,000, and
+# the largest shipped scenario has 700.
 MAX_NODES = 30_000
-# Largest number of levels of nested mappings and lists. A valid scenario has at most ten.
+# Largest depth of nested mappings and lists. A valid scenario has at most ten levels.
 MAX_LEVELS = 40
-# Largest number of characters of a name, a number or a text.
+# Largest number of characters in a key, a number or a text.
 MAX_CHARACTERS = 1_000
-# Largest number of scenarios that a scenario extends, directly or through others.
+# Largest number of scenarios that a scenario extends, directly or indirectly.
 MAX_BASES = 100
-# Largest number of waypoints of a route. The planner finds the shortest times through this many waypoints within a
-# minute.
+# Largest number of waypoints in a route. The planner finds the shortest times for this number within a minute.
 MAX_WAYPOINTS = 1_000
-# Largest number of sources of wind, and of sensors. A wall of fans has about this many fans.
+# Largest number of wind sources, and of sensors. A wall of fans has about a hundred fans.
 MAX_SOURCES = 100
-# Largest number of obstacles of a space. The simulation searches for the nearest obstacle at every tick.
+# Largest number of obstacles in a space. It is limited because the simulation searches for the nearest obstacle at each
+# tick.
 MAX_OBSTACLES = 200
-# Largest number of points of a mesh, and of a hull in a scenario.
+# Largest number of points from which a mesh or a hull in a scenario is built.
 MAX_POINTS = 5_000
-# Largest number of corners of a convex hull. Loops over corners are unrolled in machine code.
+# Largest number of corners of a convex hull. It is limited because the compiler unrolls loops over corners.
 MAX_CORNERS = 100
-# Largest number of rules of a network: four inputs with four sets each. The loop over rules is unrolled in machine
-# code.
+# Largest number of rules in a network: four inputs with four sets each. It is limited because the compiler unrolls the
+# loop over rules.
 MAX_RULES = 256
-# Largest number of fuzzy sets of an input: one set every 36 cm in a lap of the laboratory's figure eight.
+# Largest number of fuzzy sets for one input. For the phase in a lap of the laboratory's figure eight, this is one set
+# every 36 cm.
 MAX_SETS = 60
 
-# Largest number of bytes of the weights and biases of a policy. Two layers of 256 neurons in single precision need
-# about this many.
+# Largest size of a policy's weights and biases, bytes. Two layers of 256 neurons in single precision have about this
+# size.
 MAX_NETWORK_BYTES = 300_000
 
-# Largest number of normal variables that distributions share. An identification writes at most one for each parameter.
+# Largest number of normal variables that the distributions of a scenario share. An identification writes at most one
+# for each parameter.
 MAX_SHARED = 64
 
-# Largest magnitude of a number in any unit. No product of such numbers overflows in a formula.
+# Largest magnitude of a number, in any unit. No formula overflows with such numbers.
 MAX_MAGNITUDE = 1e9
-# Smallest positive number in any unit. A smaller number does not affect a vehicle: the moment of inertia of a winged
-# insect is 1e-9 kg m².
+# Smallest positive number, in any unit. No real vehicle has smaller values: the moment of inertia of an insect is 1e-9
+# kg m².
 MIN_MAGNITUDE = 1e-12
 # Shortest period, and shortest time between two waypoints, s. Cameras and autopilots are not faster than 10 kHz.
 MIN_DURATION = 1e-4
-# Longest flight, and latest time in a flight, s: one day.
+# Longest flight, and latest time in a flight, s (one day).
 MAX_DURATION = 86_400.0
-# Largest number of ticks of the shortest period in a flight. A day has 8,640,000 ticks of the default 10 ms, and its
-# simulation takes a quarter of an hour.
+# Largest number of ticks in a flight, counted with the shortest period. A day has 8,640,000 ticks of the default 10 ms,
+# and its simulation takes a quarter of an hour.
 MAX_TICKS = 10_000_000

@@ -1,4 +1,4 @@
-"""Terms of a PID loop in addition to the proportional term, in the scenario language."""
+"""Integral, derivative and feed-forward terms of a PID loop, in the scenario language."""
 
 import math
 from typing import Annotated, Any
@@ -29,13 +29,13 @@ class LoopTerms(Model):
         default=None, description="gains of the derivative of the measurement (unit of the proportional gains times s)"
     )
     derivative_bandwidth: Annotated[Positives | None, needs("k_d")] = Field(
-        default=None, description="bandwidth of the low-pass filter of the derivative (rad/s); no filter if not given"
+        default=None, description="bandwidth of the low-pass filter on the derivative (rad/s); no filter if not given"
     )
     derivative_order: Annotated[Order, needs("derivative_bandwidth")] = Field(
         default=2, description="order of this filter: 2 for Butterworth, 1 for a first-order lag"
     )
     k_ff: Gains | None = Field(
-        default=None, description="gains of the feed-forward of the setpoint (unit of the proportional gains)"
+        default=None, description="feed-forward gains from the setpoint (unit of the proportional gains)"
     )
     limit: Positives | None = Field(
         default=None, description="largest magnitude of the output (its unit); no limit if not given"
@@ -43,11 +43,11 @@ class LoopTerms(Model):
 
     @property
     def integrates_first(self) -> bool:
-        """True if the output of a tick uses the integral that includes the error of that tick."""
+        """True if the integral in a tick's output already includes the error of that tick."""
         return self.integration == "backward_euler"
 
     def terms(self, period: float) -> tuple[Terms, Terms, Terms]:
-        """Return the terms of each axis, for a loop with the given period, s."""
+        """Return the loop terms of each axis, given the loop period (s)."""
         first, second, third = (self._axis(axis, period) for axis in range(3))
         return first, second, third
 
@@ -68,6 +68,6 @@ class LoopTerms(Model):
 
 
 def _gain(gains: Any, axis: int) -> Any:
-    """Return the gain on an axis; None if it is not given or is the number 0, so that its term needs no state."""
+    """Return the gain on an axis; None if it is missing or 0, so that the loop needs no state for its term."""
     gain = None if gains is None else gains[axis]
     return None if isinstance(gain, float) and gain == 0.0 else gain

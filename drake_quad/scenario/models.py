@@ -1,7 +1,7 @@
 """Models of a scenario: all fields of the scenario language, with units and bounds.
 
 Any physical quantity of the vehicle, the laboratory, the control and most routes may be a distribution. Three groups of
-fields may not: those that determine the structure of the diagram (periods, counts, choices), the parameters of the
+fields must be fixed: those that determine the diagram structure (periods, counts, choices), the parameters of the
 nominal vehicle, and the criteria by which a flight is evaluated.
 """
 
@@ -83,54 +83,56 @@ from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Pattern of the name of a scenario, which also names folders and files.
+# Pattern for the name of a scenario, which is also used for folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
-_PAPER = QuadrotorParameters()
-_ROTOR = _PAPER.rotors.rotor_1
-# Largest relative difference between an arm length and the arms that follow from the distances of a layout. Data sheets
+_PAPER_VEHICLE = QuadrotorParameters()
+_PAPER_ROTOR = _PAPER_VEHICLE.rotors.rotor_1
+# Largest relative difference between a given arm length and the arms computed from a layout's distances. Data sheets
 # give two or three digits.
 _ARM_TOLERANCE = 0.01
-# Largest plausible mass: five times that of the heaviest vehicles for which the language is meant.
+# Largest plausible mass: 100 kg, five times the mass of the heaviest vehicles for which the language is intended.
 _PLAUSIBLE_MASS = not_in_grams(upper=100.0)
-# Gravity is smallest on the Moon, 1.62 m/s², among the places where a quadrotor may be simulated.
+# The smallest plausible gravity is that of the Moon, 1.62 m/s².
 _PLAUSIBLE_GRAVITY = not_in_g(lower=1.5, upper=30.0)
-# The 31 mm propellers of a 20 g vehicle reach 50,000 rpm, 5,236 rad/s. Larger propellers are slower.
+# The 31 mm propellers of a 20 g vehicle reach 50,000 rpm (5,236 rad/s). Larger propellers are slower.
 _PLAUSIBLE_ROTOR_SPEED = not_in_rpm(upper=6000.0)
-# Offset of the centre of mass. The largest vehicles have arms of less than 1 m.
+# Largest plausible offset of the centre of mass. The arms of the largest vehicles are shorter than 1 m.
 _PLAUSIBLE_OFFSET = not_in_millimetres(upper=0.5)
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
-    """Airframe of a vehicle. The defaults are the values of the paper's Table I, if it gives a value."""
+    """Airframe of a vehicle. The defaults are from the paper's Table I where it gives a value."""
 
-    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER, "mass", "mass m")
+    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER_VEHICLE, "mass", "mass m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
-        _PAPER, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
+        _PAPER_VEHICLE, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = field_of(_PAPER, "rotor_inertia", "moment of inertia J_r of a rotor")
-    thrust_factor: _Positive = field_of(_ROTOR, "thrust_factor", "thrust factor b of a rotor")
-    drag_factor: _Positive = field_of(_ROTOR, "drag_factor", "drag factor d of a rotor")
+    rotor_inertia: _NonNegative = field_of(_PAPER_VEHICLE, "rotor_inertia", "moment of inertia J_r of a rotor")
+    thrust_factor: _Positive = field_of(_PAPER_ROTOR, "thrust_factor", "thrust factor b of a rotor")
+    drag_factor: _Positive = field_of(_PAPER_ROTOR, "drag_factor", "drag factor d of a rotor")
     arm_length: Annotated[_Positive, PLAUSIBLE_SIZE] = field_of(
-        _ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
+        _PAPER_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
     )
     layout: Layout = Field(
         default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
     )
-    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(_PAPER, "gravity", "gravitational acceleration g")
+    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(
+        _PAPER_VEHICLE, "gravity", "gravitational acceleration g"
+    )
     min_rotor_speed: Annotated[_NonNegative, _PLAUSIBLE_ROTOR_SPEED] = field_of(
-        _PAPER, "min_rotor_speed", "idle speed of the rotors"
+        _PAPER_VEHICLE, "min_rotor_speed", "idle speed of the rotors"
     )
     max_rotor_speed: Annotated[_Positive, _PLAUSIBLE_ROTOR_SPEED] = field_of(
-        _PAPER, "max_rotor_speed", "top speed of the rotors"
+        _PAPER_VEHICLE, "max_rotor_speed", "top speed of the rotors"
     )
 
     @model_serializer(mode="wrap")
     def _serialized(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the fields, without the arm length if the layout has distances, which its default would contradict."""
+        """Serialize the fields, without the arm length if the layout has distances, which would contradict it."""
         fields: dict[str, Any] = write(self)
         return {name: value for name, value in fields.items() if name != "arm_length" or not self.layout.has_distances}
 
@@ -144,18 +146,18 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.field_error(f"must produce thrust and all torques, but cannot produce {missing}", "layout")
 
     def check_inertia(self) -> None:
-        """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
+        """Raise a validation error if no draw of the moments of inertia is possible for a rigid body."""
         if flaw := explain_invalid_inertia(self.inertia):
             raise self.field_error(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """Raise an error if the arm length contradicts the distances of the layout, which the model uses instead."""
+        """Raise an error if the arm length contradicts the distances of the layout. The model uses the distances."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
             raise self.field_error("must be left out, since the layout has distances", "arm_length")
-        # The arms of a layout with distributions are not definite, so no arm length can contradict them.
+        # If the distances of a layout are random, no arm length can contradict them.
         if distributions_in(self.layout):
             return
         shortest, longest = arms_of(self)
@@ -167,10 +169,10 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
 
 class Nominal(Airframe[FixedPositive, FixedNonNegative]):
-    """Vehicle that planner and controllers assume. Defaults are from the paper's Table I, if it gives a value."""
+    """Vehicle that planner and controllers assume. Defaults are from the paper's Table I where it gives a value."""
 
     motors: NominalMotors = Field(
-        default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"
+        default=SpeedMotors(kind="speed"), description="command of the motors: rotor speed or throttle"
     )
 
     @field_validator("layout")
@@ -192,12 +194,12 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
         return self
 
     def questions(self) -> Iterator[tuple[str, str]]:
-        """Yield questions on the ratios of mass, inertia, thrust and drag."""
+        """Yield questions about implausible ratios between mass, inertia, thrust and drag."""
         yield from proportion_questions(self)
 
 
 class Vehicle(Airframe[Positive, NonNegative]):
-    """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
+    """The real aircraft. A missing field takes its value from `nominal`, which planner and controllers assume."""
 
     thrust_factor_error: Annotated[
         tuple[RelativeError, RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_RELATIVE_ERROR
@@ -206,10 +208,10 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0),
         description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
     )
-    linear_drag: NonNegative = field_of(_PAPER, "linear_drag", "drag force over airspeed")
-    quadratic_drag: NonNegative = field_of(_PAPER, "quadratic_drag", "drag force over squared airspeed")
+    linear_drag: NonNegative = field_of(_PAPER_VEHICLE, "linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = field_of(_PAPER_VEHICLE, "quadratic_drag", "drag force over squared airspeed")
     rotor_time_constant: Annotated[Span, PLAUSIBLE_LAG] = field_of(
-        _PAPER, "rotor_time_constant", "time constant of the rotor speed"
+        _PAPER_VEHICLE, "rotor_time_constant", "time constant of the rotor speed"
     )
     rotor_time_constant_down: Annotated[Span | None, PLAUSIBLE_LAG] = Field(
         default=None,
@@ -217,7 +219,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     )
     motors: Motors = Field(
         default=SpeedMotors(kind="speed"),
-        description="quantity by which the motors are commanded; of the same kind as in `nominal`",
+        description="command of the motors: rotor speed or throttle; of the same kind as in `nominal`",
     )
     battery_sag: Annotated[Number, bounds(ge=0.0, lt=1.0, is_fraction=True)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
@@ -238,12 +240,12 @@ class Vehicle(Airframe[Positive, NonNegative]):
         return self
 
     def effects(self) -> dict[str, VehicleEffect]:
-        """Return the effects that the vehicle has, by the name of their field."""
+        """Return the effects on the vehicle, by the name of their field."""
         fields = {name: getattr(self, name) for name in EFFECTS.members}
         return {name: effect for name, effect in fields.items() if effect is not None}
 
     def effect_parameters(self) -> Effects:
-        """Return the numbers of the effects for the equations of motion."""
+        """Return the parameters of all effects for the equations of motion."""
         numbers = {name: effect.parameters() for name, effect in self.effects().items() if name != "rotor_failure"}
         named = {name: record for name, record in numbers.items() if name in Effects._fields}
         down = self.rotor_time_constant_down
@@ -256,7 +258,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         )
 
     def wind_flaw(self) -> str:
-        """Return a clause that says why wind does not change the forces on the vehicle; empty if it does."""
+        """Return a clause that explains why wind does not change the forces on the vehicle; empty if it does."""
         effects = [name for name, effect in EFFECTS.members.items() if effect.depends_on_wind]
         names = ["linear_drag", "quadratic_drag", *effects]
         if can_act(tuple([getattr(self, name) for name in names])):
@@ -264,7 +266,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
     def without_response(self) -> tuple[str, ...]:
-        """Return the names of the fields of effects that cannot be combined with an autopilot of kind response."""
+        """Return the field names of effects that cannot be combined with an autopilot of kind `response`."""
         failure = [name for name in self.effects() if name == "rotor_failure"]
         return (*failure, *(name for name in self.effect_parameters().names if name not in ATTITUDE_RESPONSE_EFFECTS))
 
@@ -273,7 +275,7 @@ EFFECTS.extend(Vehicle)
 
 
 class AllocationSettings(Model):
-    """Allocation on board: the conversion of a wrench to rotor speeds within the limits of `nominal`."""
+    """Onboard allocation: conversion of a wrench to rotor speeds within the limits of `nominal`."""
 
     priority: Priority = Field(
         default="roll_pitch",
@@ -283,7 +285,7 @@ class AllocationSettings(Model):
     )
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as the priority if the autopilot includes the torques of the rotors."""
+        """Yield settings without effect, such as the priority if the autopilot response includes the torques."""
         yield from super().inactive_settings(flight, path)
         if self.priority != "roll_pitch" and flight.scenario.laboratory.autopilot.models_vehicle:
             kind = flight.scenario.laboratory.autopilot.kind
@@ -298,7 +300,7 @@ class Laboratory(Model):
     autopilot: AnyAutopilot = Field(default=NoAutopilot(kind="none"), description="control loops on board")
     allocation: AllocationSettings = AllocationSettings()
     wind: Annotated[tuple[AnyWindSource, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
-        default=(), description="sources of wind, whose velocities add up"
+        default=(), description="wind sources, whose velocities are added"
     )
     sensors: Annotated[tuple[AnySensor, ...], Field(strict=False, max_length=MAX_SOURCES)] = Field(
         default=(),
@@ -315,25 +317,25 @@ class Laboratory(Model):
 
     @property
     def named_sensors(self) -> dict[str, SensorSettings]:
-        """Sensors by the name of their port: the kind, with a number appended from the second sensor of a kind on."""
+        """Sensors by port name. This is the kind, followed by a number from the second sensor of the kind on."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
             numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
         }
 
 
-# Pattern of the name of an additional metric, and names of the other columns of studies.
+# Pattern for the name of an additional metric.
 _METRIC_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
-_MAX_NOISE_PERIODS = 1000  # each period adds operations to every random number
-_TAKEN_METRIC_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
+_MAX_NOISE_PERIODS = 1000  # limited because each period adds operations to the drawing of every random number
+_RESERVED_COLUMN_NAMES = (*EVERY_METRIC, "sample", "crashed", "crash_time", "obstacle")
 
 
 def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
-    """Raise an error if a name of a metric or of a requirement is not allowed.
+    """Raise an error if a metric or requirement has a name that is not allowed.
 
     Args:
-        names: names to check.
-        taken: names of other columns of a study.
+        names: metric and requirement names to check.
+        taken: names of other columns in a study table, which a metric must not have.
     """
     for name in names:
         if not _METRIC_NAME.fullmatch(name):
@@ -346,7 +348,7 @@ def _check_metric_names(names: Iterable[str], taken: Collection[str]) -> None:
 
 
 class MetricWindow(Model):
-    """Metrics of a flight: the part of the flight over which they are computed, and additional metrics."""
+    """Metrics of a flight: the window over which they are computed, and additional metrics."""
 
     start: FixedMoment = Field(default=0.0, description="start of the window (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
@@ -360,7 +362,7 @@ class MetricWindow(Model):
 
     additional: dict[str, AnyMetric] = Field(
         default={},
-        description="further metrics by name; the name is the kind of the metric if the metric does not state its kind",
+        description="further metrics by name; if a metric does not give its kind, the name is the kind",
     )
 
     _serialized = omits_defaults("additional")
@@ -368,7 +370,7 @@ class MetricWindow(Model):
     @field_validator("additional", mode="before")
     @classmethod
     def _with_kinds(cls, additional: Any) -> Any:
-        """Return the additional metrics with the kind of each metric."""
+        """Add the kind to each additional metric that omits it."""
         if not isinstance(additional, dict):
             return additional
         return {
@@ -379,7 +381,7 @@ class MetricWindow(Model):
     @field_validator("additional")
     @classmethod
     def _with_new_names(cls, additional: dict[str, AnyMetric]) -> dict[str, AnyMetric]:
-        _check_metric_names(additional, _TAKEN_METRIC_NAMES)
+        _check_metric_names(additional, _RESERVED_COLUMN_NAMES)
         return additional
 
     @model_validator(mode="after")
@@ -397,7 +399,7 @@ class MetricWindow(Model):
 
 
 class Crash(Model):
-    """Limits beyond which a vehicle has crashed."""
+    """Limits beyond which a vehicle counts as crashed."""
 
     tilt: FixedTilt | None = Field(
         default=math.radians(80.0),
@@ -407,9 +409,9 @@ class Crash(Model):
     height: Real = Field(default=-0.5, description="smallest height (m)")
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as a height that is too far below the reference to be reached."""
+        """Yield settings without effect, such as a crash height too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
-        # A user lowers the limit below its default to disable it, so such a value is not reported.
+        # Users disable the limit by lowering it below its default, so such a value is not reported.
         is_strict = self.height > type(self).model_fields["height"].default
         if is_strict and self.height < flight.lowest_height - self.position_error:
             yield InactiveSetting(
@@ -418,7 +420,7 @@ class Crash(Model):
 
 
 class Mission(Model):
-    """Nominal vehicle, route and space, on which a plan depends."""
+    """Nominal vehicle, route and space: the parts of a scenario that determine the plan."""
 
     name: str = Field(
         default="scenario",
@@ -433,14 +435,14 @@ class Mission(Model):
     _serialized = omits_defaults("space")
 
     def room(self, *, tracking_error: float = 0.0) -> Space | None:
-        """Return the obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
+        """Return the obstacles with the clearances for the nominal vehicle, or None if there are no obstacles.
 
         Args:
-            tracking_error: predicted RMS position error, m, which only affects the clearance of a plan.
+            tracking_error: predicted RMS position error, m. It only affects the clearance that a plan keeps.
         """
         if self.space is None:
             return None
-        # The centre of mass of the nominal vehicle is at the origin of the layout of its rotors.
+        # The nominal vehicle's centre of mass is at the origin of its rotor layout.
         farthest = max(math.sqrt(r.x**2 + r.y**2 + r.z**2) for r in rotors_of(self.nominal))
         return self.space.room(farthest, tracking_error)
 
@@ -449,11 +451,11 @@ class Mission(Model):
         return f"<{type(self).__name__} {self.name}: {'; '.join(self._summary())}>"
 
     def _summary(self) -> list[str]:
-        """Return the parts of the summary that `repr` shows."""
+        """Return the parts of the text that `repr` shows."""
         return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstacle_summary()]
 
     def _obstacle_summary(self) -> list[str]:
-        """Return a text with the number of obstacles; an empty list if there are no obstacles."""
+        """Return a list with a text on the number of obstacles; empty if there are no obstacles."""
         count = 0 if self.space is None else len(self.space.obstacles)
         return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
@@ -462,7 +464,7 @@ _SampleIndex = Annotated[int, Field(ge=0, lt=2**31)]
 
 
 class NoiseSamples(Model):
-    """Samples whose wind and noise act in turn, each for a period; those of the last sample act until the end."""
+    """Samples whose wind and noise act one after another, each for a period. The last sample acts until the end."""
 
     period: FixedPositive = Field(default=1.0, description="period (s), a multiple of the control period")
     samples: Annotated[tuple[_SampleIndex, ...], Field(strict=False, min_length=1, max_length=_MAX_NOISE_PERIODS)] = (
@@ -487,13 +489,13 @@ class Scenario(Mission):
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of all random numbers")
     sample: _SampleIndex | None = Field(
-        default=None, description="index of the sample of a study, from 0; not needed without distributions"
+        default=None, description="index of the sample in a study, from 0; only needed if there are distributions"
     )
     noise: NoiseSamples | None = Field(
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
     draws: DesignedDraws | None = Field(
-        default=None, description="draws of the samples of a study; independent draws if not given"
+        default=None, description="design of a study's draws; independent draws if not given"
     )
 
     def _summary(self) -> list[str]:
@@ -512,7 +514,7 @@ class Scenario(Mission):
     @field_validator("vehicle")
     @classmethod
     def _as_nominal(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
-        """Return the vehicle with missing fields taken from `nominal`."""
+        """Fill missing fields of the vehicle from `nominal`."""
         nominal = info.data.get("nominal")
         if nominal is None:
             return vehicle
@@ -533,14 +535,14 @@ class Scenario(Mission):
 
     @property
     def metrics_type(self) -> type[Metrics]:
-        """Class of the metrics of a flight, with a field for each additional metric."""
+        """Class of a flight's metrics, with a field for each additional metric."""
         definitions = {name: each.definition(name, self) for name, each in self.metrics.additional.items()}
         robustness = {name: each.definition(name) for name, each in self.requirements.items()}
         return metrics_type((*definitions.items(), *robustness.items()))
 
     @property
     def cascade(self) -> CascadeControl:
-        """The control of a scenario whose control is a cascade.
+        """The control, if it is a cascade.
 
         Raises:
             InputError: if the control is of another kind.
@@ -555,7 +557,7 @@ class Scenario(Mission):
 
     @property
     def periods(self) -> dict[tuple[str | int, ...], float]:
-        """Periods of integration, cameras, control, autopilot and sensors (s), by the path of their field."""
+        """Periods of integration, cameras, control, autopilot and sensors in s, by the path of their field."""
         periods: dict[tuple[str | int, ...], float] = {
             ("vehicle", "time_step"): self.vehicle.time_step,
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
@@ -573,7 +575,7 @@ class Scenario(Mission):
     @classmethod
     def _with_new_names(cls, specified: dict[str, Requirement], info: ValidationInfo) -> dict[str, Requirement]:
         metrics = info.data.get("metrics")
-        taken = (*_TAKEN_METRIC_NAMES, *(() if metrics is None else metrics.additional))
+        taken = (*_RESERVED_COLUMN_NAMES, *(() if metrics is None else metrics.additional))
         _check_metric_names(specified, taken)
         return specified
 
@@ -585,7 +587,7 @@ class Scenario(Mission):
 
     @model_validator(mode="after")
     def _few_shared_variables(self) -> "Scenario":
-        """Raise an error if distributions share more than `MAX_SHARED` normal variables."""
+        """Raise an error if the distributions use more than `MAX_SHARED` shared variables."""
         names: set[str] = set()
         for path, distribution in distributions_in(self).items():
             names.update(shared_names([distribution]))
@@ -608,7 +610,7 @@ class Scenario(Mission):
 
     @model_validator(mode="after")
     def _few_ticks(self) -> "Scenario":
-        """Raise an error if the flight is known to have more than `MAX_TICKS` ticks, before it is planned."""
+        """Raise an error if it is clear before planning that the flight has more than `MAX_TICKS` ticks."""
         longest = MAX_TICKS * min(self.periods.values())
         path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:

@@ -31,14 +31,14 @@ from drake_quad.scenario.quantities import (
     max_ticks,
 )
 
-# Markers are aligned by eye at least, within 20 degrees.
+# Even markers aligned by eye are aligned to within 20 degrees.
 _PLAUSIBLE_MISALIGNMENT = not_in_degrees(upper=0.35)
 
 
 class MotionCaptureSettings(Model):
-    """Cameras that measure position and attitude, and velocity and body rates, directly or by differentiation."""
+    """Cameras that measure position and attitude. Velocity and body rates are measured or differentiated."""
 
-    period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
+    period: Period = Field(default=0.01, description="time between frames (s); the default is the paper's")
     position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_of(
         CameraParameters, "position_noise", "standard deviation of each coordinate"
     )
@@ -46,7 +46,7 @@ class MotionCaptureSettings(Model):
         CameraParameters, "attitude_noise", "standard deviation of roll, pitch and yaw"
     )
     misalignment: Annotated[Misalignment, _PLAUSIBLE_MISALIGNMENT] = field_of(
-        CameraParameters, "misalignment", "roll, pitch and yaw of the axes of the markers in B"
+        CameraParameters, "misalignment", "roll, pitch and yaw of the marker axes in B"
     )
     derivative_bandwidth: Positive | None = field_of(
         CameraParameters,
@@ -64,7 +64,7 @@ class MotionCaptureSettings(Model):
         CameraParameters, "drift_time", "correlation time of velocity_drift"
     )
     dropout_rate: Probability = field_of(CameraParameters, "dropout_rate", "fraction of frames that are lost")
-    latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frames")
+    latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
     def recipe(self, fleet: Any) -> Recipe:
         """Return the recipe for the cameras of a fleet.

@@ -23,7 +23,7 @@ class SpeedMotors(Model):
 
 
 class ThrottleMotors(Model):
-    """Motors commanded by a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
+    """Motors that are commanded by a throttle u from 0 to 1. A rotor's thrust is K0 + K1 u + K2 u²."""
 
     kind: Literal["throttle"]
     curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
@@ -41,7 +41,7 @@ class ThrottleMotors(Model):
 
 
 class NominalThrottleMotors(ThrottleMotors):
-    """Motors with throttles as the autopilot models them; the thrust must rise with the throttle."""
+    """Throttle model that the autopilot assumes. The thrust must increase with the throttle."""
 
     curve: Annotated[tuple[Real, Real, Real], Field(strict=False)] = Field(
         description="coefficients K0, K1, K2 of the thrust (N)"

@@ -1,4 +1,4 @@
-"""Reading and replacing of a single number of a scenario, given the path of its field."""
+"""Reading and replacement of a single number in a scenario, given the path of its field."""
 
 from typing import Any
 
@@ -26,11 +26,11 @@ def number_at(scenario: Scenario, path: str) -> float:
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     """Return the scenario with a new number in a field.
 
-    Fields that the scenario omits keep their defaults. If `nominal.mass` changes, for example, so does the mass of a
-    vehicle whose mass is not given.
+    Omitted fields keep following their defaults. If the vehicle has no mass, for example, a change of `nominal.mass`
+    also changes the mass of the vehicle.
 
     Raises:
-        InputError: if the field does not exist or may not have this value.
+        InputError: if the field does not exist, or the value is not allowed.
     """
     value_at(scenario, path)
     whole: Any = scenario.model_dump(mode="json")
@@ -40,7 +40,7 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):
-            # All fields of a mapping with a kind are written, since their defaults depend on the kind.
+            # A mapping with a kind is written with all its fields, since defaults depend on the kind.
             node.setdefault(key, {} if isinstance(whole, dict) and "kind" not in whole else whole)
         node = node[key]
     node[keys[-1]] = value

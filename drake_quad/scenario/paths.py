@@ -1,7 +1,7 @@
 """Paths to the fields of a scenario, such as `vehicle.mass` or `control.position.k_p.0`.
 
-A path names an item of a list by its index, counted from 0. Only lists with one item for each rotor differ: their items
-are called `rotor_1` to `rotor_4`, as in `vehicle.thrust_factor_error.rotor_1`.
+A path names a list item by its index, counted from 0. If a list has one item for each rotor, its items are instead
+called `rotor_1` to `rotor_4`, as in `vehicle.thrust_factor_error.rotor_1`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,7 +18,7 @@ _AnyModel = TypeVar("_AnyModel", bound=Model)
 
 
 def join_path(*steps: str | int) -> str:
-    """Return the steps, each of which may be a path itself, joined to one path."""
+    """Join steps, each of which may itself be a path, to one path."""
     path = ""
     for step in map(str, steps):
         if is_item(step) and path.rpartition(".")[2] in _ROTOR_LISTS:
@@ -33,10 +33,10 @@ def is_item(step: str) -> bool:
 
 
 def steps_of(path: str) -> list[str]:
-    """Return the steps of a path, with every item of a list, including rotors, as its index counted from 0.
+    """Split a path into steps. List items, including rotors, become indices counted from 0.
 
     Raises:
-        InputError: if the path does not name a rotor as `rotor_1` to `rotor_4`.
+        InputError: if the path refers to a rotor by another name than `rotor_1` to `rotor_4`.
     """
     steps: list[str] = []
     for step in path.split("."):
@@ -60,7 +60,7 @@ def keys_of(path: str) -> list[str | int]:
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of each field of a mapping, or the index and value of each item of a list.
 
-    For other values, including distributions, nothing is yielded.
+    Other values, including distributions, have no parts.
     """
     if isinstance(value, Model) and not isinstance(value, Distribution):
         for name in type(value).model_fields:
@@ -155,7 +155,7 @@ def with_values(model: _AnyModel, values: Mapping[str, Any]) -> _AnyModel:
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
-    """Raise InputError for the first of the paths of fields that are distributions, if there are any."""
+    """Raise InputError if there are paths of fields with distributions. The message names the first path."""
     for path in paths:
         raise InputError(
             f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with"

@@ -1,9 +1,9 @@
-"""Plausible ranges of the fields of the scenario language, and the units in which other numbers were probably given.
+"""Plausible ranges of fields in the scenario language, and the unit in which an implausible number was probably given.
 
-A number outside of the plausible range is questioned, but not refused, since the language also describes unusual
-vehicles. The ranges contain the values of vehicles from 20 g to 20 kg with a margin. They are declared in the
-annotations of the fields. A mapping whose fields must be plausible together extends the method `questions`.
-`drake_quad.flight.remarks` collects the questions.
+A number outside the plausible range is questioned but accepted, since the language also describes unusual vehicles. The
+ranges cover vehicles from 20 g to 20 kg, with a margin. They are declared in the field annotations. A mapping that
+checks whether several fields are plausible in combination extends the method `questions`. `drake_quad.flight.remarks`
+collects the questions.
 """
 
 import math
@@ -21,10 +21,10 @@ class Plausible:
 
     Attributes:
         unit: unit of the field.
-        given_unit: unit in which a number outside of the range was probably given.
-        factor: number of units of the field in a unit of the other kind.
-        lower: smallest plausible magnitude of a number.
-        upper: largest plausible magnitude of a number, or of a parameter of its distribution.
+        given_unit: unit in which an implausible number was probably given.
+        factor: factor from `given_unit` to `unit`.
+        lower: smallest plausible magnitude of a plain number.
+        upper: largest plausible magnitude of a plain number or a distribution parameter.
     """
 
     unit: str
@@ -34,14 +34,14 @@ class Plausible:
     upper: float = math.inf
 
     def question(self, value: Any, period: float) -> str:
-        """Return a clause that questions a number or a distribution; empty if it is plausible.
+        """Return a clause that questions an implausible number or distribution; empty if it is plausible.
 
         Args:
             value: number or distribution.
-            period: period of the ticks in which the mapping of the field counts, s.
+            period: tick period of the mapping that contains the field, s. Delays are counted in these ticks.
         """
         numbers = [*numbers_in(value)]
-        # The smallness of numbers is not checked in distributions, since a standard deviation may be small.
+        # The lower limit is not applied to distributions, since a standard deviation may be small.
         small = [number for number in numbers if isinstance(value, float) and abs(number) < self.lower]
         wrong = [*small, *(number for number in numbers if abs(number) > self.upper)]
         return self._clause(wrong[0]) if wrong else ""
@@ -54,7 +54,7 @@ class Plausible:
 
 @dataclass(frozen=True)
 class PlausibleDelay:
-    """Plausible range of a delay in ticks, as metadata of its annotation; it may have been given in ms.
+    """Plausible range of a delay in ticks, as metadata of its annotation. A longer delay was probably given in ms.
 
     Attributes:
         upper: largest plausible delay, s.
@@ -63,7 +63,7 @@ class PlausibleDelay:
     upper: float
 
     def question(self, value: Any, period: float) -> str:
-        """Return a clause that questions a number of ticks; empty if it is plausible. See `Plausible.question`."""
+        """Return a clause that questions an implausible number of ticks; see `Plausible.question`."""
         ticks = max(numbers_in(value), default=0.0)
         if ticks * period <= self.upper:
             return ""
@@ -140,7 +140,7 @@ PLAUSIBLE_MAX_RATES = not_in_degrees_per_second(upper=60.0)
 def numbers_in(value: Any) -> Iterator[float]:
     """Yield the finite numbers in a quantity, which may be a number, a list or a distribution.
 
-    The correlations of a normal distribution, which do not have the unit of the quantity, are left out.
+    Correlations of a normal distribution are omitted, since they do not have the unit of the quantity.
     """
     if hasattr(value, "model_dump"):
         value = value.model_dump()

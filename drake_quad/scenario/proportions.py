@@ -1,4 +1,4 @@
-"""Questions on a nominal vehicle whose fields are not plausible together, as if one of them had another unit."""
+"""Questions about a nominal vehicle with implausible ratios of fields, as if one field had another unit."""
 
 import math
 from collections.abc import Iterator
@@ -6,24 +6,24 @@ from typing import Any
 
 from drake_quad.scenario.layouts import arms_of, rotors_of
 
-# Largest plausible ratio of the thrust of all rotors to the weight. Racing quadrotors have about 15.
+# Largest plausible ratio of total thrust to weight. Racing quadrotors have about 15.
 _MAX_THRUST_RATIO = 30.0
-# Plausible ratios of a radius of gyration to the arm length. A vehicle whose whole mass is at the ends of the arms has
-# 1 about the vertical axis; the shipped vehicles have 0.3 to 0.8.
+# Range of plausible ratios between a radius of gyration and the arm length. The ratio about the vertical axis is 1 if
+# the whole mass is at the ends of the arms. The shipped vehicles have 0.3 to 0.8.
 _GYRATION_RATIOS = (0.1, 3.0)
 _TYPICAL_GYRATION_RATIO = 0.5
-# Plausible ratios of the drag factor to the thrust factor, m. The shipped vehicles have 8 to 17 % of the diameter of
-# their propellers, and propellers have diameters of 30 mm to 0.8 m.
+# Range of plausible ratios between drag factor and thrust factor, m. The ratio is 8 to 17 % of the propeller diameter
+# for the shipped vehicles, and propellers have diameters of 30 mm to 0.8 m.
 _DRAG_RATIOS = (3e-4, 0.3)
-# Largest plausible ratio of the moment of inertia of a rotor to that of the vehicle about the vertical axis.
+# Largest plausible ratio between a rotor's moment of inertia and that of the vehicle about the vertical axis.
 _MAX_ROTOR_INERTIA_RATIO = 0.5
-_RPM = math.tau / 60.0  # rad/s
-# Other units of moments of inertia, kg m².
+_RPM = math.tau / 60.0  # one revolution per minute, rad/s
+# Other units in which a moment of inertia may have been given, in kg m².
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 
 
 def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
-    """Yield the field and a question about it for each ratio of a nominal vehicle that is not plausible."""
+    """Yield a field and a question about it for each implausible ratio of a nominal vehicle."""
     arm = arms_of(nominal)[1]
     clauses = {axis: _inertia_clause(moment, nominal.mass, arm) for axis, moment in enumerate(nominal.inertia)}
     for axis, clause in clauses.items():
@@ -52,7 +52,7 @@ def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
 
 
 def _max_thrust(nominal: Any) -> tuple[float, str, str]:
-    """Return the largest thrust of all rotors, N, and the field that determines it, with its unit."""
+    """Return the total thrust at full speed, N, and the field that determines it, with its unit."""
     curve = nominal.motors.thrust_curve()
     if curve is not None:
         return 4.0 * sum(curve), "motors.curve", "N, at a throttle from 0 to 1"
@@ -61,7 +61,7 @@ def _max_thrust(nominal: Any) -> tuple[float, str, str]:
 
 
 def _inertia_clause(moment: float, mass: float, arm: float) -> str:
-    """Return a question on a moment of inertia, kg m², of a vehicle with a mass, kg, and an arm length, m."""
+    """Return a question about a moment of inertia (kg m²), given the vehicle's mass (kg) and arm length (m)."""
     low, high = _GYRATION_RATIOS
     gyration = math.sqrt(moment / mass)
     if low * arm <= gyration <= high * arm:

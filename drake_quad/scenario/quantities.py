@@ -1,4 +1,4 @@
-"""Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
+"""Physical quantities of the scenario language: bounded numbers, or distributions within the bounds."""
 
 import math
 import operator
@@ -30,12 +30,12 @@ def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
 
 
 def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
-    """Return a field of a model with the default and the unit of a field of a record.
+    """Return a model field whose default and unit are copied from a field of a record.
 
     Args:
         record: type of the record, or a record whose values are the defaults.
         name: name of the field in the record.
-        text: description of the field without the unit.
+        text: description of the field before the unit.
         rule: text of the description after the unit.
     """
     kind = record if isinstance(record, type) else type(record)
@@ -51,15 +51,15 @@ def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule for the values of a field, as metadata of its annotation, by which pydantic validates.
+    """Validation rule for a field, as metadata of its annotation, which pydantic applies.
 
     Attributes:
-        check: function that returns a value that follows the rule, and raises a validation error for any other.
-        lower: smallest number that follows the rule; None if there is no lower bound.
-        upper: largest number that follows the rule; None if there is no upper bound.
+        check: function that returns a valid value unchanged, and raises a validation error for any other value.
+        lower: smallest valid number; None if there is no lower bound.
+        upper: largest valid number; None if there is no upper bound.
         is_whole: whether numbers must be whole.
-        is_of_numbers: whether the rule applies to the numbers as written, before pydantic converts them, rather than to
-            all values of a distribution.
+        is_of_numbers: whether the rule applies to the numbers as written (such as distribution parameters), before
+            pydantic converts them, instead of to all values of a distribution.
     """
 
     check: Callable[[Any], Any]
@@ -69,7 +69,7 @@ class Rule:
     is_of_numbers: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return the schema that validates by the rule."""
+        """Return a pydantic schema that applies the rule."""
         validator = BeforeValidator(self.check) if self.is_of_numbers else AfterValidator(self.check)
         return validator.__get_pydantic_core_schema__(source, handler)
 
@@ -89,7 +89,7 @@ def bounds(
         ge: inclusive lower bound.
         lt: exclusive upper bound.
         le: inclusive upper bound.
-        is_fraction: True if a number beyond the upper bound was probably given in percent, which the message mentions.
+        is_fraction: True if the message shall suggest that a number above the upper bound was given in percent.
     """
     rules = (
         ("larger than", gt, 0, operator.gt),
@@ -118,7 +118,7 @@ def radians(max_angle: float) -> Rule:
     """Return a rule that rejects angles that must have been given in degrees.
 
     Args:
-        max_angle: largest plausible magnitude of an angle, or of a parameter of its distribution, rad.
+        max_angle: largest plausible magnitude of an angle or of a distribution parameter, rad.
     """
 
     def check(value: Any) -> Any:
@@ -134,7 +134,7 @@ def radians_demand(degrees: float, max_angle: float) -> str:
     """Return the error message for an angle that must have been given in degrees.
 
     Args:
-        degrees: given number.
+        degrees: number that was given, presumably in degrees.
         max_angle: largest plausible magnitude of the angle, rad.
     """
     return (
@@ -156,7 +156,7 @@ def integer_bounds(*, ge: int, le: int) -> Rule:
 
 
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
-    """Return whether a quantity is anything but the number zero, so that the diagram must model it."""
+    """Return whether a quantity is a distribution or a nonzero number, so that the diagram must model it."""
     return not isinstance(value, float | int) or value != 0.0
 
 
@@ -164,8 +164,8 @@ def any_nonzero(settings: Any, drawn: Any) -> bool:
     """Return whether a quantity or an item of it can differ from zero.
 
     Args:
-        settings: quantity, or tuple of quantities, of a scenario.
-        drawn: the same quantity of its `Batch.fleet_scenario`.
+        settings: quantity or tuple of quantities in a scenario.
+        drawn: the same quantity in the `Batch.fleet_scenario`.
     """
     if isinstance(settings, tuple):
         return any(map(any_nonzero, settings, drawn))
@@ -173,13 +173,13 @@ def any_nonzero(settings: Any, drawn: Any) -> bool:
 
 
 def max_ticks(settings: Any, drawn: Any) -> int:
-    """Return the largest number of ticks that a delay can take; the arguments are as in `any_nonzero`."""
+    """Return the largest number of ticks that a delay can have. Arguments are as in `any_nonzero`."""
     _, largest = extremes(settings)
     return int(max(largest or 0.0, np.max(drawn)))
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """Return whether all values of a quantity have the same sign and at least the magnitude `MIN_MAGNITUDE`."""
+    """Return whether a quantity is certain to have a magnitude of at least `MIN_MAGNITUDE`."""
     values = _values_of(value)
     if values is not None:
         return all(abs(number) >= MIN_MAGNITUDE for number in values)
@@ -197,27 +197,27 @@ Number = NumberOrDistribution
 Positive = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_MAGNITUDE)]
 NonNegative = Annotated[NumberOrDistribution, bounds(ge=0.0)]
 Probability = Annotated[NumberOrDistribution, bounds(ge=0.0, le=1.0, is_fraction=True)]
-# Relative error of a quantity. Above -1, so that the quantity does not change its sign.
+# Relative error of a quantity. It must be above -1, so that the quantity keeps its sign.
 RelativeError = Annotated[NumberOrDistribution, bounds(gt=-1.0)]
-# Delay in whole periods. Fifty periods of the control link are one second by default.
+# Delay in whole periods. By default, fifty periods of the command link are one second.
 Ticks = Annotated[NumberOrDistribution, integer_bounds(ge=0, le=50), PLAUSIBLE_DELAY]
 # Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounds(ge=0.0, le=MAX_DURATION)]
 Span = Annotated[NumberOrDistribution, bounds(gt=0.0), bounds(ge=MIN_DURATION, le=MAX_DURATION)]
-# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
+# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is inverted.
 TWO_TURNS = 4.0 * math.pi
-_UPRIGHT = 0.5 * math.pi
+_RIGHT_ANGLE = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
 _Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]
 Misalignment = Annotated[tuple[_Misalignment, _Misalignment, _Misalignment], Field(strict=False)]
-AngleNoise = Annotated[NonNegative, radians(_UPRIGHT)]
-Tilt = Annotated[NumberOrDistribution, bounds(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+AngleNoise = Annotated[NonNegative, radians(_RIGHT_ANGLE)]
+Tilt = Annotated[NumberOrDistribution, bounds(gt=0.0, lt=_RIGHT_ANGLE), radians(_RIGHT_ANGLE)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# Types of the same quantities without distributions.
+# Types of the same quantities that do not allow distributions.
 FixedPositive = Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)]
 FixedNonNegative = Annotated[float, Field(ge=0.0, le=MAX_MAGNITUDE)]
 FixedMoment = Annotated[float, Field(ge=0.0, le=MAX_DURATION)]
@@ -227,10 +227,10 @@ FixedSpans = Annotated[tuple[FixedSpan, FixedSpan, FixedSpan], Field(strict=Fals
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
 FixedDirection = Annotated[Real, radians(TWO_TURNS)]
 FixedDirections = Annotated[tuple[FixedDirection, FixedDirection, FixedDirection], Field(strict=False)]
-FixedAngleNoise = Annotated[FixedPositive, radians(_UPRIGHT)]
-FixedTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+FixedAngleNoise = Annotated[FixedPositive, radians(_RIGHT_ANGLE)]
+FixedTilt = Annotated[float, Field(gt=0.0, lt=_RIGHT_ANGLE), radians(_RIGHT_ANGLE)]
 HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
-# Period of cameras, control or integration, s. No vehicle can be flown with less than one tick per second.
+# Period of cameras, control or integration, s. No vehicle can be flown with fewer than one tick per second.
 Period = Annotated[float, Field(ge=MIN_DURATION, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
 

@@ -1,4 +1,4 @@
-"""Regions of the scenario language."""
+"""Regions for waypoints and corridors in the scenario language."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -12,7 +12,7 @@ from drake_quad.scenario.distributions import Model, omits_defaults, validation_
 from drake_quad.scenario.quantities import FixedPositive, Point
 
 _MAX_FACES = 100  # largest number of half-spaces of a corridor
-_MIN_NORMAL = 1e-9  # the direction of a shorter normal is undefined
+_MIN_NORMAL = 1e-9  # smallest length of a normal; the direction of a shorter one is undefined
 
 
 def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:
@@ -40,7 +40,7 @@ class BoxRegion(Model):
 class HalfSpace(Model):
     """All points behind a plane."""
 
-    normal: Point = Field(description="normal of the plane, out of the half-space, in W; of any length (1)")
+    normal: Point = Field(description="normal of the plane in W, of any length (1), which points out of the half-space")
     point: Point = Field(description="any point on the plane, in W (m)")
 
     @model_validator(mode="after")
@@ -51,7 +51,7 @@ class HalfSpace(Model):
 
 
 class CorridorRegion(Model):
-    """A box, an intersection of half-spaces, or the part of a box that lies in all half-spaces."""
+    """A box, an intersection of half-spaces, or the intersection of a box with half-spaces."""
 
     min: Point | None = Field(default=None, description="lowest corner, in W (m)")
     max: Point | None = Field(default=None, description="highest corner, in W (m)")
@@ -86,7 +86,7 @@ class CorridorRegion(Model):
         return self
 
     def region(self) -> Corridor | None:
-        """Return the region as a corridor of the planner; None if no point of the box is in all half-spaces.
+        """Convert the region to a corridor for the planner; None if the box does not intersect the half-spaces.
 
         Raises:
             InputError: if the half-spaces have no point in common.

@@ -1,4 +1,4 @@
-"""Requirements of the scenario language, in the forms of signal temporal logic."""
+"""Requirements of the scenario language, based on signal temporal logic."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ class Condition(Model):
         default=None, description="conditions that must all hold, in place of a signal"
     )
     any: Annotated[tuple["Condition", ...], Field(strict=False, min_length=1)] | None = Field(
-        default=None, description="conditions of which one is sufficient, in place of a signal"
+        default=None, description="conditions of which at least one must hold, in place of a signal"
     )
 
     @field_validator("signal")
@@ -45,7 +45,7 @@ class Condition(Model):
             raise validation_error("must have exactly one of signal, all and any")
         bounded = self.above is not None or self.below is not None
         if bounded != (self.signal is not None):
-            raise validation_error("must have a bound, above or below, if it has a signal, and only then")
+            raise validation_error("must have a bound, above or below, if and only if it has a signal")
         if self.above is not None and self.below is not None and not self.above < self.below:
             raise self.field_error(f"must be larger than above, {self.above}", "below")
         if len(units := self.units()) > 1:
@@ -62,7 +62,7 @@ class Condition(Model):
         return {unit for each in (*(self.all or ()), *(self.any or ())) for unit in each.units()}
 
     def formula(self) -> requirements.Condition:
-        """Return the condition as a formula of its margin."""
+        """Return the formula for the margin of the condition."""
         if self.signal is None:
             rule, conditions = ("any", self.any or ()) if self.all is None else ("all", self.all)
             return requirements.Combination(rule, tuple(each.formula() for each in conditions))  # type: ignore[arg-type]
@@ -78,12 +78,12 @@ class Requirement(Model):
 
     always: Condition | None = Field(default=None, description="condition that must hold at all ticks of the window")
     eventually: Condition | None = Field(
-        default=None, description="condition that must hold at one tick of the window at least"
+        default=None, description="condition that must hold at one or more ticks of the window"
     )
     until: Condition | None = Field(
         default=None,
-        description="condition that must hold at one tick of the window; the condition of `always` must then hold from"
-        " the start of the flight up to this tick only",
+        description="condition that must hold at one tick of the window; up to this tick, the condition of `always`"
+        " must hold from the start of the flight",
     )
     after: FixedMoment = Field(default=0.0, description="start of the window (s)")
     before: FixedMoment | None = Field(
@@ -113,7 +113,7 @@ class Requirement(Model):
         yield from late_setting(self, "after", flight, path)
 
     def definition(self, name: str) -> Metric:
-        """Return the robustness as a metric with the given name."""
+        """Define the robustness as a metric with the given name."""
         (unit,) = self._conditions()[0].units()
         label = f"robustness of {name.replace('_', ' ')}"
         return Appearance(unit, label, larger_is_better=True).metric(name, self._accumulator(), requirements.robustness)

@@ -10,16 +10,16 @@ from drake_quad.scenario.files.layers import DEFAULT_VEHICLE
 from drake_quad.scenario.files.relative import RELATIVE
 from drake_quad.scenario.models import Scenario
 
-_REFERENCE = "#/$defs/"
-# Names of distributions in YAML, by the name of their model.
+_REFERENCE_PREFIX = "#/$defs/"
+# Name of each distribution in YAML, by the name of its model class.
 _DISTRIBUTION_NAMES = {model.__name__: name for name, model in DISTRIBUTIONS.items()}
-_DISTRIBUTIONS = tuple(_DISTRIBUTION_NAMES)
+_DISTRIBUTION_MODELS = tuple(_DISTRIBUTION_NAMES)
 
 
 def file_schema() -> dict[str, Any]:
     """Return the JSON schema of a file of scenarios, for editors that check YAML.
 
-    The schema checks less than `load_scenario`, since a scenario may inherit missing fields from a scenario that it
+    The schema requires less than `load_scenario`, since a scenario may inherit missing fields from a scenario that it
     extends.
     """
     scenario = Scenario.model_json_schema()
@@ -28,7 +28,7 @@ def file_schema() -> dict[str, Any]:
     definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
     times = definitions["WaypointRoute"]["properties"]["times"]
     times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
-    # These fields may contain the name of a file in place of its content.
+    # These fields may contain a file name in place of the file's content.
     definitions["TrajectoryRoute"]["properties"]["pieces"]["anyOf"].append({"type": "string"})
     for name in ("Type1Network", "Type2Network"):
         definitions[name]["properties"]["learned"]["anyOf"].append({"type": "string"})
@@ -37,7 +37,7 @@ def file_schema() -> dict[str, Any]:
         "description": points["points"].pop("description"),
         "anyOf": [points["points"], {"type": "string"}],
     }
-    # The layouts of `nominal` and `vehicle` have the same model, but the layout of `nominal` must not contain
+    # The layouts of `nominal` and `vehicle` have the same model class, but that of `nominal` must not contain
     # distributions.
     nominal = definitions["Nominal"]["properties"]
     nominal["layout"] = _without_distributions(nominal["layout"], definitions)
@@ -59,18 +59,18 @@ def file_schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "scenarios of drake_quad, by their names",
         "type": "object",
-        "additionalProperties": {"$ref": f"{_REFERENCE}Scenario"},
+        "additionalProperties": {"$ref": f"{_REFERENCE_PREFIX}Scenario"},
         "$defs": definitions,
     }
     return _relaxed(schema)
 
 
 def _allow_relative(definitions: dict[str, Any]) -> None:
-    """Allow a relative distribution wherever a vehicle may have a distribution."""
+    """Allow a relative distribution in each vehicle field that may be a distribution."""
     for name in ("Vehicle", *_referenced_mappings(definitions["Vehicle"], definitions)):
         for node in [*_nodes(definitions[name])]:
             if isinstance(node, list) and any(map(_is_distribution, node)):
-                node.append({"$ref": f"{_REFERENCE}Relative"})
+                node.append({"$ref": f"{_REFERENCE_PREFIX}Relative"})
     forms = {name: definitions[model]["properties"][name] for model, name in _DISTRIBUTION_NAMES.items()}
     to = {
         "type": "number",
@@ -94,18 +94,18 @@ def _nodes(node: Any) -> Iterator[Any]:
 
 
 def _without_distributions(node: Any, definitions: dict[str, Any]) -> Any:
-    """Return a node with its references resolved and without the alternatives that are distributions."""
+    """Resolve the references in a node, and remove alternatives that are distributions."""
     if isinstance(node, list):
         return [_without_distributions(each, definitions) for each in node if not _is_distribution(each)]
     if not isinstance(node, dict):
         return node
     if "$ref" in node:
-        return _without_distributions(definitions[node["$ref"].removeprefix(_REFERENCE)], definitions)
+        return _without_distributions(definitions[node["$ref"].removeprefix(_REFERENCE_PREFIX)], definitions)
     return {key: _without_distributions(value, definitions) for key, value in node.items()}
 
 
 def _is_distribution(node: Any) -> bool:
-    return isinstance(node, dict) and node.get("$ref", "").removeprefix(_REFERENCE) in _DISTRIBUTIONS
+    return isinstance(node, dict) and node.get("$ref", "").removeprefix(_REFERENCE_PREFIX) in _DISTRIBUTION_MODELS
 
 
 def _relaxed(node: Any) -> Any:
@@ -122,7 +122,7 @@ def _relaxed(node: Any) -> Any:
 
 
 def language_page() -> str:
-    """Return the Markdown page of all fields, with a section for each mapping in the order of first reference."""
+    """Return a Markdown page of all fields. Each mapping has a section, in the order of first reference."""
     schema = Scenario.model_json_schema()
     definitions = schema["$defs"]
     sections = [_section("Scenario", schema)]
@@ -132,7 +132,7 @@ def language_page() -> str:
 
 
 def _referenced_mappings(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """Return the names of the mappings that a schema refers to, in the order of first reference, distributions last."""
+    """Return the mappings to which a schema refers, in the order of first reference but with distributions last."""
     names: dict[str, None] = {}
     pending = _references(schema["properties"])
     while pending:
@@ -140,12 +140,16 @@ def _referenced_mappings(schema: dict[str, Any], definitions: dict[str, Any]) ->
         if name not in names:
             names[name] = None
             pending = [*_references(definitions[name].get("properties", {})), *pending]
-    return sorted(names, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
+    return sorted(names, key=lambda name: name in _DISTRIBUTION_MODELS or name in ("Range", "PositiveRange", "Bell"))
 
 
 def _references(node: Any) -> list[str]:
     """Return the names of the mappings to which a node refers."""
-    return [each["$ref"].removeprefix(_REFERENCE) for each in _nodes(node) if isinstance(each, dict) and "$ref" in each]
+    return [
+        each["$ref"].removeprefix(_REFERENCE_PREFIX)
+        for each in _nodes(node)
+        if isinstance(each, dict) and "$ref" in each
+    ]
 
 
 def _section(name: str, model: dict[str, Any]) -> str:
@@ -169,12 +173,12 @@ def _default(value: Any) -> str:
 def _takes(node: dict[str, Any]) -> str:
     """Return a description of the values that a field accepts."""
     if "$ref" in node:
-        name = node["$ref"].removeprefix(_REFERENCE)
+        name = node["$ref"].removeprefix(_REFERENCE_PREFIX)
         return f"[{name}](#{name.lower()})"
     forms = node.get("anyOf") or node.get("oneOf")
     if forms:
-        names = [form["$ref"].removeprefix(_REFERENCE) for form in forms if "$ref" in form]
-        if set(names) == set(_DISTRIBUTIONS):
+        names = [form["$ref"].removeprefix(_REFERENCE_PREFIX) for form in forms if "$ref" in form]
+        if set(names) == set(_DISTRIBUTION_MODELS):
             return "number or [distribution](#uniform)"
         return " or ".join(_takes(form) for form in forms if form.get("type") != "null")
     if "enum" in node:

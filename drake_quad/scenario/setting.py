@@ -1,4 +1,4 @@
-"""Record of the properties of a scenario on which its control depends."""
+"""Record of the scenario properties on which the control depends."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class ControlSetting(NamedTuple):
-    """Properties of a scenario that the systems of its control depend on.
+    """Scenario properties on which the systems of the control depend.
 
     Attributes:
         nominal: parameters of the nominal vehicle.
@@ -18,7 +18,7 @@ class ControlSetting(NamedTuple):
         frame: period of the cameras, s.
         loses_frames: True if the cameras can lose frames.
         autopilot: autopilot on board.
-        space: obstacles with the clearances of the nominal vehicle; None if there are no obstacles.
+        space: obstacles with the clearances for the nominal vehicle; None if there are no obstacles.
     """
 
     nominal: QuadrotorParameters

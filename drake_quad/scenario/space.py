@@ -1,4 +1,4 @@
-"""Space of the scenario language: obstacles, and the clearance that a plan keeps from them."""
+"""Space of the scenario language: obstacles, and the clearance between plan and obstacles."""
 
 import re
 import warnings
@@ -17,8 +17,8 @@ from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, convex_hull, transformed_points
 from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
 
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# Names that obstacles must not have, since these keys of a mapping have a special meaning when layers are merged.
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
+# Names that obstacles must not have, since these keys have a special meaning when layers are merged.
 _RESERVED_NAMES = ("kind", *DISTRIBUTIONS)
 
 
@@ -71,7 +71,7 @@ class HullObstacle(Model):
     kind: Literal["hull"]
     points: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=MAX_POINTS)] = Field(
         description="four points (m) or more, not in a plane; or the name of a mesh file (.obj or .stl) with points."
-        f" A hull with more than {MAX_CORNERS} corners is replaced by a simpler hull around it, larger by at most"
+        f" A hull with more than {MAX_CORNERS} corners is replaced by a simpler enclosing hull, larger by at most"
         f" {100.0 * MAX_GROWTH:g} % of its size"
     )
     centre: Point = Field(default=(0.0, 0.0, 0.0), description="position of the origin of the points, in W (m)")
@@ -109,11 +109,11 @@ AnyObstacle = Annotated[BoxObstacle | CylinderObstacle | SphereObstacle | HullOb
 
 
 class SpaceSettings(Model):
-    """Obstacles, which plans avoid. A vehicle that touches an obstacle has crashed."""
+    """Obstacles that plans avoid. A vehicle that touches an obstacle counts as crashed."""
 
     bounds: BoxRegion | None = Field(
         default=None,
-        description="box inside which a plan keeps the centre of mass; leaving the box in flight is not a crash",
+        description="box in which a plan must keep the centre of mass; a flight that leaves it is not a crash",
     )
     obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
     margin: Annotated[FixedNonNegative, needs("obstacles")] = Field(
@@ -139,13 +139,13 @@ class SpaceSettings(Model):
         if len(obstacles) > MAX_OBSTACLES:
             raise validation_error(f"must have at most {MAX_OBSTACLES} obstacles, not {len(obstacles)}")
         for name in obstacles:
-            if not _NAME.fullmatch(str(name)) or name in _RESERVED_NAMES:
+            if not _NAME_PATTERN.fullmatch(str(name)) or name in _RESERVED_NAMES:
                 demand = "the name of an obstacle must consist of letters, digits, '_' and '-', and not be one of "
                 raise validation_error(demand + ", ".join(_RESERVED_NAMES), path=(shorten_text(str(name)),))
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:
-        """Return the space with its solids and clearances.
+        """Return the space as a record with solids and clearances.
 
         Args:
             farthest_rotor: distance of the farthest rotor centre from the centre of mass, m.

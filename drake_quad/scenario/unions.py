@@ -1,8 +1,8 @@
-"""Unions and optional fields of the scenario language to which members can be added.
+"""Extensible unions and extensible optional fields of the scenario language.
 
 The members of a union are models that the field `kind` distinguishes. The members of open fields are the models of
-these fields. A member registers itself, and the language, its schema and its documentation then contain it. Code
-outside the union does not test the kind of a member. It calls the methods that the base class of all members declares.
+these fields. Once a member has been registered, the language, its schema and its documentation contain it. Code outside
+the union never tests the kind of a member. It calls methods that the common base class declares.
 """
 
 import functools
@@ -31,7 +31,7 @@ class _Members(ABC):
         base: class that all members extend.
         fields: names of fields or class attributes that each member must define, in addition to the abstract methods
             of the base class and its class attributes without a value.
-        default_kind: kind of a mapping that does not state its kind; None if every mapping must state it.
+        default_kind: kind that is assumed for a mapping without `kind`; None if every mapping must give its kind.
 
     Attributes:
         members: members by name, in the order of their registration.
@@ -47,7 +47,7 @@ class _Members(ABC):
         self._rebuilders: list[Callable[[], Any]] = []
 
     def get(self, name: Any) -> Any:
-        """Return the member with a name; None if no member has it."""
+        """Return the member with a name, or None if there is no such member."""
         return self.members.get(name) if isinstance(name, str) else None
 
     def member(self, model: _Member) -> _Member:
@@ -75,7 +75,7 @@ class _Members(ABC):
         self._rebuild()
 
     def rebuild(self, *models: type[Model]) -> None:
-        """Declare the models that contain the members, innermost first, to be rebuilt after each registration."""
+        """Set the models to rebuild after each registration: those that contain the members, innermost first."""
         self._rebuilders += [lambda model=model: model.model_rebuild(force=True) for model in models]  # type: ignore[misc]
 
     def _rebuild(self) -> None:
@@ -88,7 +88,7 @@ class _Members(ABC):
 
 
 class OpenUnion(_Members):
-    """Union of models with a field `kind`, used as the annotation `Annotated[Base, union]` of a field."""
+    """Extensible union of models with a field `kind`, for the annotation `Annotated[Base, union]` of a field."""
 
     def _name_of(self, model: type[Any]) -> str:
         fields: dict[str, FieldInfo] = model.model_fields
@@ -104,7 +104,7 @@ class OpenUnion(_Members):
         return handler.generate_schema(Annotated[union, Field(discriminator="kind"), BeforeValidator(self._with_kind)])
 
     def _with_kind(self, value: Any) -> Any:
-        """Return the value, with the default kind added to a mapping that does not state its kind."""
+        """Add the default kind to a mapping that does not give its kind."""
         kinds = f"the kinds are {join_names([*self.members], 20)}"
         if isinstance(value, dict):
             if "kind" not in value and not self.default_kind:
@@ -117,15 +117,15 @@ class OpenUnion(_Members):
 
 
 def alternatives(hint: Any, metadata: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the types that a field may have: the members of its union, or else the annotated type itself."""
+    """Return the types that a field may have: the members of its union, or the annotated type if it has no union."""
     members = [member for union in metadata if isinstance(union, OpenUnion) for member in union.members.values()]
     return tuple(members) or (get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,))
 
 
 class OpenFields(_Members):
-    """Optional fields of a model, None if they are not given.
+    """Extensible set of optional model fields, which are None if they are not given.
 
-    Each member has a class attribute `field`, the name of the field, and `description`, its description.
+    Each member defines the class attributes `field`, the field name, and `description`, the field description.
     """
 
     _taken: Set[str] = frozenset()
@@ -144,7 +144,7 @@ class OpenFields(_Members):
                     default=None,
                     description=member.description,
                 )
-                # Instances that were created before the member was registered lack the field.
+                # Instances that are older than the registration lack the field.
                 setattr(model, name, None)
             model.model_rebuild(force=True)
 
@@ -159,6 +159,6 @@ class OpenFields(_Members):
 
 
 def import_members(package: str, path: Any) -> None:
-    """Import all modules of a package, so that the members in them are registered."""
+    """Import all modules of a package to register the members that they define."""
     for module in pkgutil.iter_modules(path):
         importlib.import_module(f"{package}.{module.name}")

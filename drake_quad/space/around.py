@@ -1,4 +1,4 @@
-"""Planning around obstacles: conversion to a problem with corridors, which the minimum-snap planner can solve."""
+"""Planning around obstacles, by conversion to a problem with corridors that the minimum-snap planner can solve."""
 
 import contextlib
 import functools
@@ -28,20 +28,19 @@ from drake_quad.space.passage import Passage, candidate_regions, find_passage, o
 from drake_quad.space.regions import SLACK, Regions
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of each grid that provides seeds for regions. If the first grid
-# contains no route, the second grid is tried.
+# Largest number of points and smallest spacing (m) of the grids that provide seeds for regions. The second grid is
+# tried if the first one contains no route.
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
-# Number of grid points on each axis of a waypoint's region (unless the region is a point) that are checked for
-# clearance.
+# Number of grid points along each axis at which a waypoint's region is checked for clearance.
 _POINTS_PER_AXIS = 21
-# Largest number of pieces of a waypoint's region, divided by obstacles, that are considered. Pieces near the middle of
-# the region come first.
+# Largest number of pieces that are considered if obstacles divide a waypoint's region. Pieces near the middle of the
+# region come first.
 _MAX_PIECES = 4
 # Number of passages that are drawn at random in addition to the shortest passage.
 _NUM_OTHER_PASSAGES = 12
-# Largest number of routes whose times are optimised. An optimisation takes almost a second.
+# Largest number of routes whose times are optimised. One optimisation takes almost a second.
 _MAX_OPTIMISED_ROUTES = 3
-# Limits with which routes are compared if the problem has no limits.
+# Arbitrary limits for the comparison of routes if the problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
 
 
@@ -49,9 +48,9 @@ class RouteAround(NamedTuple):
     """Route around obstacles, as a planning problem with corridors.
 
     Attributes:
-        problem: problem whose corridors are free of obstacles. It has an additional waypoint in the intersection of
-            each two successive corridors.
-        waypoints: (waypoints,) indices of the given waypoints among the waypoints of the problem.
+        problem: problem whose corridors are free of obstacles. Where two corridors meet, it has an additional waypoint
+            in their intersection.
+        waypoints: (waypoints,) indices of the original waypoints in the problem's list of waypoints.
     """
 
     problem: PathProblem
@@ -59,12 +58,12 @@ class RouteAround(NamedTuple):
 
 
 def direct_route(problem: PathProblem) -> RouteAround:
-    """Return the route without additional waypoints or corridors, for obstacles that are not in the way."""
+    """Return the route of a problem without additional waypoints or corridors, for use if no obstacle is in the way."""
     return RouteAround(problem, np.arange(len(problem.waypoints)))
 
 
 def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
-    """Return the problem with the additional constraint that the path stays within bounds.
+    """Add the constraint that the path stays within bounds to a problem.
 
     Raises:
         InputError: if a corridor or a waypoint lies outside the bounds.
@@ -82,26 +81,26 @@ def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
 
 
 def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing) -> tuple[PolynomialPath, RouteAround]:
-    """Plan a path around obstacles; the result is deterministic.
+    """Plan a path around obstacles. The result is deterministic.
 
-    If there are several passages, the function returns the best path by the criterion of the timing: the shortest time,
-    or the smallest snap if the time is given.
+    If there are several passages, the timing determines which path is best: the one with the shortest time, or the one
+    with the smallest snap if the total time is given.
 
     Args:
         space: obstacles.
         bounds: bounds of the centre of mass.
         problem: waypoints, corridors, derivatives and limits of the path.
-        timing: method to choose the times of the path.
+        timing: method that chooses the waypoint times.
 
     Returns:
-        The path, and the route with its corridors.
+        The path, and the route around obstacles with its corridors.
 
     Raises:
-        InputError: if there is no such path or none is found; the message says which obstacles are in the way.
+        InputError: if no path exists or is found. The message names the obstacles in the way.
     """
     routes = _routes_around(space, bounds, problem)
     if isinstance(timing, MinimumTimeTiming | MinimumSnapTiming) and len(routes) > _MAX_OPTIMISED_ROUTES:
-        # The shortest route is always optimised, together with the routes of the lowest estimated cost.
+        # The shortest route is always optimised, in addition to the routes with the lowest estimated cost.
         order = sorted(range(1, len(routes)), key=lambda i: _estimated_cost(routes[i], timing))[
             : _MAX_OPTIMISED_ROUTES - 1
         ]
@@ -115,7 +114,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
 
 
 def _estimated_cost(route: RouteAround, timing: Timing) -> float:
-    """Return an estimate of the cost of a route, from a path with heuristic times; infinite if there is no path."""
+    """Estimate the cost of a route from a path with heuristic times, or return infinity if there is no path."""
     problem = route.problem
     if not problem.limits.by_order:
         problem = PathProblem(
@@ -132,7 +131,7 @@ def _estimated_cost(route: RouteAround, timing: Timing) -> float:
 
 
 def _paths_and_costs(routes: Sequence[RouteAround], timing: Timing) -> list[tuple[PolynomialPath | InputError, float]]:
-    """Return the path and the cost of each route; the error and infinity for a route without a path."""
+    """Return the path and its cost for each route, or the error and infinity for a route without a path."""
     results: list[tuple[PolynomialPath | InputError, float]] = []
     for route in routes:
         try:
@@ -146,7 +145,7 @@ def _paths_and_costs(routes: Sequence[RouteAround], timing: Timing) -> list[tupl
 
 
 def _timing_for(route: RouteAround, timing: Timing) -> Timing:
-    """Return the timing for a route. Given times are interpolated at additional waypoints by the polyline's length."""
+    """Return the timing for a route. Given times are interpolated at additional waypoints, by polyline length."""
     if not isinstance(timing, FixedTimes):
         return timing
     steps = np.linalg.norm(np.diff(route.problem.representatives(), axis=0), axis=1)
@@ -172,7 +171,7 @@ def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[Rout
 
 
 def check_waypoint_clearance(space: Space, problem: PathProblem) -> None:
-    """Raise InputError if a waypoint that is a point is nearer to an obstacle than the clearance."""
+    """Raise InputError if a point waypoint is closer to an obstacle than the clearance."""
     for i, region in enumerate(problem.waypoints):
         if isinstance(region, Box) and region.is_point:
             (distance,), (number,) = space.nearest(region.centre[np.newaxis])
@@ -186,7 +185,7 @@ def check_waypoint_clearance(space: Space, problem: PathProblem) -> None:
 def _routes(
     space: Space, bounds: Box, problem: PathProblem, grid: Grid, free_points: Sequence[np.ndarray]
 ) -> list[RouteAround]:
-    """Return the routes on a grid through any of the free points (k, 3) of each waypoint, m."""
+    """Return routes on a grid that pass each waypoint at any of its free points, (k, 3) in m."""
     routes = _routes_through(space, bounds, problem, grid, free_points)
     if routes:
         return routes
@@ -197,9 +196,9 @@ def _routes(
 
 
 def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
-    """Split the free points (k, 3) of a waypoint, m, into pieces.
+    """Group the free points of a waypoint, (k, 3) in m, into pieces.
 
-    In each piece, a free straight line joins the first point to every other point.
+    In each piece, the straight lines from the first point to all other points are free.
     """
     pieces: list[np.ndarray] = []
     fractions = np.linspace(0.0, 1.0, _POINTS_PER_AXIS)[:, np.newaxis, np.newaxis]
@@ -216,13 +215,13 @@ def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
 def _pieces_on_shortest_route(
     space: Space, problem: PathProblem, grid: Grid, pieces: Sequence[Sequence[np.ndarray]]
 ) -> list[np.ndarray] | None:
-    """Return, for each waypoint, the piece that is on the shortest route over a grid; None if there is no route.
+    """Return the piece of each waypoint through which the shortest grid route leads, or None if there is no route.
 
     Args:
         space: obstacles.
         problem: problem with the waypoints.
         grid: grid of free points of the space.
-        pieces: free points (k, 3) of each piece of each waypoint, m.
+        pieces: for each waypoint, the free points of each piece, (k, 3) in m.
     """
     lengths, origins = np.zeros(len(pieces[0])), []
     for corridor, begins, ends in zip(problem.corridors, pieces[:-1], pieces[1:], strict=True):
@@ -248,7 +247,7 @@ def _routes_through(
     *,
     divided: bool = False,
 ) -> list[RouteAround]:
-    """Return the routes on which each leg leads from a free point of one waypoint to a free point of the next.
+    """Return routes whose legs connect free points of successive waypoints.
 
     Args:
         space: obstacles.
@@ -256,8 +255,8 @@ def _routes_through(
         problem: problem with the waypoints.
         grid: grid of free points of the space.
         free_points: free points (k, 3) of each waypoint, m.
-        divided: True if the points of each waypoint belong to only one of its pieces. Each leg must then start and end
-            in regions that contain such points.
+        divided: True if `free_points` contains only one piece of each waypoint. Each leg must then start and end in
+            regions that contain points of this piece.
     """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
@@ -277,7 +276,7 @@ def _routes_through(
     regions.cover(points, grid.nearest[free])
     candidates = []
     for i, corridor in enumerate(problem.corridors):
-        # Without a corridor, the routes from a waypoint are the same for both of its legs.
+        # If there is no corridor, both legs at a waypoint share the routes from it.
         leg = None if corridor is None else i
         (lengths, before), (onward, _) = field(i, leg), field(i + 1, leg)
         route = grid.shortest_route(lengths, before, free_points[i], free_points[i + 1])
@@ -295,16 +294,16 @@ def _routes_through(
     ]
     routes = [with_corridors(problem, regions, passage)]
     for other in others:
-        # The intersection of a waypoint's region and the regions around it can be too small for the solver.
+        # The solver can fail if the intersection of a waypoint's region with adjacent regions is too small.
         with contextlib.suppress(InputError):
             routes.append(with_corridors(problem, regions, other))
     return routes
 
 
 def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.ndarray]:
-    """Return the free points (k, 3) of each waypoint, m, sorted by the distance from the middle of its region.
+    """Return the free points of each waypoint, (k, 3) in m, sorted by distance from the middle of its region.
 
-    For a waypoint that is a point, only this point is checked. In other waypoints, the points of a grid are checked.
+    If a waypoint is a point, only this point is checked. Otherwise the points of a grid over its region are checked.
 
     Raises:
         InputError: if a waypoint has no free point.
@@ -327,7 +326,7 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
 
 
 def _points_in(region: WaypointRegion) -> tuple[np.ndarray, float]:
-    """Return points (n, 3) on a grid over a waypoint's region, m, and the diagonal of its cells, m."""
+    """Return grid points over a waypoint's region, (n, 3) in m, and the diagonal of a grid cell, m."""
     match region:
         case Box():
             low, high = region.low, region.high
@@ -342,10 +341,10 @@ def _points_in(region: WaypointRegion) -> tuple[np.ndarray, float]:
 
 
 def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> RouteAround:
-    """Return the problem with the regions of a passage as corridors.
+    """Add the regions of a passage to a problem as corridors.
 
     Raises:
-        InputError: if the intersection of a waypoint and the regions around it is too small.
+        InputError: if a waypoint and the regions before and after it have too small an intersection.
     """
     waypoint_regions: list[WaypointRegion] = []
     corridors: list[Corridor] = []

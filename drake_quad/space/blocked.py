@@ -11,21 +11,21 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of each grid on which a route is searched for.
+# Largest number of points and smallest spacing (m) of the grids on which routes are searched.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# Largest number of obstacles of which all sets are tried. If none of these sets blocks the route, one larger minimal
-# set is determined.
+# Largest number of obstacles in a set up to which all sets are tried. If the removal of no such set opens a route, one
+# larger minimal set is determined.
 _MAX_SET_SIZE = 2
 
 
 def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
-    """Return a sentence with the waypoints between which there is no route, and the obstacles that block it.
+    """Explain in one sentence between which waypoints there is no route, and which obstacles block it.
 
-    A grid proves that there is no route. Each point of a route is within half of a cell's diagonal of a grid point, and
-    successive such grid points are equal or neighbours. Distances from obstacles change by no more than the distance
-    moved, so these grid points have at least the clearance minus half the diagonal. They are also within half the
-    diagonal of the corridor of the leg, if it has one. If such grid points do not connect two waypoints, there is no
-    route between them. If they do connect the waypoints, a route may still not exist.
+    A grid can prove that there is no route. Each point of a route has a nearest grid point, at most half a cell
+    diagonal away. The nearest grid points of successive route points are equal or neighbours. Their distance from
+    obstacles is at least the clearance minus half the diagonal, and they are at most half the diagonal outside the
+    corridor of the leg, if it has one. If no chain of such grid points connects two waypoints, there is no route
+    between them. If a chain connects them, a route may still not exist.
 
     Args:
         space: obstacles.
@@ -37,22 +37,22 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Every single leg may have a route, but no route from the points at which the preceding leg ends.
+            # Each leg alone may have a route, although none starts where the preceding leg can end.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
     return (
-        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_text}); a way may exist"
+        f"no route was found with a clearance of {space.clearance:.3g} m ({space.clearance_text}); a route may exist"
         f" through gaps that are narrower than {2.0 * search.half_diagonal:.2g} m for the centre of mass"
     )
 
 
 class _BlockingSets(NamedTuple):
-    """Sets of obstacles, each of which blocks all routes.
+    """Sets of obstacles. Each set alone blocks all routes.
 
     Attributes:
-        sets: indices of the obstacles of each set. Without the obstacles of a set there is a route on a grid.
-        is_sure: True if the routes that exist without a set are also free between the grid points.
+        sets: indices of the obstacles in each set. If they are removed, there is a route on a grid.
+        is_sure: True if the routes that open when a set is removed are also free between the grid points.
     """
 
     sets: list[tuple[int, ...]]
@@ -60,17 +60,17 @@ class _BlockingSets(NamedTuple):
 
 
 class _Search:
-    """Search for routes over grid points through the waypoints of a problem.
+    """Search for routes on a grid through the waypoints of a problem.
 
     Args:
         grid: grid of points of a space.
         problem: waypoints and corridors of the path.
-        certain: True if all points must be in the corridors; False if they may be up to half a cell's diagonal outside.
+        certain: True if all points must be in the corridors; False if they may be up to half a cell diagonal outside.
     """
 
     def __init__(self, grid: Grid, problem: PathProblem, *, certain: bool) -> None:
         self.grid = grid
-        # No point is farther from the nearest grid point than half the diagonal of a cell, m.
+        # Largest distance between a point and its nearest grid point, m.
         self.half_diagonal = 0.5 * float(np.linalg.norm(grid.steps)) + 1e-9
         self._near = [is_near(waypoint, grid.points, self.half_diagonal) for waypoint in problem.waypoints]
         tolerance = 0.0 if certain else self.half_diagonal
@@ -79,7 +79,7 @@ class _Search:
         ]
 
     def connects(self, free: np.ndarray, first: int, last: int) -> bool:
-        """Return True if free points connect a waypoint to a later waypoint through all waypoints between them."""
+        """Return whether free grid points connect two waypoints through all waypoints between them."""
         reached = self._near[first] & free
         components = None
         for leg in range(first, last):
@@ -94,28 +94,27 @@ class _Search:
 
 
 def _sentence(space: Space, problem: PathProblem, first: int, last: int, blocking: _BlockingSets) -> str:
-    """Return a sentence with the waypoints between which there is no route, and with the obstacles in the way."""
+    """Return the sentence that names the unconnected waypoints and the obstacles in the way."""
     legs = [leg for leg in range(first, last) if problem.corridors[leg] is not None]
     corridors = (
         f" in the corridor{'s' if len(legs) > 1 else ''} of segment{'s' if len(legs) > 1 else ''} {_join_names(legs)}"
     )
     between = (
-        f"there is no way from waypoint {first} to waypoint {last}{corridors if legs else ''}"
+        f"there is no route from waypoint {first} to waypoint {last}{corridors if legs else ''}"
         f" with a clearance of {space.clearance:.3g} m"
     )
     if not blocking.sets:
         return f"{between} within the bounds of the space"
     remedies = [_join_names([space.names[number] for number in without]) for without in blocking.sets]
     would = "would" if blocking.is_sure else "may"
-    return f"{between} ({space.clearance_text}); without {', or without '.join(remedies)}, there {would} be a way"
+    return f"{between} ({space.clearance_text}); without {', or without '.join(remedies)}, there {would} be a route"
 
 
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
-    """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is no such set.
+    """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is none.
 
-    Sets whose removal certainly opens a route are preferred. For such a set, the route uses points whose distance from
-    the remaining obstacles exceeds the clearance by half a cell's diagonal, so that the lines between neighbours are
-    free.
+    Sets whose removal certainly opens a route are preferred. The route is certain if its points exceed the clearance
+    from the remaining obstacles by half a cell diagonal, since the lines between neighbours are then free.
     """
     max_points, min_spacing = _GRIDS[0]
     grid = Grid.of(space, bounds, max_points=max_points, min_spacing=min_spacing)
@@ -146,6 +145,6 @@ def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, 
 
 
 def _join_names(names: Sequence[object]) -> str:
-    """Return names separated by commas, with "and" before the last one."""
+    """Join names by commas, with "and" before the last one."""
     words = [str(name) for name in names]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

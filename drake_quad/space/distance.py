@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks
 from drake_quad.space.space import Space
 
-# Accuracy of the smallest distance, m.
+# Accuracy with which the smallest distance is computed, m.
 _DISTANCE_TOLERANCE = 1e-5
 # Number of pieces into which a segment is divided initially.
 _INITIAL_PIECES = 32
@@ -34,12 +34,12 @@ class NearestApproach(NamedTuple):
 
 
 def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | None:
-    """Return the point at which a path comes nearest to an obstacle; None if there are no obstacles.
+    """Return the point at which a path comes nearest to an obstacle, or None if there are no obstacles.
 
-    The distance is accurate to a hundredth of a millimetre. The method is branch and bound: the length of a piece of
-    the path is at most its duration times the largest speed on its segment, and the distance from an obstacle changes
-    by no more than the distance moved. Pieces that cannot contain the minimum are discarded, and all other pieces are
-    halved.
+    The distance is accurate to a hundredth of a millimetre. The method is branch and bound. A piece of the path is at
+    most as long as its duration times the largest speed on its segment, and along the piece the distance from an
+    obstacle changes by at most this length. Pieces that cannot contain the minimum are discarded, and all other pieces
+    are halved.
     """
     if not space.obstacles:
         return None

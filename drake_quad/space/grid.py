@@ -1,4 +1,4 @@
-"""Grid of points on which shortest routes are computed.
+"""Grid of points, on which shortest routes are computed.
 
 The grid provides seeds for convex regions, and it can prove that no route exists.
 """
@@ -13,9 +13,9 @@ import numpy as np
 from drake_quad.reference.regions import Box, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 
-# Largest distance between a waypoint and the grid points to which it is connected, in spacings of the grid.
+# Largest distance at which a waypoint is connected to a grid point, relative to the grid spacing.
 _MAX_CONNECTION_SPACINGS = 1.8
-# Directions to the 26 neighbours of a point, with one direction of each opposite pair.
+# Directions to half of a point's 26 neighbours: one direction of each opposite pair.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
@@ -24,9 +24,9 @@ class Grid:
     """Regular grid of points.
 
     Attributes:
-        shape: number of points on each axis.
+        shape: number of points along each axis.
         points: (n, 3) points, m.
-        steps: (3,) distance between neighbours on each axis, m.
+        steps: (3,) distance between neighbours along each axis, m.
         space: obstacles.
     """
 
@@ -37,7 +37,7 @@ class Grid:
 
     @classmethod
     def of(cls, space: Space, bounds: Box, *, max_points: int, min_spacing: float) -> "Grid":
-        """Return a grid over bounds with the smallest possible spacing.
+        """Return a grid over bounds with the smallest spacing that both limits allow.
 
         Args:
             space: obstacles.
@@ -74,11 +74,11 @@ class Grid:
     def lengths_from(
         self, starts: np.ndarray, clearance: float, inside: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lengths of the shortest routes over free points from any of several starting points.
+        """Return the weighted lengths of the shortest routes from several starting points to all grid points.
 
-        The lengths are weighted: by two at a distance from an obstacle equal to the clearance, and by less at larger
-        distances. Convex regions are bounded by planes, so a route that closely follows an obstacle would require many
-        regions.
+        A step counts twice its length if it is as close to an obstacle as the clearance, and less at larger distances.
+        This keeps routes away from obstacles: convex regions are bounded by planes, so a route that closely follows an
+        obstacle would require many regions.
 
         Args:
             starts: (k, 3) starting points, m.
@@ -86,10 +86,10 @@ class Grid:
             inside: (n,) True for grid points that a route may use; all points if not given.
 
         Returns:
-            (n,) weighted lengths, m, infinite for points that no route reaches, and (n,) indices of the preceding
-            points, negative at the start of a route.
+            (n,) weighted lengths in m, infinite for points that no route reaches, and (n,) indices of the preceding
+            point on the route, negative at its start.
         """
-        # SciPy is imported here and below, since routes that pass no obstacle do not need it.
+        # SciPy is imported here and below, since routes far from obstacles do not need it.
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
 
@@ -111,9 +111,9 @@ class Grid:
         return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
 
     def _connections(self, clearance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the indices (c,) of both points of each free line between neighbours, and its weighted length, m.
+        """Return the free lines between neighbours: indices (c,) of both points, and weighted lengths (c,) in m.
 
-        All legs of a route use the same lines, so they are computed once.
+        All legs of a route use the same lines, so the result is cached.
         """
         if clearance in self._known_connections:
             return self._known_connections[clearance]
@@ -123,8 +123,8 @@ class Grid:
             both = free[one] & free[other]
             one, other = one[both], other[both]
             length = np.linalg.norm(self.points[other] - self.points[one], axis=1)
-            # Distances from obstacles change by no more than the distance moved, which often proves that the line is
-            # free. Otherwise the middle of the line is checked.
+            # Along a line, the distance from an obstacle changes by at most the length of the line. This often proves
+            # that the line is free. Otherwise the middle of the line is checked.
             is_free = self.nearest[one] + self.nearest[other] - length >= 2.0 * clearance
             uncertain = np.flatnonzero(~is_free)
             middles = 0.5 * (self.points[one[uncertain]] + self.points[other[uncertain]])
@@ -139,11 +139,11 @@ class Grid:
 
     @cached_property
     def _known_connections(self) -> dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Results of `_connections` by clearance."""
+        """Cached results of `_connections`, by clearance."""
         return {}
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield, for each of 13 directions, the indices of all points with a neighbour there, and of the neighbours."""
+        """Yield the indices of all pairs of neighbouring points, for each of 13 directions."""
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in _DIRECTIONS:
             starts = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, self.shape, strict=True))]
@@ -153,13 +153,13 @@ class Grid:
     def shortest_route(
         self, lengths: np.ndarray, predecessors: np.ndarray, starts: np.ndarray, ends: np.ndarray
     ) -> np.ndarray | None:
-        """Return the shortest route (corners, 3) from any starting point to any end point, m; None if no route exists.
+        """Return the shortest route (corners, 3) from any start to any end, m; None if there is no route.
 
         Args:
             lengths: (n,) lengths from the starting points, a result of `lengths_from`.
             predecessors: (n,) indices of the preceding points, a result of `lengths_from`.
             starts: (k, 3) starting points, m.
-            ends: (l, 3) end points with at least the same clearance, m.
+            ends: (l, 3) end points, which have at least the same clearance as the route, m.
         """
         _, number, end = self.nearest_end(lengths, ends)
         if number < 0:
@@ -175,8 +175,8 @@ class Grid:
         """Return the length of the shortest route to any of several end points (k, 3), m.
 
         Returns:
-            The length, the index of the last grid point, and the index of the end point. Without a route the length is
-            infinite and the indices are negative.
+            The length, the index of the last grid point, and the index of the end point. If there is no route, the
+            length is infinite and the indices are negative.
         """
         distances_to_ends, nearest = self._nearest_of(ends)
         near = np.flatnonzero(np.isfinite(lengths) & np.isfinite(distances_to_ends))
@@ -186,28 +186,28 @@ class Grid:
         return float(lengths[number] + distances_to_ends[number]), number, int(nearest[number])
 
     def _nearest_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return, for each grid point, the distance (n,) to the nearest of several points (k, 3), m, and its index.
+        """Return the distance (n,) from each grid point to the nearest of several points (k, 3), m, and its index.
 
-        The distance is infinite if it exceeds the largest distance at which points are connected to the grid.
+        Distances beyond the largest distance at which a point is connected to the grid are infinite.
         """
         from scipy.spatial import KDTree
 
-        # SciPy finds only points below the bound.
+        # SciPy's bound is exclusive.
         bound = np.nextafter(_MAX_CONNECTION_SPACINGS * self.spacing, np.inf)
         distances, numbers = KDTree(points).query(self.points, distance_upper_bound=bound)
         return distances, numbers
 
     def components(self, free: np.ndarray) -> np.ndarray:
-        """Return the (n,) number of the connected component of each free point, from 1 on; zero for other points."""
+        """Return the (n,) number of each free point's connected component, counted from 1; zero for other points."""
         from scipy import ndimage
 
         return np.asarray(ndimage.label(free.reshape(self.shape), np.ones((3, 3, 3)))[0]).ravel()
 
 
 def is_near(region: WaypointRegion, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
-    """Return a mask (n,) of the points (n, 3) that are in a region or within a distance (m) of it.
+    """Return a mask (n,) of the points (n, 3) that lie in a region or within a distance (m) of it.
 
-    Near the edges of a polytope the mask also includes some points that are farther away.
+    Near the edges of a polytope, the mask includes some points beyond this distance.
     """
     match region:
         case Box():

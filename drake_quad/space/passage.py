@@ -1,8 +1,8 @@
-"""Search for the convex regions through which a path leads: a shortest path in a graph of convex sets.
+"""Search for the convex regions through which a path leads, as a shortest path in a graph of convex sets.
 
-Routes on a grid determine the candidate regions, through which the shortest route or a slightly longer route leads.
-Among all polylines through these regions, Drake finds the shortest, with a cost for each transition from one region to
-the next.
+Routes on a grid determine the candidate regions. These are the regions through which the shortest or a slightly longer
+route leads. Among all polylines through these regions, Drake finds the shortest, with a cost for each transition from
+one region to the next.
 
 T. Marcucci, M. Petersen, D. von Wrangel and R. Tedrake, "Motion planning around obstacles with convex optimization",
 Science Robotics 8 (84), 2023.
@@ -27,17 +27,16 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Number of candidate regions of a leg; all regions are candidates if the chain of a leg has more. With eight
+# Number of candidate regions for a leg. If the chain of a leg is longer, all its regions are candidates. With eight
 # candidates, the search takes half a second.
 _MAX_CANDIDATES = 8
-# Cost of a transition to another region, as a length in m. It favours paths with fewer segments, which have fewer
-# turns.
+# Cost of a transition to another region, m. It favours paths with fewer segments, which have fewer turns.
 _TRANSITION_COST = 0.1
-# Number of paths that Drake tries when it rounds the solution of the convex relaxation.
+# Largest number of paths that Drake tries when it rounds the solution of the convex relaxation.
 _MAX_ROUNDED_PATHS = 10
 # Standard deviation of the logarithm of the random factors on lengths.
 _LOG_FACTOR_DEVIATION = 0.6
-# Largest number of iterations when the chain of a leg is built. Each iteration adds a region, or halves a step of the
+# Largest number of iterations that build the chain of a leg. Each iteration adds a region, or halves a step of the
 # route that no region covers.
 _MAX_CHAIN_LENGTH = 60
 
@@ -47,16 +46,16 @@ Passage = tuple[tuple[int, ...], ...]
 
 
 def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
-    """Return a chain of regions that covers a route, in which each two successive regions intersect.
+    """Return a chain of regions that covers a route. Successive regions intersect.
 
-    New regions are grown where no existing region continues the chain.
+    If no existing region continues the chain, a new region is grown.
 
     Args:
         regions: existing regions.
         route: (n, 3) free points that are connected by free straight lines, m.
 
     Returns:
-        Indices of the regions. The chain is incomplete if the route cannot be covered up to its end.
+        Indices of the regions in the chain. The chain is incomplete if the route cannot be covered up to its end.
     """
     points = [*route]
     chosen: list[int] = []
@@ -94,15 +93,15 @@ def find_passage(
     *,
     ends: Sequence[np.ndarray] | None = None,
 ) -> Passage | None:
-    """Return the shortest passage; None if no passage exists.
+    """Return the shortest passage, or None if no passage exists.
 
     Args:
         regions: all regions.
         candidates: indices of the regions that each leg may use.
         waypoints: (legs + 1) regions of the waypoints.
-        corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
-        ends: for each waypoint, (regions,) True for the regions in which a leg may start or end at this waypoint; all
-            regions if not given.
+        corridors: corridor that each leg must not leave, or None for a leg without a corridor.
+        ends: for each waypoint, a mask (regions,) of the regions in which a leg may start or end there. By default, all
+            regions.
     """
     graph = GcsTrajectoryOptimization(3)
     # Passing a waypoint takes no time, but Drake requires a positive upper limit.
@@ -125,8 +124,8 @@ def find_passage(
         inside = [regions[n] if corridor is None else regions[n].intersection(corridor) for n in numbers]
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
-        # Drake would find the regions that contain a waypoint by linear programs, and fail if one of these programs
-        # fails.
+        # Drake itself would find the regions that contain a waypoint by linear programs, but it raises an error if one
+        # of them fails.
         first, last = (
             [
                 n
@@ -169,15 +168,15 @@ def other_passages(
     count: int,
     seed: int = 0,
 ) -> list[Passage]:
-    """Return passages that are shortest between the centres of regions for randomly scaled lengths.
+    """Return alternative passages, which are shortest for randomly scaled lengths between region centres.
 
-    The shortest polyline does not always lead to the fastest path, so these passages are alternatives.
+    The shortest polyline does not always lead to the fastest path, so alternatives are also tried.
 
     Args:
         regions: all regions.
         ends: free points (k, 3) of each of the legs + 1 waypoints, m.
         corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
-        count: number of random draws. The result contains each passage once.
+        count: number of random draws. Passages that are drawn repeatedly are returned once.
         seed: seed of the random numbers.
     """
     from scipy.sparse.csgraph import dijkstra
@@ -207,7 +206,7 @@ def other_passages(
 def _distance_matrix(
     regions: Regions, containing: Sequence[np.ndarray], ends: Sequence[np.ndarray], corridor: Corridor | None
 ) -> np.ndarray:
-    """Return the lengths of transitions between regions, m; zero for regions without a transition.
+    """Return a matrix of transition lengths between regions, m; zero means that there is no transition.
 
     A transition leads from centre to centre through the centre of the intersection, and includes the transition cost.
     The last two rows and columns are the start and the end of the leg.
@@ -232,30 +231,30 @@ def _distance_matrix(
 
 
 def _regions_in_corridor(regions: Regions, numbers: Sequence[int], corridor: Corridor | None) -> list[int]:
-    """Return the indices of the regions whose intersection with a corridor is wide enough."""
+    """Return the indices of the regions whose intersection with a corridor is wide enough for a path."""
     return [number for number in numbers if corridor is None or _is_wide(regions[number].intersection(corridor))]
 
 
 def _are_connected(regions: Regions, one: int, other: int, corridor: Corridor | None) -> bool:
-    """Return True if a path can change from one region to another within a corridor."""
+    """Return whether a path within a corridor can cross from one region to another."""
     intersection = regions.intersection(one, other)
     return intersection is not None and (corridor is None or _is_wide(intersection.intersection(corridor)))
 
 
 def _is_wide(region: Polytope | None) -> bool:
-    """Return True if a region exists and is wide enough for a transition."""
+    """Return whether an intersection exists and is wide enough for a transition."""
     return region is not None and region.radius > MIN_COMMON_RADIUS
 
 
 def _intersects(region: HPolyhedron, waypoint: WaypointRegion) -> bool:
-    """Return True if a region and a waypoint have a common point."""
+    """Return whether a region and a waypoint have a common point."""
     if isinstance(waypoint, Box) and waypoint.is_point:
         return region.PointInSet(waypoint.centre, 1e-9)
     return region.IntersectsWith(_convex_set(waypoint))
 
 
 def _convex_set(waypoint: WaypointRegion) -> ConvexSet:
-    """Return the region of a waypoint as a convex set of Drake."""
+    """Convert the region of a waypoint to a Drake convex set."""
     if isinstance(waypoint, Sphere):
         return Hyperellipsoid.MakeHypersphere(waypoint.radius, waypoint.centre)
     if isinstance(waypoint, Polytope):
@@ -264,13 +263,13 @@ def _convex_set(waypoint: WaypointRegion) -> ConvexSet:
 
 
 def candidate_regions(regions: Regions, chain: Sequence[int], points: np.ndarray, lengths: np.ndarray) -> list[int]:
-    """Return the indices of the candidate regions of a leg: the regions of its chain, then regions on short routes.
+    """Return the indices of a leg's candidate regions: first those of its chain, then those on short routes.
 
     Args:
         regions: all regions.
         chain: indices of the regions of the leg's chain.
         points: (n, 3) free points, m.
-        lengths: (n,) length of the shortest route through each point, m.
+        lengths: (n,) weighted length of the shortest route through each point, m.
     """
     containing = regions.containing(points)
     shortest = np.where(containing, lengths, np.inf).min(axis=1, initial=np.inf)

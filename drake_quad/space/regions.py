@@ -1,9 +1,9 @@
 """Approximation of the free space by convex regions, which Drake's IRIS grows around seeds.
 
 A point is free if its distance from every obstacle is at least the clearance. IRIS grows a region between the original
-obstacles, and the faces of the region are then moved inwards by the clearance. A ball whose radius is the clearance,
-around any point of the reduced region, lies in the original region and touches no obstacle. The seed is in the reduced
-region, since IRIS starts with such a ball around the seed.
+obstacles, and the faces of the region are then moved inwards by the clearance. Around any point of the reduced region,
+a ball with the clearance as its radius lies in the original region and touches no obstacle. The seed is in the reduced
+region, since IRIS starts with such a ball around it.
 
 R. Deits and R. Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming",
 Workshop on the Algorithmic Foundations of Robotics, 2014.
@@ -17,22 +17,22 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperellipsoid, Iris, Iri
 from drake_quad.reference.regions import Box, Polytope
 from drake_quad.space.space import Space
 
-# Addition to the clearance, m, since the planner lets a path leave its corridors by a small tolerance.
+# Additional clearance, m. It is needed because the planner lets a path leave its corridors by a small tolerance.
 SLACK = 1e-5
-# Smallest radius of the ball inscribed in the intersection of two regions between which a path may lead, m.
+# Smallest inscribed radius of the intersection of two regions that a path may connect, m.
 MIN_COMMON_RADIUS = 1e-3
-# Limits on the iterations of IRIS. Regions between obstacles hardly grow in further iterations.
+# Largest number of IRIS iterations. Regions between obstacles hardly grow in further iterations.
 _MAX_IRIS_ROUNDS = 4
 _MIN_IRIS_GAIN = 0.05  # smallest relative growth of the region's ellipsoid that is worth a further iteration
-# Fraction of the free points that the regions must cover, unless there are already `_MAX_REGIONS`.
+# Fraction of the free points that the regions must cover. Growth ends earlier if there are `_MAX_REGIONS` regions.
 _MIN_COVERAGE = 0.95
 _MAX_REGIONS = 40
-# Largest distance from a face, m, at which a point still counts as a point of the region, to allow for rounding errors.
+# Distance outside a face up to which a point counts as inside the region, m, to allow for rounding errors.
 _FACE_TOLERANCE = 1e-9
 
 
 class Regions:
-    """Growing collection of convex regions of free points.
+    """Collection of convex regions of free points, to which regions can be added.
 
     Args:
         space: obstacles.
@@ -52,7 +52,7 @@ class Regions:
         return self._regions[number]
 
     def grow(self, seed: np.ndarray) -> int:
-        """Add the region around a free point (3,), m, and return its index."""
+        """Grow a region around a free point, (3,) in m, and return its index."""
         domain = HPolyhedron.MakeBox(self._bounds.low - self._distance, self._bounds.high + self._distance)
         options = IrisOptions(require_sample_point_is_contained=True, relative_termination_threshold=_MIN_IRIS_GAIN)
         options.starting_ellipse = Hyperellipsoid.MakeHypersphere(self._distance, seed)
@@ -61,7 +61,7 @@ class Regions:
             region = Iris(self._sets, seed, domain, options)
             lengths = np.linalg.norm(region.A(), axis=1)
             normals, offsets = region.A() / lengths[:, np.newaxis], region.b() / lengths - self._distance
-            # After the first iteration, the region may no longer contain the ball around the seed.
+            # Later iterations of IRIS may lose the ball around the seed.
             if (normals @ seed <= offsets + _FACE_TOLERANCE).all():
                 break
         reduced = HPolyhedron(normals, offsets).ReduceInequalities()
@@ -71,7 +71,7 @@ class Regions:
     def cover(self, points: np.ndarray, distances: np.ndarray) -> None:
         """Add regions until they contain most of the given free points.
 
-        Each new region starts from the uncovered point with the largest distance from obstacles.
+        The seed of each new region is the uncovered point with the largest distance from obstacles.
 
         Args:
             points: (n, 3) free points, m.
@@ -89,14 +89,14 @@ class Regions:
 
         Args:
             points: (n, 3) points, m.
-            numbers: indices of the regions; all regions if not given.
+            numbers: indices of the regions to check. By default, all regions.
         """
         chosen = self._regions if numbers is None else [self._regions[number] for number in numbers]
         rows = [(points @ region.normals.T <= region.offsets + _FACE_TOLERANCE).all(axis=1) for region in chosen]
         return np.array(rows, dtype=bool).reshape(len(chosen), len(points))
 
     def intersection(self, one: int, other: int) -> Polytope | None:
-        """Return the intersection of two regions; None if it is too small for a path."""
+        """Return the intersection of two regions, or None if it is too small for a path."""
         pair = min(one, other), max(one, other)
         if pair not in self._intersections:
             overlap = self._regions[pair[0]].intersection(self._regions[pair[1]])

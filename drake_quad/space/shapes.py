@@ -1,7 +1,7 @@
-"""Convex solids: distances of points, sets for Drake's optimisation, and triangles for display.
+"""Convex solids: distances from points, convex sets for Drake's optimisation, and triangles for display.
 
-Distances (m) are exact, positive outside and negative inside. The same formulas work for floats, for the arrays of a
-fleet, and for the symbols from which machine code is compiled.
+Distances (m) are exact, positive outside and negative inside. The same formulas accept floats, arrays with one value
+for each vehicle of a fleet, and the symbols that the compiler of this library uses.
 """
 
 import math
@@ -21,16 +21,15 @@ from drake_quad.signals import Row
 
 Vector = tuple[float, float, float]
 _ZERO_VECTOR = (0.0, 0.0, 0.0)
-# Number of sides of the polygon by which a circle is drawn.
+# Number of sides of the polygon that represents a circle in drawings.
 _CIRCLE_SIDES = 32
-# Largest distance from a face, relative to the size of the solid, at which a projected point still counts as a point of
-# the face.
+# Distance from a face, relative to the size of the solid, up to which a projected point counts as a point of the face.
 _RELATIVE_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
 class _Posed:
-    """Frame of a solid in W.
+    """Solid with a position and an orientation in W.
 
     Attributes:
         centre: centre of the solid, m.
@@ -48,12 +47,12 @@ class _Posed:
         return np.asarray(RollPitchYaw(np.array(self.rotation)).ToRotationMatrix().matrix()).T
 
     def to_solid(self, x: Row, y: Row, z: Row) -> tuple[Row, Row, Row]:
-        """Return a point of W in the frame of the solid, m."""
+        """Transform a point from W to the frame of the solid, m."""
         offset = (x - self.centre[0], y - self.centre[1], z - self.centre[2])
         return tuple(_product(axis, offset) for axis in self.axes.tolist())  # type: ignore[return-value]
 
     def _to_world(self, points: np.ndarray) -> np.ndarray:
-        """Return points (..., 3) of the solid's frame in W, m."""
+        """Transform points (..., 3) from the solid's frame to W, m."""
         return np.asarray(points @ self.axes + self.centre)
 
 
@@ -62,10 +61,10 @@ class _Solid(_Posed, ABC):
 
     @abstractmethod
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from the surface, m; negative inside."""
+        """Return the distance from the surface to a point in W, m; negative inside."""
 
     def distance_lower_bound(self, x: Row, y: Row, z: Row) -> None:
-        """Return None, since no lower bound is cheaper to compute than the distance."""
+        """Return None, since no lower bound is cheaper to compute than the distance itself."""
 
     def distances(self, points: ArrayLike) -> np.ndarray:
         """Return the (n,) distances of points (n, 3) from the surface, m; negative inside."""
@@ -90,7 +89,7 @@ class Cuboid(_Solid):
         _check_positive("size", *self.size)
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from the surface, m; negative inside."""
+        """Return the distance from the surface to a point in W, m; negative inside."""
         excess = [abs(p) - 0.5 * size for p, size in zip(self.to_solid(x, y, z), self.size, strict=True)]
         outside = _norm([maximum(0.0, each) for each in excess])
         return outside + minimum(0.0, reduce(maximum, excess))
@@ -136,7 +135,7 @@ class Cylinder(_Solid):
         _check_positive("height", self.height)
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from the surface, m; negative inside."""
+        """Return the distance from the surface to a point in W, m; negative inside."""
         p_x, p_y, p_z = self.to_solid(x, y, z)
         excess = [_norm([p_x, p_y]) - self.radius, abs(p_z) - 0.5 * self.height]
         return _norm([maximum(0.0, each) for each in excess]) + minimum(0.0, reduce(maximum, excess))
@@ -163,7 +162,7 @@ class Cylinder(_Solid):
 
 @dataclass(frozen=True)
 class Ball(_Solid):
-    """Ball.
+    """Ball-shaped obstacle.
 
     Attributes:
         radius: radius, m.
@@ -179,7 +178,7 @@ class Ball(_Solid):
         _check_positive("radius", self.radius)
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from the surface, m; negative inside."""
+        """Return the distance from the surface to a point in W, m; negative inside."""
         return _norm(self.to_solid(x, y, z)) - self.radius
 
     def convex_set(self) -> ConvexSet:
@@ -223,10 +222,11 @@ class Hull:
         return tuple(np.mean(self.corners, axis=0).tolist())
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point in W from the surface, m; negative inside.
+        """Return the distance from the surface to a point in W, m; negative inside.
 
-        For a point outside, no plane of a face is farther away than the hull. If the projection of the point onto the
-        farthest plane is in the hull, this projection is the nearest point. Otherwise the nearest point is on an edge.
+        The planes of the faces give a lower bound: no plane is farther from an outside point than the hull. If the
+        projection of the point onto the farthest plane lies in the hull, it is the nearest point. Otherwise the nearest
+        point is on an edge.
         """
         c_x, c_y, c_z = centre = self.centre
         p = (x - c_x, y - c_y, z - c_z)
@@ -250,7 +250,7 @@ class Hull:
         return _RELATIVE_ROUNDING * float(np.ptp(np.array(self.corners), axis=0).max())
 
     def _squared_edge_distance(self, p: tuple[Row, Row, Row]) -> Row:
-        """Return the squared distance from the nearest edge for a point relative to the centre, m²."""
+        """Return the squared distance from the nearest edge to a point that is given relative to the centre, m²."""
         corners = np.array(self.corners) - self.centre
         min_squared: Row = math.inf
         squared = [_squared([each - c for each, c in zip(p, corner, strict=True)]) for corner in corners.tolist()]
@@ -259,20 +259,20 @@ class Hull:
             length = float(np.linalg.norm(along))
             along /= length
             ahead = _product(along.tolist(), p) - float(along @ corners[first])
-            # The step is the distance from the first corner to the nearest point of the edge, m.
+            # `step` is the distance from the first corner to the nearest point of the edge, m.
             step = minimum(length, maximum(0.0, ahead))
             min_squared = minimum(min_squared, squared[first] + step * (step - 2.0 * ahead))
         # Rounding can make the result slightly negative for a point on an edge.
         return maximum(0.0, min_squared)
 
     def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from a ball around the hull, m, a lower bound of the distance."""
+        """Return a lower bound of the distance: the distance from a ball that encloses the hull to a point in W, m."""
         c_x, c_y, c_z = self.centre
         return _norm((x - c_x, y - c_y, z - c_z)) - self._bounding_radius
 
     @cached_property
     def _bounding_radius(self) -> float:
-        """Radius of a ball around the centre that contains the hull, m, with an allowance for rounding."""
+        """Radius of a ball around the centre that contains the hull, m, including an allowance for rounding."""
         return (1.0 + 1e-9) * float(np.linalg.norm(np.array(self.corners) - self.centre, axis=1).max())
 
     def distances(self, points: ArrayLike) -> np.ndarray:
@@ -301,7 +301,7 @@ def convex_hull(points: ArrayLike) -> Hull:
     Raises:
         InputError: there are fewer than four points, or they are not finite or lie in a plane.
     """
-    # SciPy's geometry is imported here, since flights around boxes do not need it.
+    # `scipy.spatial` is imported here, since flights around boxes do not need it.
     from scipy.spatial import ConvexHull, QhullError
 
     coordinates = np.asarray(points, dtype=float)
@@ -344,7 +344,7 @@ def convex_hull(points: ArrayLike) -> Hull:
 def transformed_points(
     points: ArrayLike, *, centre: Vector = _ZERO_VECTOR, rotation: Vector = _ZERO_VECTOR, scale: float = 1.0
 ) -> np.ndarray:
-    """Return points (n, 3), given in the frame of a solid, in W, m.
+    """Transform points (n, 3) from the frame of a solid to W, m.
 
     Args:
         points: (n, 3) points in the frame of the solid.
@@ -356,7 +356,7 @@ def transformed_points(
 
 
 def _product(normal: Sequence[float], rows: Sequence[Row]) -> Row:
-    """Return the scalar product of a constant vector and rows, without operations for components that are 0 or 1."""
+    """Return the scalar product of a constant vector and rows, omitting multiplications by 0 or 1."""
     terms = [row if n == 1.0 else n * row for n, row in zip(normal, rows, strict=True) if n != 0.0]
     return total(terms)
 
@@ -370,14 +370,14 @@ def _norm(rows: Sequence[Row]) -> Row:
 
 
 def _check_pose(solid: _Solid) -> None:
-    """Raise InputError if centre or rotation are not three finite numbers."""
+    """Raise InputError unless centre and rotation each are three finite numbers."""
     for name, numbers in (("centre", solid.centre), ("rotation", solid.rotation)):
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise InputError(f"the {name} of a solid must be three finite numbers, not {short_repr(numbers)}")
 
 
 def _check_positive(name: str, *values: float) -> None:
-    """Raise InputError if a size is not positive and finite."""
+    """Raise InputError unless each size is positive and finite."""
     for value in values:
         if not 0.0 < value < math.inf:
             raise InputError(f"the {name} of a solid is {value:g} m, but must be positive and finite")

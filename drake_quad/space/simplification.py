@@ -1,12 +1,12 @@
-"""Approximation of a convex hull from outside by a hull with fewer corners.
+"""Approximation of a convex hull by an enclosing hull with fewer corners.
 
 1. The algorithm selects some of the corners: first the extreme corners along the coordinate axes, then repeatedly the
    corner that is farthest from the hull of the selected corners.
 2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
    corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
 
-The result contains the original hull. Its corners are the points that are farthest from the original hull, so their
-distance bounds the error.
+The result contains the original hull. No point of the result is farther from the original hull than one of its corners,
+so the distance of the corners bounds the error.
 
 The algorithm runs twice: with distances in metres, and with distances in principal axes that are scaled so that the
 hull has the same width along each axis. The better result is returned.
@@ -23,16 +23,17 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.space.shapes import convex_hull
 
-# Largest growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
-# and the hull of a drone's mesh, which has flat sides, by less than 1 %.
+# Largest allowed growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by
+# 2.5 %. The hull of a drone's mesh, which has flat sides, grows by less than 1 %.
 MAX_GROWTH = 0.05
-# If a hull has more corners, only the extreme corners along this number of directions are candidates.
+# Largest number of candidate corners. If a hull has more corners, only the extreme ones along this number of directions
+# are candidates.
 _MAX_CANDIDATES = 500
-# Smallest enlargement of the result, relative to its smallest width, so that the result contains all corners in spite
-# of rounding.
+# Smallest enlargement of the result, relative to its smallest width. It ensures that the result contains all corners
+# despite rounding.
 _MIN_ROUNDING_MARGIN = 1e-9
-# Rounding error of the distance of a point from a face, relative to the largest coordinate. The error is the sum of the
-# errors of three products, of the additions, and of the corners themselves.
+# Largest rounding error of the distance between a point and a face, relative to the largest coordinate. It is the sum
+# of the errors from three products, from the additions, and from the corners themselves.
 _ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
@@ -41,8 +42,8 @@ class SimplifiedHull(NamedTuple):
 
     Attributes:
         corners: (n, 3) corners of the hull, m.
-        growth: largest distance of a corner from the original hull, m; 0 if the hulls are equal.
-        replaced: number of corners of the original hull.
+        growth: largest distance between a corner and the original hull, m; 0 if the hulls are equal.
+        replaced: number of corners in the original hull.
         size: largest extent of the original hull along a coordinate axis, m.
     """
 
@@ -53,28 +54,28 @@ class SimplifiedHull(NamedTuple):
 
     @property
     def is_simpler(self) -> bool:
-        """True if the hull has fewer corners than the original hull; otherwise the two hulls are equal."""
+        """True if the hull has fewer corners than the original hull. Otherwise the two hulls are equal."""
         return len(self.corners) < self.replaced
 
     def __str__(self) -> str:
-        """Return a sentence on the replacement of the original hull."""
+        """Return a sentence about the replacement of the original hull, with the growth."""
         fraction = 100.0 * self.growth / self.size
         return (
-            f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
-            f" around it, larger by at most {self.growth:.3g}, {fraction:.2g} % of its size"
+            f"its convex hull with {self.replaced} corners is replaced by an enclosing hull with {len(self.corners)}"
+            f" corners, larger by at most {self.growth:.3g}, {fraction:.2g} % of its size"
         )
 
 
 def simplified_hull(points: ArrayLike, max_corners: int) -> SimplifiedHull:
-    """Return a convex hull around points that has few corners.
+    """Return a convex hull with few corners that encloses points.
 
     Args:
-        points: (n, 3) points that the hull contains, m.
+        points: (n, 3) points that the hull must contain, m.
         max_corners: largest number of corners. If the hull of the points has no more corners, it is returned unchanged.
 
     Raises:
-        InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
-            more than `MAX_GROWTH` of its size.
+        InputError: if the hull of the points has no volume, no enclosing hull is found, or it would be larger than the
+            original hull by more than `MAX_GROWTH` of its size.
     """
     array = np.ascontiguousarray(points, dtype=float)
     return _surrounding(array.tobytes(), array.shape, max_corners)
@@ -87,7 +88,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     size = float(np.ptp(corners, axis=0).max())
     if len(corners) <= max_corners:
         return SimplifiedHull(corners, 0.0, len(corners), size)
-    # The solver has absolute tolerances, so it needs coordinates in which the hull has the width 1 along each axis.
+    # The solver has absolute tolerances, so coordinates are scaled until the hull has the width 1 along each axis.
     middle, _, axes = _principal(corners)
     offsets = corners - middle
     along = offsets @ axes.T
@@ -102,7 +103,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
     best = int(np.argmin(growths))
     if growths[best] > MAX_GROWTH * size:
         raise InputError(
-            f"the convex hull has {len(corners)} corners, and a hull with {max_corners} corners around it would be"
+            f"the convex hull has {len(corners)} corners, and an enclosing hull with {max_corners} corners would be"
             f" larger by {100.0 * growths[best] / size:.2g} % of its size, more than {100.0 * MAX_GROWTH:g} %; simplify"
             " the mesh"
         )
@@ -110,7 +111,7 @@ def _surrounding(data: bytes, shape: tuple[int, ...], max_corners: int) -> Simpl
 
 
 def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the centre of corners, and the singular values and directions of their principal axes."""
+    """Return the centre of the given corners, and the singular values and directions of their principal axes."""
     middle = corners.mean(axis=0)
     _, widths, axes = np.linalg.svd(corners - middle, full_matrices=False)
     return middle, widths, axes
@@ -141,7 +142,7 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return the distances (n,) of points (n, 3) from the hull of corners, measured across its faces; negative inside.
+    """Return the distances (n,) of points (n, 3) from the hull of corners, normal to its faces; negative inside.
 
     If the corners span only a plane, a line or a point, the distance is measured from this subspace.
     """
@@ -164,12 +165,12 @@ def _faces(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarray:
-    """Return the corners, shifted and scaled by the smallest factor with which their hull contains all points.
+    """Shift corners, and scale them by the smallest factor with which their hull contains all points.
 
     Args:
-        points: (n, 3) points around the origin whose hull has the width 1 along each axis.
+        points: (n, 3) points around the origin, scaled so that their hull has the width 1 along each axis.
         corners: (m, 3) some of these points.
-        margin: distance by which the hull exceeds the smallest possible hull.
+        margin: distance by which the hull exceeds the smallest possible hull, in the units of the points.
 
     Raises:
         InputError: if the solver fails.
@@ -178,14 +179,14 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
     centred = corners - inside
     normals, offsets = _faces(centred)
     support = (points @ normals.T).max(axis=0)
-    # A face n·x <= d becomes n·x <= n·shift + factor d.
+    # After shift and scaling, a face n·x <= d becomes n·x <= n·shift + factor d.
     smallest = scipy.optimize.linprog(
         [0.0, 0.0, 0.0, 1.0], A_ub=-np.column_stack([normals, offsets]), b_ub=-support, bounds=(None, None)
     )
     if smallest.x is None:
         raise InputError(
-            f"no hull with {len(corners)} corners was found around the convex hull with {len(points)} corners; simplify"
-            " the mesh"
+            f"no enclosing hull with {len(corners)} corners was found for the convex hull with {len(points)} corners;"
+            " simplify the mesh"
         )
     shift = smallest.x[:3]
     # The solver may violate a face by its tolerance, so the factor is computed again from the solution. All offsets are

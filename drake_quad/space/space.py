@@ -1,4 +1,4 @@
-"""Obstacles, bounds and clearance for planning and for the detection of crashes."""
+"""Obstacles, bounds and clearance for planning and crash detection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +25,15 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Space:
-    """Obstacles, and the clearance that the vehicle's centre of mass keeps from them.
+    """Obstacles, and the clearance between them and the vehicle's centre of mass.
 
     Attributes:
         obstacles: solids.
-        radius: radius of the vehicle around its centre of mass, m. A vehicle that is nearer to an obstacle has crashed.
+        radius: radius of the vehicle around its centre of mass, m. The vehicle has crashed if its centre is closer to
+            an obstacle.
         bounds: bounds of the centre of mass in plans; None for no bounds.
-        margin: clearance of plans in addition to the radius, m.
-        tracking: additional clearance of plans for the predicted tracking error, m.
+        margin: clearance that plans keep in addition to the radius, m.
+        tracking: further clearance that plans keep for the predicted tracking error, m.
     """
 
     obstacles: tuple[Obstacle, ...]
@@ -43,7 +44,7 @@ class Space:
 
     @property
     def clearance(self) -> float:
-        """Smallest distance of a planned path from obstacles, m."""
+        """Smallest allowed distance between a planned path and obstacles, m."""
         return self.radius + self.margin + self.tracking
 
     @property
@@ -60,7 +61,7 @@ class Space:
     def nearest(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Return the distance (n,) from the nearest obstacle, m, and its index (n,), for points (n, 3), m.
 
-        Without obstacles, the distances are infinite and the indices are -1.
+        If there are no obstacles, the distances are infinite and the indices are -1.
         """
         return nearest([obstacle.shape for obstacle in self.obstacles], points)
 
@@ -68,7 +69,7 @@ class Space:
 def nearest(shapes: Sequence[Shape], points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return the distance (n,) from the nearest solid, m, and its index (n,), for points (n, 3), m.
 
-    Without solids, the distances are infinite and the indices are -1.
+    If there are no solids, the distances are infinite and the indices are -1.
     """
     count = len(np.asarray(points))
     if not shapes:

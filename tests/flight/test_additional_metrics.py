@@ -360,7 +360,7 @@ def test_a_crash_satisfies_no_requirement():
     ("requirement", "message"),
     [
         ({}, "must have either always or eventually"),
-        ({"always": {"signal": "tilt"}}, "must have a bound, above or below, if it has a signal"),
+        ({"always": {"signal": "tilt"}}, "must have a bound, above or below, if and only if it has a signal"),
         ({"always": {"below": 1.0}}, "must have exactly one of signal, all and any"),
         ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
         (

@@ -11,10 +11,10 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
 
-# Each test plans a path around obstacles, which takes seconds.
+# All tests of this file are slow, since planning around obstacles takes seconds.
 pytestmark = pytest.mark.slow
 
-ROOM = """
+ROOM_SCENARIO = """
 pillars:
   extends: figure_eight
   route: {kind: waypoints, waypoints: [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], top_speed: 2.0, top_acceleration: 2.0}
@@ -31,25 +31,25 @@ pillars:
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     path = tmp_path_factory.mktemp("rooms") / "pillars.yaml"
-    path.write_text(ROOM, encoding="utf-8")
+    path.write_text(ROOM_SCENARIO, encoding="utf-8")
     return lambda *overrides: load_scenario(path, list(overrides))
 
 
 def smallest_clearance(scenario, plan):
-    """Return the smallest distance of the centre of mass to an obstacle at dense samples of a plan, m."""
+    """Return the smallest distance between the centre of mass and an obstacle over dense samples of a plan, m."""
     space = scenario.room()
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
-# The tests in `tests/space/test_rooms.py` plan with the other timings.
-TIMINGS = {
+# The other timings are tested in `tests/space/test_rooms.py`.
+TIMING_OVERRIDES = {
     "heuristic": "route.times=heuristic",
     "given": "route.times=[0, 5, 12]",
 }
 
 
-@pytest.mark.parametrize("timing", TIMINGS.values(), ids=TIMINGS)
-def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_and_acceleration(room, timing):
+@pytest.mark.parametrize("timing", TIMING_OVERRIDES.values(), ids=TIMING_OVERRIDES)
+def test_plans_with_every_timing_keep_clearance_and_speed_and_acceleration_limits(room, timing):
     scenario = room(timing)
     plan, problem, waypoints, _ = planned(scenario)
     assert scenario.room().clearance == pytest.approx(0.27)
@@ -64,7 +64,7 @@ def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_an
         assert peak_norm(plan.path, 2) <= 2.0 + 1e-9
 
 
-def test_each_yaw_is_reached_at_its_waypoint(room):
+def test_the_yaw_equals_the_given_yaw_at_each_waypoint(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
     )
@@ -73,7 +73,7 @@ def test_each_yaw_is_reached_at_its_waypoint(room):
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
 
-def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
+def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
     waypoints = (
         "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.6, 0.8], max: [3, 3.4, 1.6]}},"
         " {sphere: {centre: [5.5, 3.5, 1.2], radius: 0.3}}, [6, 0, 1], [0, 0, 1]]"
@@ -90,7 +90,7 @@ def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
     assert last_segment[1].max() <= 0.5 + 1e-6
 
 
-def test_a_gate_is_passed_in_its_free_part(room):
+def test_the_path_passes_a_gate_where_no_obstacle_covers_it(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
     plan, _, numbers, _ = planned(scenario)
@@ -98,15 +98,15 @@ def test_a_gate_is_passed_in_its_free_part(room):
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
 
-def test_an_obstacle_away_from_the_path_does_not_change_the_plan(room):
+def test_an_obstacle_far_from_the_path_does_not_change_the_plan(room):
     remote_obstacles = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
     plan_with_obstacles = plan_route(room("route.times=heuristic", "space.bounds=null", *remote_obstacles))
     plan_without_space = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
     np.testing.assert_array_equal(plan_without_space.path.coefficients, plan_with_obstacles.path.coefficients)
 
 
-# The search is faster in a smaller room.
-SMALL_ROOM = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
+# A smaller room makes the search faster.
+SMALL_ROOM_OVERRIDE = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
 IMPOSSIBLE_PLANS = {
     "a waypoint too near to an obstacle": (
         ["space.obstacles.ball.centre=[3, 3, 1.5]"],
@@ -118,16 +118,17 @@ IMPOSSIBLE_PLANS = {
         r"m from .* nearer than the clearance of 0.27 m; give space.bounds",
     ),
     "a wall across the room": (
-        [SMALL_ROOM, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
-        r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be a way",
+        [SMALL_ROOM_OVERRIDE, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
+        r"no route from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be a route",
     ),
     "a corridor that the wall closes": (
         [
-            SMALL_ROOM,
+            SMALL_ROOM_OVERRIDE,
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
-        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be a way",
+        r"no route from waypoint 1 to waypoint 2 in the corridor of segment 1 with .*"
+        " without wall, there would be a route",
     ),
     "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
@@ -141,7 +142,7 @@ IMPOSSIBLE_PLANS = {
 
 
 @pytest.mark.parametrize(("overrides", "message"), IMPOSSIBLE_PLANS.values(), ids=IMPOSSIBLE_PLANS)
-def test_an_impossible_plan_is_explained(room, overrides, message):
+def test_the_error_for_an_impossible_plan_gives_the_reason(room, overrides, message):
     with pytest.raises(InputError, match=message):
         plan_route(room("route.times=heuristic", *overrides))
 
@@ -151,7 +152,7 @@ def test_a_plan_around_obstacles_is_cached(room):
 
 
 def test_a_smaller_margin_makes_the_flight_faster(room):
-    # The plan with a margin of 0.1 m is cached, because other tests also use it.
+    # The margin is 0.1 m because other tests use the same plan, which is cached.
     plan_with_margin, plan_without_margin = (
         plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0)
     )
@@ -160,8 +161,8 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     assert approach.distance >= 0.17
 
 
-def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
-    """The predicted error, and therefore the plan, depends on wind and control."""
+def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room):
+    """Wind and control determine the predicted error, and therefore also the plan."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,)))
@@ -174,14 +175,14 @@ def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
     assert distances.min() >= windy.space.clearance
 
 
-def test_a_path_through_the_shipped_forest_is_found():
+def test_the_planner_finds_a_path_through_the_shipped_forest():
     """Drake's search for a convex region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])
     planned_mission = planned(scenario)
     assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 
-def test_a_fraction_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
+def test_a_clearance_for_the_tracking_error_requires_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking_error_factor=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
     with pytest.raises(InputError, match="space.tracking_error_factor multiplies a predicted tracking error"):

@@ -1,4 +1,4 @@
-"""Tests of plans for routes: constraints, yaw, limits of rotors, duration and saved trajectories."""
+"""Tests of route plans: constraints, yaw, rotor limits, duration and saved trajectories."""
 
 import math
 
@@ -43,7 +43,7 @@ def test_the_slalom_satisfies_all_its_constraints(slalom):
 
 
 @pytest.mark.slow
-def test_the_yaw_follows_the_heading(slalom):
+def test_the_yaw_profile_follows_the_heading_setting(slalom):
     yaws = {}
     for heading in ("constant", "along_path"):
         plan = plan_route(slalom(f"route.heading={heading}", "route.yaw=0.3"))
@@ -63,7 +63,7 @@ def test_the_yaw_passes_through_waypoints_even_if_one_is_repeated(slalom):
 
 
 @pytest.mark.slow
-def test_a_saved_plan_is_flown_like_the_original_plan(slalom, diagrams, tmp_path):
+def test_a_saved_plan_gives_the_same_flight_as_the_original_plan(slalom, diagrams, tmp_path):
     plan = plan_route(slalom())
     save_plan(plan, tmp_path, name="slalom")
     path = tmp_path / "loop.yaml"
@@ -88,7 +88,7 @@ def test_a_saved_plan_is_flown_like_the_original_plan(slalom, diagrams, tmp_path
 
 
 @pytest.mark.slow
-def test_a_plan_made_in_python_is_flown(slalom, diagrams):
+def test_a_plan_created_in_python_can_be_flown(slalom, diagrams):
     scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
     plan = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
     flight = simulate(scenario, plan=plan)
@@ -98,7 +98,7 @@ def test_a_plan_made_in_python_is_flown(slalom, diagrams):
 
 
 @pytest.mark.slow
-def test_a_yaw_along_the_path_costs_little_accuracy(diagrams):
+def test_a_yaw_along_the_path_hardly_increases_the_tracking_error(diagrams):
     rmse = [
         simulate(load_scenario(diagrams / "figure_eight.yaml", [f"route.heading={heading}"])).metrics.rmse
         for heading in ("constant", "along_path")
@@ -106,7 +106,7 @@ def test_a_yaw_along_the_path_costs_little_accuracy(diagrams):
     assert max(rmse) < 0.03
 
 
-def test_a_trajectory_without_yaw_looks_along_x(slalom):
+def test_the_yaw_of_a_trajectory_without_yaw_is_zero(slalom):
     knots = "[{time: 0.5, position: [0, 0, 1]}, {time: 4, position: [1, 0, 1]}]"
     plan = plan_route(slalom(f"route={{kind: trajectory, knots: {knots}}}"))
     np.testing.assert_array_equal(plan.path.times, [0.5, 4.0])
@@ -124,7 +124,7 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
         ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
     ],
 )
-def test_a_route_that_is_impossible_to_fly_is_explained(slalom, override, words):
+def test_the_error_for_a_route_that_cannot_be_flown_gives_the_reason(slalom, override, words):
     with pytest.raises(InputError, match=words):
         plan_route(slalom(override))
 
@@ -149,7 +149,7 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
         (["nominal.min_rotor_speed=202"], 202.0),
     ],
 )
-def test_a_plan_keeps_the_narrower_of_the_limits_of_rotors_and_throttles(diagrams, overrides, limit):
+def test_a_plan_satisfies_the_stricter_of_the_rotor_speed_and_throttle_limits(diagrams, overrides, limit):
     """In hover, each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
     curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
     mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
@@ -162,7 +162,7 @@ def test_a_plan_keeps_the_narrower_of_the_limits_of_rotors_and_throttles(diagram
     assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{suffix}")
 
 
-def test_limits_of_the_throttle_become_rotor_speeds_by_the_mean_thrust_factor(diagrams):
+def test_throttle_limits_are_converted_to_rotor_speeds_with_the_mean_thrust_factor(diagrams):
     rotor_data = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
     rotor_data += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
     rotors = [
@@ -189,8 +189,8 @@ def test_rotor_speeds_of_a_vertical_oscillation_follow_from_weight_and_accelerat
     np.testing.assert_allclose(speeds, np.sqrt(thrust / (4.0 * 4.13e-5)) * np.ones((4, 1)), rtol=1e-9)
 
 
-def test_the_duration_of_a_flight_is_a_whole_number_of_ticks(diagrams):
-    """A tick is 20 ms, although a time step and a frame are 10 ms."""
+def test_the_flight_duration_is_a_whole_number_of_control_ticks(diagrams):
+    """In this scenario a tick takes 20 ms, but a time step and a frame take 10 ms."""
     for given_duration, duration in (
         (0.001, 0.02),
         (0.02, 0.02),
@@ -203,7 +203,7 @@ def test_the_duration_of_a_flight_is_a_whole_number_of_ticks(diagrams):
         assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
 
 
-def test_the_window_of_laps_ends_with_the_tick_after_the_last_lap(diagrams):
+def test_a_metric_window_of_laps_ends_with_the_tick_after_the_last_lap(diagrams):
     route = "route={kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4.01, laps: 3}"
 
     def window(*metrics):
@@ -218,7 +218,7 @@ def test_the_window_of_laps_ends_with_the_tick_after_the_last_lap(diagrams):
     assert window("metrics={first_lap: 2, end: 6.0}") == pytest.approx((4.01, 6.0))
 
 
-def test_a_trajectory_passes_its_knots_shifted_by_its_origin_and_slowed_by_its_time_scale(slalom):
+def test_origin_and_time_scale_shift_and_slow_the_knots_of_a_trajectory(slalom):
     """The time scale s divides the k-th derivative by sᵏ."""
     first_knot = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
     knots = [
@@ -254,7 +254,7 @@ def test_a_constant_yaw_lasts_from_the_beginning_to_the_end_of_the_path(diagrams
 
 
 def test_a_flight_takes_at_least_one_tick(diagrams):
-    """The trajectory of this test is much shorter than a tick."""
+    """The planned trajectory is much shorter than a tick."""
     knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
     scenario = load_scenario(
         diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]

@@ -1,4 +1,4 @@
-"""Tests of the report on limits and walls that are active along a path."""
+"""Tests of the list of limits and walls that are active along a path."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.reference.time_allocation import stretch_factor
 RISING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
 
 
-def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
+def test_the_speed_limit_is_active_in_the_middle_of_a_rest_to_rest_segment():
     limits = PathLimits(speed=2.1875)
     path = RISING_PATH.scaled_in_time(stretch_factor(RISING_PATH, limits))
     (binding,) = active_constraints(path, limits)
@@ -33,16 +33,16 @@ def test_a_wall_that_is_touched_between_waypoints_is_active():
     path = minimum_snap([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0.0, 1.0, 2.0])
     top = Box([-1.0, -1.0], [3.0, 1.0])
     actual = active_constraints(path, PathLimits(), (top, None))
-    # The path turns back at the waypoint, which belongs to both segments. Only the first segment has a corridor.
+    # The path turns back at the waypoint between two segments. Only the first segment has a corridor.
     assert all((binding.quantity, binding.location) == ("corridor", "y max") for binding in actual)
     assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 
 
-def test_nothing_is_active_below_the_limits():
+def test_no_constraint_is_active_on_a_path_below_the_limits():
     assert active_constraints(RISING_PATH, PathLimits(10.0, 10.0), (None,)) == []
 
 
-def test_active_constraints_are_in_order_of_time_with_their_segments():
+def test_active_constraints_are_sorted_by_time_and_name_their_segments():
     """The zigzag starts at 1 s. It turns back at walls on its first and third segments, and is fastest in between."""
     times = [1.0, 2.5, 3.0, 5.0]
     path = minimum_snap([[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], times)
@@ -62,7 +62,7 @@ def test_active_constraints_are_in_order_of_time_with_their_segments():
 
 
 @pytest.mark.parametrize(("fraction", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
-def test_a_margin_below_a_thousandth_counts_as_active(fraction, count):
+def test_a_limit_is_active_if_the_path_comes_within_a_thousandth_of_it(fraction, count):
     assert len(active_constraints(RISING_PATH, PathLimits(speed=2.1875 * fraction))) == count
     top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
     highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()

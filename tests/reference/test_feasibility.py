@@ -24,7 +24,7 @@ def check(path, **limits):
     )
 
 
-def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():
+def test_a_climb_violates_the_rotor_limit_where_its_acceleration_is_too_large():
     """In vertical flight, the rotor speeds are √(m (g + a) / 4b), so their limit also limits the acceleration."""
     assert check(CLIMBING_PATH) is None
     peak = 7.51319 * 1.0 / 2.0**2
@@ -37,7 +37,7 @@ def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():
     assert check(CLIMBING_PATH, max_rotor_speed=1.01 * speed) is None
 
 
-def test_a_too_small_rotor_speed_is_a_violation():
+def test_a_rotor_speed_below_the_idle_speed_is_a_violation():
     violation = check(CLIMBING_PATH, min_rotor_speed=190.0)
     assert violation.speed < 190.0
     assert violation.time > 1.0
@@ -55,7 +55,7 @@ def test_the_first_violation_has_the_earliest_time_and_the_lowest_rotor_number()
     assert first_violation(times, np.full((4, 3), 200.0), **limits) is None
 
 
-def test_samples_are_also_dense_on_short_segments():
+def test_short_segments_have_as_many_samples_as_long_ones():
     times = sample_times(minimum_snap([[0.0], [1.0], [2.0]], [1.0, 1.1, 9.0]))
     assert (times[0], times[-1]) == (1.0, 9.0)
     assert (np.diff(times) >= 0.0).all()

@@ -1,4 +1,4 @@
-"""Tests of the explanation why limits or corridors cannot be kept, and of the proposed remedy."""
+"""Tests of error messages that explain why a path is infeasible and propose a remedy."""
 
 import re
 
@@ -13,7 +13,7 @@ from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
 def problem(points, velocity=None, **more):
-    """Return a problem with stops at all waypoints, or with a velocity at waypoint 1."""
+    """Return a problem with stops at all waypoints, or with a given velocity at waypoint 1."""
     derivatives = np.zeros((len(points), 3, len(points[0])))
     if velocity is not None:
         derivatives = rest_at_ends(len(points), len(points[0]))
@@ -36,12 +36,12 @@ def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
 
 
 @pytest.mark.parametrize("speed", [2.19, 3.01, 40.7, 511.0, 0.0633])
-def test_values_with_three_digits_are_not_rounded_up(speed):
+def test_rounding_up_leaves_values_with_three_digits_unchanged(speed):
     asked = problem([[0.0], [16.0 / 35.0 * speed]], limits=PathLimits(speed=0.5 * speed))
     assert f"at least {speed:g} m/s is needed; flown " in explain_infeasibility(asked, np.ones(1))
 
 
-def test_the_smallest_feasible_factor_is_found_to_three_digits():
+def test_the_smallest_feasible_slow_down_is_found_to_three_digits():
     asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
     said = re.search(
@@ -53,7 +53,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
         path_within(asked, (factor - 0.011) * durations)
 
 
-def test_a_velocity_that_is_infeasible_in_slower_flights_is_reported():
+def test_a_given_velocity_that_is_infeasible_at_any_speed_is_reported():
     """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
@@ -63,15 +63,15 @@ def test_a_velocity_that_is_infeasible_in_slower_flights_is_reported():
     )
 
 
-def test_if_the_solver_fails_the_necessary_value_is_from_the_smoothest_path():
+def test_the_message_uses_the_smoothest_path_if_the_solver_fails():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.waypoints, limits=asked.limits)
     said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
     assert "at these times by the smoothest path " in said
 
 
-def test_the_necessary_width_of_a_corridor_is_reported():
-    """The reversed route must leave its second corridor by at least the same distance."""
+def test_the_message_states_by_how_much_a_corridor_must_be_wider():
+    """The route is also flown in reverse, where it must leave its second corridor by at least the same distance."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
@@ -89,8 +89,8 @@ def test_the_necessary_width_of_a_corridor_is_reported():
 
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
-def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(after):
-    """This also holds for a segment without free derivatives, whatever follows it."""
+def test_the_message_states_how_far_given_derivatives_lead_out_of_a_corridor(after):
+    """This also holds for a segment without free derivatives, even if further segments follow."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0

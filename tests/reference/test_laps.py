@@ -10,54 +10,56 @@ from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_co
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.time_allocation import trapezoid_times
 
-POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
-DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
+LAP_WAYPOINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
+SEGMENT_DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
 FREE_DERIVATIVES = np.full((5, 3, 3), np.nan)
 
 
 def closed_path(seam, derivatives=FREE_DERIVATIVES):
     given = derivatives.copy()
     given[[0, -1]] = seam
-    return MinimumSnap(POINTS, DURATIONS, given).path()
+    return MinimumSnap(LAP_WAYPOINTS, SEGMENT_DURATIONS, given).path()
 
 
-def test_the_motion_between_laps_agrees_with_the_middle_of_many_laps():
-    """There are 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
-    points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
+def test_motion_at_the_seam_agrees_with_the_middle_lap_of_a_long_path():
+    """The test plans 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
+    points, durations = np.vstack([LAP_WAYPOINTS, *[LAP_WAYPOINTS[1:]] * 23]), np.tile(SEGMENT_DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
-    middle = [12 * DURATIONS.sum()]
+    middle = [12 * SEGMENT_DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_boundary_derivatives(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
+    np.testing.assert_allclose(
+        periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6
+    )
 
 
-def test_the_motion_between_laps_has_the_minimum_snap():
-    seam = periodic_boundary_derivatives(POINTS, DURATIONS, FREE_DERIVATIVES)
+def test_no_other_motion_at_the_seam_has_less_snap():
+    seam = periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, FREE_DERIVATIVES)
     least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
             assert (snap_cost(closed_path(seam + side * change[:, np.newaxis])) > least).all()
 
 
-def test_given_derivatives_between_laps_are_kept():
+def test_derivatives_given_at_the_seam_of_laps_are_kept():
     stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
-    np.testing.assert_array_equal(periodic_boundary_derivatives(POINTS, DURATIONS, stop), 0.0)
+    np.testing.assert_array_equal(periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, stop), 0.0)
     still = FREE_DERIVATIVES.copy()
     still[-1, 0] = 0.25
-    seam = periodic_boundary_derivatives(POINTS, DURATIONS, still)
+    seam = periodic_boundary_derivatives(LAP_WAYPOINTS, SEGMENT_DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
     path = closed_path(seam)
     for order in (4, 5):
         np.testing.assert_allclose(
-            evaluate(path, [0.0], order), evaluate(path, [DURATIONS.sum() - 1e-9], order), atol=1e-4
+            evaluate(path, [0.0], order), evaluate(path, [SEGMENT_DURATIONS.sum() - 1e-9], order), atol=1e-4
         )
 
 
 @pytest.mark.parametrize("laps", [2, 5])
-def test_laps_begin_and_end_at_rest_and_are_equal_in_between(laps):
+def test_the_first_lap_starts_and_the_last_ends_at_rest_and_middle_laps_are_equal(laps):
     lead = np.array([[0.2, -0.1, 0.0]])
-    durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, 1.2 * DURATIONS[::-1])
-    path, starts = path_of_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
+    durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), SEGMENT_DURATIONS, 1.2 * SEGMENT_DURATIONS[::-1])
+    path, starts = path_of_laps(np.vstack([lead, LAP_WAYPOINTS]), durations, laps, lead=1)
     assert starts[0] == 1.5
     assert len(starts) == laps + 1
     np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 2) + [7.2])
@@ -73,10 +75,10 @@ def test_laps_begin_and_end_at_rest_and_are_equal_in_between(laps):
                 evaluate(path, start + elapsed, order), evaluate(path, starts[1] + elapsed, order), atol=1e-9
             )
     assert np.linalg.norm(evaluate(path, [starts[1]], 1)) > 0.2
-    np.testing.assert_allclose(evaluate(path, starts, 0), np.repeat(POINTS[:1], laps + 1, axis=0).T, atol=1e-12)
+    np.testing.assert_allclose(evaluate(path, starts, 0), np.repeat(LAP_WAYPOINTS[:1], laps + 1, axis=0).T, atol=1e-12)
 
 
-SQUARE = "waypoints: [[0, 0, 1], [1, 0, 1.2], [1, 1.5, 1], [0, 0, 1]]"
+LAP_WAYPOINTS_YAML = "waypoints: [[0, 0, 1], [1, 0, 1.2], [1, 1.5, 1], [0, 0, 1]]"
 
 
 def route(diagrams, text, *more):
@@ -87,12 +89,12 @@ def route(diagrams, text, *more):
     "text",
     [
         "kind: figure_eight, laps: 4",
-        f"kind: waypoints, laps: 4, {SQUARE}",
-        f"kind: waypoints, laps: 4, times: heuristic, heading: along_path, {SQUARE}",
-        f"kind: waypoints, laps: 4, times: [1, 5, 8, 13], {SQUARE}",
+        f"kind: waypoints, laps: 4, {LAP_WAYPOINTS_YAML}",
+        f"kind: waypoints, laps: 4, times: heuristic, heading: along_path, {LAP_WAYPOINTS_YAML}",
+        f"kind: waypoints, laps: 4, times: [1, 5, 8, 13], {LAP_WAYPOINTS_YAML}",
     ],
 )
-def test_closed_routes_are_flown_in_laps_within_their_limits(diagrams, text):
+def test_laps_of_closed_routes_satisfy_the_limits(diagrams, text):
     plan = plan_route(route(diagrams, text))
     first, *between, last = np.diff(plan.lap_times)
     assert between == pytest.approx([between[0]] * 2)
@@ -101,7 +103,7 @@ def test_closed_routes_are_flown_in_laps_within_their_limits(diagrams, text):
     assert speed <= 2.0 * (1.0 + 1e-9)
     assert acceleration <= 0.7 * (1.0 + 1e-9)
     if "times: [" not in text:
-        # A lap without a stop does not take longer than a lap with a stop.
+        # A lap without stops takes no longer than a lap with a stop.
         assert between[0] <= min(first, last) * (1.0 + 1e-12)
         assert max(speed / 2.0, acceleration / 0.7) == pytest.approx(1.0)
     assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
@@ -114,17 +116,17 @@ def test_three_laps_of_the_figure_eight_have_a_trapezoidal_profile_scaled_to_the
     np.testing.assert_allclose(stretched, stretched[0], rtol=1e-9)
 
 
-def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
-    stopping = SQUARE.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
+def test_the_vehicle_rests_between_laps_if_the_last_waypoint_is_a_stop(diagrams):
+    stopping = LAP_WAYPOINTS_YAML.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, {stopping}"))
     for order in (1, 2, 3):
         np.testing.assert_allclose(evaluate(plan.path, plan.lap_times, order), 0.0, atol=1e-9)
-    once = plan_route(route(diagrams, f"kind: waypoints, {SQUARE}"))
+    once = plan_route(route(diagrams, f"kind: waypoints, {LAP_WAYPOINTS_YAML}"))
     np.testing.assert_allclose(np.diff(plan.lap_times), once.duration, rtol=1e-3)
 
 
-def test_with_given_times_the_vehicle_stays_at_a_repeated_waypoint(diagrams):
-    """This also holds for the waypoint at which laps begin. The flight begins at its given time."""
+def test_the_vehicle_stays_at_a_repeated_waypoint_if_times_are_given(diagrams):
+    """This also holds for the waypoint at which laps begin."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
@@ -141,7 +143,7 @@ def test_legs_and_yaws_are_repeated_in_each_lap(diagrams):
     climbs = [leg.first for leg in eight.legs if leg.name == "climb"]
     np.testing.assert_allclose(eight.path.times[climbs], eight.lap_times[:-1])
     assert len(eight.legs) == 1 + 3 * 7
-    turning = SQUARE.replace("[1, 0, 1.2]", "{point: [1, 0, 1.2], yaw: 0.7}").replace(
+    turning = LAP_WAYPOINTS_YAML.replace("[1, 0, 1.2]", "{point: [1, 0, 1.2], yaw: 0.7}").replace(
         "[0, 0, 1]]", "{point: [0, 0, 1], yaw: -0.2}]"
     )
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, heading: waypoints, {turning}"))
@@ -150,7 +152,7 @@ def test_legs_and_yaws_are_repeated_in_each_lap(diagrams):
     np.testing.assert_allclose(evaluate(plan.yaw, passed)[0], 0.7, atol=1e-9)
 
 
-def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagrams):
+def test_circles_and_lissajous_figures_have_several_laps_and_other_routes_have_one(diagrams):
     circle = plan_route(route(diagrams, "kind: circle, laps: 3"))
     np.testing.assert_allclose(circle.path.waypoints[[0, 8, 16, 24]], np.tile([1.5, 0.0, 1.0], (4, 1)), atol=1e-12)
     np.testing.assert_allclose(circle.lap_times, circle.path.times[[0, 8, 16, 24]])
@@ -165,13 +167,19 @@ def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagr
     [
         ("laps: 2, waypoints: [[0, 0, 1], [1, 0, 1]]", "laps is 2, but must be 1, since the route does not end"),
         (
-            f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {SQUARE}",
+            f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {LAP_WAYPOINTS_YAML}",
             "space .*must be left out: it cannot be",
         ),
-        (f"laps: 2, times: {{kind: minimum_snap, duration: 9}}, {SQUARE}", "must be fixed, heuristic or minimum_time"),
-        (f"laps: 2, {SQUARE.replace('[1, 0, 1.2]', '{point: [1, 0, 1], velocity: [1, 0, 0]}')}", "velocity .*left out"),
-        (f"laps: 2, times: [0, 1, 2, 3], {SQUARE}", "the (path|segment|times|limits)|too"),
-        (f"laps: 0, {SQUARE}", "laps is 0"),
+        (
+            f"laps: 2, times: {{kind: minimum_snap, duration: 9}}, {LAP_WAYPOINTS_YAML}",
+            "must be fixed, heuristic or minimum_time",
+        ),
+        (
+            f"laps: 2, {LAP_WAYPOINTS_YAML.replace('[1, 0, 1.2]', '{point: [1, 0, 1], velocity: [1, 0, 0]}')}",
+            "velocity .*left out",
+        ),
+        (f"laps: 2, times: [0, 1, 2, 3], {LAP_WAYPOINTS_YAML}", "the (path|segment|times|limits)|too"),
+        (f"laps: 0, {LAP_WAYPOINTS_YAML}", "laps is 0"),
     ],
 )
 def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, text, words):
@@ -181,7 +189,7 @@ def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, tex
 
 
 def test_metrics_can_start_at_a_later_lap(diagrams):
-    """The metrics cover the flight from the start of this lap on."""
+    """The metrics cover the part of the flight from the start of this lap."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
     later, since, whole = (
         simulate(route(diagrams, lap, *window)).metrics.rmse
@@ -203,8 +211,8 @@ def test_metrics_cannot_start_at_a_lap_that_does_not_exist(diagrams, window, wor
 
 
 @pytest.mark.parametrize(("fraction", "fits"), [(1.0, True), (1.0 / 1.2, False)])
-def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessary_factor(diagrams, fraction, fits):
-    given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {SQUARE}, top_acceleration: null, top_speed: "
+def test_the_error_for_lap_times_that_violate_a_limit_gives_the_necessary_factor(diagrams, fraction, fits):
+    given = f"kind: waypoints, laps: 3, times: [1, 5, 8, 13], {LAP_WAYPOINTS_YAML}, top_acceleration: null, top_speed: "
     fastest = float(peak_norm(plan_route(route(diagrams, given + "null")).path, 1))
     limited = given + repr(fraction * fastest)
     if fits:
@@ -214,7 +222,7 @@ def test_given_times_of_laps_that_violate_a_limit_are_rejected_with_the_necessar
             plan_route(route(diagrams, limited))
 
 
-def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
+def test_a_stop_applies_to_the_same_waypoint_in_every_lap_and_to_no_other(diagrams):
     for number in (1, 2):
         points = ["[0, 0, 1]", "[1, 0, 1.2]", "[1, 1.5, 1]", "[0, 0, 1]"]
         points[number] = f"{{point: {points[number]}, stop: true}}"
@@ -233,7 +241,7 @@ def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
         ("[0, 0, 1], [1, 0, 1], [0.5, 1, 1], [0, 1, 1], [0, 0, 1], [0, 0, 1]", True),
     ],
 )
-def test_the_vehicle_rests_between_laps_only_if_it_stays_there(diagrams, points, rests):
+def test_the_vehicle_rests_between_laps_only_if_it_stays_at_the_first_waypoint(diagrams, points, rests):
     given = "times: [0, 4, 5, 9, 10, 14], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, waypoints: [{points}]"))
     speed = np.linalg.norm(evaluate(plan.path, [14.0], 1))

@@ -25,6 +25,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, evaluate_at
 from drake_quad.reference.time_optimization import minimum_snap_durations
 
+# Waypoints (m), times (s) and exact cost (m²/s⁷) of one-dimensional paths.
 EXACT_COSTS = [
     ([0, 1.7], [0, 1.3], 100800 * 1.7**2 / 1.3**7),
     ([0, 1, 0], [0, 1, 2], 32256),
@@ -41,12 +42,12 @@ def program(waypoints, times):
     return MinimumSnapProgram(problem, np.diff(times)).solve()._replace(times=np.array(times))
 
 
-PLANNERS = {"fast path": minimum_snap, "program": program}
+PLANNERS = {"closed form": minimum_snap, "program": program}
 planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys())
 
 
 def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
-    """Return the largest jump of a time derivative at the waypoints, and its largest value there."""
+    """Return the largest jump of a time derivative at the waypoints, and the largest value of this derivative there."""
     every = np.arange(len(path.coefficients))
     ends = [evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0)]
     return np.abs(ends[0][:-1] - ends[1][1:]).max(initial=0.0), np.abs(ends).max()
@@ -54,12 +55,12 @@ def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
 
 @planners
 @pytest.mark.parametrize(("waypoints", "times", "cost"), EXACT_COSTS)
-def test_costs_are_exact(plan, waypoints, times, cost):
+def test_minimum_snap_costs_equal_exact_values(plan, waypoints, times, cost):
     path = plan(np.array(waypoints)[:, np.newaxis], times)
     assert snap_cost(path)[0] == pytest.approx(cost, rel=1e-8)
 
 
-def test_rest_to_rest_is_the_known_polynomial_with_its_known_peaks():
+def test_a_rest_to_rest_segment_is_the_known_polynomial_with_known_peaks():
     path = minimum_snap([[0.0], [2.0]], [1.0, 4.0])
     np.testing.assert_allclose(path.coefficients[0, :, 0] / 2.0, [0, 0, 0, 0, 35, -84, 70, -20], atol=1e-12)
     times = np.linspace(1.0, 4.0, 100_001)
@@ -106,7 +107,7 @@ def test_short_segments_next_to_long_ones_are_accurate(plan, durations):
 
 @given(st.integers(1, 10), st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_closed_form_and_program_agree(segments, seed):
+def test_the_closed_form_and_the_program_give_the_same_path(segments, seed):
     rng = np.random.default_rng(seed)
     waypoints = rng.normal(size=(segments + 1, 2))
     times = np.cumsum(rng.uniform(0.3, 3.0, segments + 1))
@@ -123,7 +124,7 @@ def test_doubling_all_times_divides_the_cost_by_128():
 
 
 def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
-    """Random smooth detours only increase the cost. They and their first three derivatives vanish at the waypoints."""
+    """Random smooth detours increase the cost. They vanish at the waypoints, as do their first three derivatives."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
@@ -140,7 +141,7 @@ def test_the_path_has_the_minimum_cost_of_all_paths_through_the_waypoints():
         assert cost > snap_cost(best)[0]
 
 
-def test_the_path_can_be_converted_to_a_trajectory_of_drake():
+def test_a_path_can_be_converted_to_a_drake_trajectory():
     waypoints, times = np.random.default_rng(1).normal(size=(7, 3)), np.array([1.0, 2.0, 2.2, 4.0, 5.0, 8.0, 8.5])
     path = minimum_snap(waypoints, times)
     trajectory = to_piecewise_polynomial(path)
@@ -185,7 +186,7 @@ def test_invalid_derivatives_are_rejected_with_the_reason(derivatives, words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
 
 
-def test_the_quadratic_form_has_integers_and_no_cost_for_rest():
+def test_the_cost_matrix_consists_of_integers_and_rest_has_no_cost():
     np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
     np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
     assert BOUNDARY_FORM[0, 0] == 100_800.0
@@ -195,7 +196,7 @@ def test_the_unit_of_time_at_a_waypoint_is_the_duration_of_its_shorter_segment()
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 
-def test_a_repeated_contact_acts_like_a_single_contact():
+def test_repeating_a_contact_does_not_change_the_path():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
@@ -208,14 +209,14 @@ def test_a_repeated_contact_acts_like_a_single_contact():
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
-    """These are the gradients of the cost and of the complete path with respect to the durations."""
+    """The gradients are those of the cost and of the complete path with respect to the durations."""
     rng = np.random.default_rng(seed)
     points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
     derivatives = rest_at_ends(segments + 1, 3)
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    # With one contact for each segment and axis, contacts cannot contradict each other.
+    # There is one contact for each segment and axis, so contacts cannot contradict each other.
     places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
     contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
     if given_motion:
@@ -241,7 +242,7 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
 
 
 def test_contacts_do_not_change_a_path_without_free_derivatives():
-    """The derivatives of the cost equal those without contacts."""
+    """The derivatives of the cost are the same with and without contacts."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
     free, held = (
@@ -285,7 +286,8 @@ def test_given_derivatives_are_kept_and_free_ones_are_optimal():
     velocity, acceleration = (evaluate(path, path.times, order).T for order in (1, 2))
     np.testing.assert_allclose(velocity[[0, 2, 5]], [[0, 0, 0], [1, -2, 0.5], [0.3, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(acceleration[[0, 5]], [[0, 0, 0], [0, 0.1, 0]], atol=1e-12)
-    # Where the derivative of order k is free, the derivative of order 7 - k is continuous, or zero at an end.
+    # If the derivative of order k is free at a waypoint, the derivative of order 7 - k is continuous there, or zero at
+    # an end.
     every = np.arange(5)
     for order, free in ((4, [1, 2, 3, 4]), (5, [1, 2, 3, 4]), (6, [1, 3, 4])):
         before = evaluate_at(path, every, np.ones(5), order)[:-1]
@@ -314,7 +316,7 @@ def test_a_derivative_must_be_given_on_all_axes_or_on_none():
 
 
 def other_plan(waypoints, times):
-    """Return the plan of minsnap_trajectories with zero jerk at the ends, as in this library."""
+    """Plan with minsnap_trajectories, with zero jerk at both ends as in this library."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
     references = [
@@ -325,7 +327,7 @@ def other_plan(waypoints, times):
 
 
 def other_cost(trajectory, times):
-    """Return the cost by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
+    """Return the cost of that plan by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
     instants = times[:-1, np.newaxis] + half[:, np.newaxis] * (nodes + 1.0)
@@ -334,7 +336,7 @@ def other_cost(trajectory, times):
 
 
 @pytest.mark.slow
-def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less():
+def test_another_planner_finds_the_same_cost_and_optimised_times_reduce_it():
     for seed in range(100):
         rng = np.random.default_rng(seed)
         segments = int(rng.integers(1, 9))

@@ -27,7 +27,7 @@ def points(array):
 
 
 def dense_samples(path, order=0, count=400):
-    """Return samples (segments, count, axes) of a derivative."""
+    """Return dense samples (segments, count, axes) of a derivative of a path."""
     s = np.linspace(0.0, 1.0, count)
     every = np.repeat(np.arange(len(path.coefficients)), count)
     return evaluate_at(path, every, np.tile(s, len(path.coefficients)), order).reshape(
@@ -50,7 +50,7 @@ def random_route(seed, segments):
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
 @example(999999999, 9, 0.8623080172107366)  # infeasible, but the solver cannot prove it
 @settings(max_examples=30, deadline=None)
-def test_limits_are_kept_everywhere_and_attained(seed, segments, fraction):
+def test_a_path_satisfies_the_limits_at_all_times_and_attains_one(seed, segments, fraction):
     waypoints, durations = random_route(seed, segments)
     free = MinimumSnap(waypoints, durations).path()
     peaks = {order: peak_norm(free, order) for order in (1, 2)}
@@ -73,7 +73,7 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, fraction):
 def test_an_independent_optimiser_finds_the_same_constrained_path():
     """For one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint.
 
-    Its constraints are evaluated on a dense grid.
+    SLSQP evaluates the constraints on a dense grid.
     """
     waypoints, durations, limit = np.array([[0.0], [1.0], [0.5]]), np.array([1.0, 1.0]), 5.0
     free = MinimumSnap(waypoints, durations).path()
@@ -106,7 +106,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(0.05, 0.3))
 @settings(max_examples=30, deadline=None)
-def test_corridors_are_kept_everywhere(seed, segments, margin):
+def test_a_path_stays_in_its_corridors_at_all_times(seed, segments, margin):
     waypoints, durations = random_route(seed, segments)
     low = np.minimum(waypoints[:-1], waypoints[1:]) - margin
     high = np.maximum(waypoints[:-1], waypoints[1:]) + margin
@@ -131,12 +131,12 @@ def test_a_path_in_a_corridor_without_height_is_level():
     np.testing.assert_allclose(dense_samples(path)[:2, :, 2], 1.0, atol=1e-12)
 
 
-def test_a_path_passes_a_waypoint_on_a_wall_parallel_to_the_wall():
+def test_at_a_waypoint_on_a_wall_the_path_is_parallel_to_the_wall():
     waypoints = np.array([[0.0, 0.5], [1.0, 0.0], [2.0, 0.5]])
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
     path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
     assert dense_samples(path)[:, :, 1].min() >= -1e-6
-    # The remaining depth v² / 2a beyond the wall is within the tolerance of the corridor.
+    # The remaining excess beyond the wall, v² / 2a, is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 
 
@@ -174,8 +174,8 @@ def test_a_user_defined_constraint_can_be_added(order):
 @pytest.mark.parametrize(
     ("slack", "fraction"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
-def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, fraction):
-    """This scaling holds for any durations, so the coefficients of the program have similar magnitudes."""
+def test_a_unit_change_of_any_variable_adds_about_the_cost_of_the_path(slack, fraction):
+    """This holds for any durations, so the coefficients of the program have similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -187,7 +187,7 @@ def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, fraction
     np.testing.assert_allclose(list(costs.values()), fraction, rtol=1e-9)
 
 
-def test_points_within_limits_are_planned_in_closed_form():
+def test_a_path_through_points_within_limits_needs_no_solver():
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     limits = PathLimits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
@@ -233,7 +233,7 @@ def test_a_corridor_without_height_reduces_a_sphere_to_a_circle():
     np.testing.assert_array_equal(stuck.waypoints, [[2.0, 0.9, 1.0]] * 2)
 
 
-def test_after_a_corridor_without_height_a_path_is_free_again():
+def test_a_path_may_change_its_height_after_a_corridor_without_height():
     waypoints, durations = random_route(2, 4)
     waypoints[1, 2] = waypoints[0, 2]
     flat = Box(
@@ -246,7 +246,7 @@ def test_after_a_corridor_without_height_a_path_is_free_again():
     np.testing.assert_allclose(path.coefficients[:, :, 2:], heights.coefficients, atol=1e-6)
 
 
-def test_the_scale_of_corridors_does_not_matter():
+def test_scaling_a_problem_with_corridors_scales_its_path():
     waypoints, durations = random_route(8, 5)
     low, high = np.minimum(waypoints[:-1], waypoints[1:]) - 0.1, np.maximum(waypoints[:-1], waypoints[1:]) + 0.1
 
@@ -260,7 +260,7 @@ def test_the_scale_of_corridors_does_not_matter():
 
 
 @pytest.mark.parametrize("slack", list(RelaxedBounds))
-def test_an_unnecessary_slack_is_zero_and_the_path_is_the_smoothest(slack):
+def test_a_feasible_problem_with_slack_has_zero_slack_and_the_smoothest_path(slack):
     waypoints, durations = random_route(3, 4)
     free = MinimumSnap(waypoints, durations).path()
     limits = PathLimits(speed=3.0 * peak_norm(free, 1), acceleration=3.0 * peak_norm(free, 2))
@@ -281,8 +281,8 @@ def test_impossible_constraints_are_infeasible():
         path_within(double, np.array([0.9, 0.9]))
 
 
-def test_bounds_that_a_fixed_path_violates_are_infeasible():
-    """The path from rest to rest has no free derivatives, and is in the middle at half time."""
+def test_a_program_is_infeasible_if_a_path_without_freedom_violates_a_bound():
+    """A rest-to-rest path with one segment has no free derivatives, and is in the middle at half time."""
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
     program.bound_position(0, 0.5, 0, 1.9, 2.1)
     program.bound_position(0, 0.5, 1, 1.9, 2.1)
@@ -291,7 +291,7 @@ def test_bounds_that_a_fixed_path_violates_are_infeasible():
             program.bound_position(0, 0.5, axis, low, high)
 
 
-def test_bounds_that_a_fixed_axis_violates_are_infeasible():
+def test_a_program_is_infeasible_if_an_axis_without_freedom_violates_a_bound():
     """In a corridor without height, the height is fixed although another axis is free."""
     waypoints, flat = [[0.0, 1.0], [2.0, 1.0], [3.0, 1.0]], Box([-9.0, 1.0], [9.0, 1.0])
     program = MinimumSnapProgram(PathProblem(points(waypoints), corridors=[flat] * 2), np.array([2.0, 1.0]))
@@ -320,7 +320,7 @@ def test_an_infeasible_program_is_reported_as_infeasible():
         planned.solve()
 
 
-def test_the_solver_is_called_again_with_a_larger_tolerance_without_a_remark(monkeypatch):
+def test_the_solver_is_silently_called_again_with_a_larger_tolerance(monkeypatch):
     asked, levels = [], []
 
     class Refusal:
@@ -341,7 +341,7 @@ def test_the_solver_is_called_again_with_a_larger_tolerance_without_a_remark(mon
     assert levels == [logging.WARNING] * 3
 
 
-def test_the_number_of_rounds_is_limited(monkeypatch):
+def test_the_number_of_rounds_with_additional_bounds_is_limited(monkeypatch):
     monkeypatch.setattr(minimum_snap_program, "_MAX_ROUNDS", 1)
     waypoints, durations = random_route(5, 4)
     limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
@@ -381,7 +381,7 @@ def test_the_excess_over_limits_is_the_smallest_possible():
 
 
 def test_a_failure_of_the_solver_raises_an_error(monkeypatch):
-    """The solver is limited to one step."""
+    """The solver fails because it may take only one step."""
 
     class OneStep(ClarabelSolver):
         def Solve(self, program, guess, options):

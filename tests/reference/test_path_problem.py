@@ -1,4 +1,4 @@
-"""Tests of the parts of a path problem and of the checks of its input."""
+"""Tests of path problems: their properties, and the checks of their input."""
 
 import math
 
@@ -8,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 
-POINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
+WAYPOINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
 
 VELOCITY_ALONG_X = np.zeros((3, 3, 3))
 VELOCITY_ALONG_X[1, 1] = [2.0, 0.0, 0.0]
@@ -25,7 +25,7 @@ def around(low, high):
     return Box(low, high)
 
 
-def test_a_box_and_its_nearest_points():
+def test_properties_of_a_box_agree_with_its_corners():
     box = Box([0.0, -2.0], [4.0, 1.0])
     np.testing.assert_array_equal(box.centre, [2.0, -0.5])
     np.testing.assert_array_equal(box.nearest(np.array([5.0, 0.0])), [4.0, 0.0])
@@ -46,17 +46,17 @@ def test_the_nearest_point_of_a_sphere_is_on_the_line_to_its_centre():
     np.testing.assert_array_equal(sphere.nearest(np.array([1.2, 0.9])), [1.2, 0.9])
 
 
-def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
-    problem = PathProblem(POINTS)
+def test_a_problem_has_rest_at_both_ends_and_no_limits_by_default():
+    problem = PathProblem(WAYPOINTS)
     np.testing.assert_array_equal(np.isnan(problem.derivatives).all(axis=(1, 2)), [False, True, False])
     assert not np.nan_to_num(problem.derivatives).any()
     assert (problem.corridors, problem.limits.by_order, problem.segments) == ((None, None), {}, 2)
     assert problem.stretchable
-    assert not PathProblem(POINTS, derivatives=VELOCITY_ALONG_X).stretchable
+    assert not PathProblem(WAYPOINTS, derivatives=VELOCITY_ALONG_X).stretchable
     assert PathLimits(acceleration=3.0).by_order == {2: 3.0}
     assert PathLimits(speed=3.0).by_order == {1: 3.0}
     limited = PathProblem(
-        POINTS, derivatives=VELOCITY_ALONG_X, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
+        WAYPOINTS, derivatives=VELOCITY_ALONG_X, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
     )
     unlimited = limited.without_limits()
     assert unlimited.limits.by_order == {}
@@ -66,7 +66,7 @@ def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
 
 def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
     corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
-    places = [Box([-5, 0, 0], [5, 0, 0]), POINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
+    places = [Box([-5, 0, 0], [5, 0, 0]), WAYPOINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
     problem = PathProblem(places, corridors=corridors)
     np.testing.assert_array_equal([problem.room(0).low[0], problem.room(0).high[0]], [-1.0, 2.0])
     np.testing.assert_array_equal([problem.room(2).low[0], problem.room(2).high[0]], [1.0, 2.5])
@@ -76,38 +76,41 @@ def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
 def test_feasible_problems_are_accepted():
     """The examples are a velocity along a flat corridor, a velocity at its limit, and nested regions."""
     flat = around([2, 0, 0], [2, 2, 0])
-    PathProblem(POINTS, derivatives=VELOCITY_ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
-    PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])
+    PathProblem(WAYPOINTS, derivatives=VELOCITY_ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
+    PathProblem([WAYPOINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), WAYPOINTS[2]])
 
 
-def test_the_room_of_a_waypoint_is_the_intersection_of_its_region_and_corridors():
+def test_a_waypoint_may_lie_in_the_intersection_of_its_region_and_corridors():
     corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
-    problem = PathProblem([POINTS[0], Box([1, -2, 0], [4, 2, 0]), POINTS[2]], corridors=corridors)
+    problem = PathProblem([WAYPOINTS[0], Box([1, -2, 0], [4, 2, 0]), WAYPOINTS[2]], corridors=corridors)
     np.testing.assert_array_equal(problem.room(1).low, [1.0, -0.5, 0.0])
     np.testing.assert_array_equal(problem.room(1).high, [2.5, 1.0, 0.0])
     np.testing.assert_array_equal(problem.representatives()[1], [2.5, 0.0, 0.0])
-    free = PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5), POINTS[2]])
+    free = PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5), WAYPOINTS[2]])
     assert free.room(1) is None
     np.testing.assert_array_equal(free.representatives()[1], [1.0, 1.0, 1.0])
 
 
-def test_only_points_without_corridors_are_planned_in_closed_form():
-    assert PathProblem(POINTS).passes_points
-    assert not PathProblem(POINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
-    assert not PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
-    assert not PathProblem([POINTS[0], Box([2, 0, 0], [2, 1, 0])]).passes_points
+def test_a_problem_has_a_closed_form_only_if_it_has_points_and_no_corridors():
+    assert PathProblem(WAYPOINTS).passes_points
+    assert not PathProblem(WAYPOINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
+    assert not PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
+    assert not PathProblem([WAYPOINTS[0], Box([2, 0, 0], [2, 1, 0])]).passes_points
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"waypoints": POINTS[:1]}, "two or more waypoints"),
+        ({"waypoints": WAYPOINTS[:1]}, "two or more waypoints"),
         ({"waypoints": []}, "two or more waypoints"),
-        ({"waypoints": [POINTS[0], Box.point([1.0])]}, "same dimension"),
+        ({"waypoints": [WAYPOINTS[0], Box.point([1.0])]}, "same dimension"),
         ({"waypoints": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box .Box.point for a point., a Sphere or a Polytope"),
-        ({"waypoints": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart; make them equal"),
         (
-            {"waypoints": [POINTS[0], Box.point([1e150, 0, 0])]},
+            {"waypoints": [WAYPOINTS[0], Box.point([1e-7, 0, 0])]},
+            "waypoints 0 and 1 are 1e-07 m apart; make them equal",
+        ),
+        (
+            {"waypoints": [WAYPOINTS[0], Box.point([1e150, 0, 0])]},
             "waypoint 1, .* is farther than 100000 m from the origin",
         ),
         ({"derivatives": np.full((3, 3, 3), np.inf)}, "must be finite on all axes or NaN on all axes"),
@@ -136,21 +139,21 @@ def test_only_points_without_corridors_are_planned_in_closed_form():
         ),
         (
             {
-                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
+                "waypoints": [WAYPOINTS[0], Sphere([2, 0, 0], 0.2), WAYPOINTS[2]],
                 "corridors": [around([-1, -1, -1], [3, 3, 1]), around([1, 1, -1], [3, 3, 1])],
             },
             "waypoint 1, the sphere of 0.2 m around .* lies outside the corridor of segment 1.*0.8 m apart on y",
         ),
         (
             {
-                "waypoints": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
+                "waypoints": [WAYPOINTS[0], Sphere([2, 0.5, 0], 0.6), WAYPOINTS[2]],
                 "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
             },
             "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
         ),
         (
             {
-                "waypoints": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
+                "waypoints": [WAYPOINTS[0], Sphere([2, 0, 0], 0.5), WAYPOINTS[2]],
                 "corridors": [None, around([2.4, 0.4, 0], [3, 3, 0])],
             },
             r"corridor of segment 1, the box from \(2.4, 0.4, 0\) to \(3, 3, 0\) m$",
@@ -174,7 +177,7 @@ def test_only_points_without_corridors_are_planned_in_closed_form():
 )
 def test_infeasible_problems_are_rejected_with_the_reason(arguments, words):
     with pytest.raises(InputError, match=words):
-        PathProblem(**{"waypoints": POINTS, **arguments})
+        PathProblem(**{"waypoints": WAYPOINTS, **arguments})
 
 
 @pytest.mark.parametrize(
@@ -198,4 +201,4 @@ def test_invalid_parts_of_a_problem_are_rejected(make, words):
 
 def test_a_start_must_have_a_position_for_each_waypoint():
     with pytest.raises(InputError, match=r"the start has the shape \(2, 3\), but must have \(3, 3\)"):
-        PathProblem(waypoints=POINTS, start=np.zeros((2, 3)))
+        PathProblem(waypoints=WAYPOINTS, start=np.zeros((2, 3)))

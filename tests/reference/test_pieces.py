@@ -23,16 +23,16 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.files.loading import load_mission
 
-PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
-# The yaw and the path have different knots.
-YAW = hermite_path(
+POSITION_PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
+# Yaw and position have different knots.
+YAW_PATH = hermite_path(
     np.array([0.0, 1.1, 1.7, 4.4, 5.2]), np.array([[[0.3], [0.0]], [[0.8], [0.2]], *[[[1.0], [-0.3]]] * 3])
 )
-PLAN = Plan(PATH, YAW)
+EXAMPLE_PLAN = Plan(POSITION_PATH, YAW_PATH)
 
 # Pieces from rest to rest over a metre and back, with six decimals as in files of uav_trajectories.
 ZEROS = ",".join(["0.000000"] * 16)
-ROUND_TRIP = f"""\
+ROUND_TRIP_CSV = f"""\
 # {",".join(COLUMNS)}
 2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{ZEROS},{",".join(["0.000000"] * 8)}
 
@@ -50,7 +50,7 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that position, derivatives up to snap, and yaw agree, within `atol` relative to the largest values."""
+    """Assert that position to snap and yaw of two plans agree, within `atol` relative to the largest values."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
@@ -60,15 +60,15 @@ def assert_alike(one, other, start=0.0, atol=1e-12):
 
 
 def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
-    again = plan_route(load_mission(save_pieces(PLAN, tmp_path / "mine.csv")))
-    assert_alike(PLAN, again)
-    # A piece ends at each knot of the path or the yaw, such as 1.1 s and 4.4 s, which are only knots of the yaw.
+    again = plan_route(load_mission(save_pieces(EXAMPLE_PLAN, tmp_path / "mine.csv")))
+    assert_alike(EXAMPLE_PLAN, again)
+    # A piece ends at each knot of position or yaw. The knots at 1.1 s and 4.4 s are knots of the yaw only.
     np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
 
 
 def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
-    """Crazyswarm2 uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)`, with the lowest power first."""
-    file = save_pieces(PLAN, tmp_path / "mine.csv")
+    """Crazyswarm2 uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)`. The lowest power comes first."""
+    file = save_pieces(EXAMPLE_PLAN, tmp_path / "mine.csv")
     assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
     assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
     rows = np.loadtxt(file, delimiter=",", skiprows=1)
@@ -76,23 +76,23 @@ def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
     start = 0.0
     for duration, *numbers in rows:
         polynomials = np.reshape(numbers, (4, 8))[:, ::-1]
-        expected = np.vstack([evaluate(PATH, [start + 0.3]), evaluate(YAW, [start + 0.3])])[:, 0]
+        expected = np.vstack([evaluate(POSITION_PATH, [start + 0.3]), evaluate(YAW_PATH, [start + 0.3])])[:, 0]
         np.testing.assert_allclose([np.polyval(each, 0.3) for each in polynomials], expected, atol=1e-12)
         start += duration
 
 
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
-def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
+def test_pieces_whose_yaws_differ_by_whole_turns_are_continuous(turns):
     """Other programs write yaw angles from -π to π."""
-    rows = pieces_of(PLAN)
+    rows = pieces_of(EXAMPLE_PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
     again = plan_of_pieces(rows)
-    first = PolynomialPath(YAW.times, YAW.coefficients + 2.0 * np.pi * turns[0] * np.eye(1, 4).T)
-    assert_alike(Plan(PATH, first), again)
+    first = PolynomialPath(YAW_PATH.times, YAW_PATH.coefficients + 2.0 * np.pi * turns[0] * np.eye(1, 4).T)
+    assert_alike(Plan(POSITION_PATH, first), again)
 
 
 @pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
-def test_the_yaw_is_continuous_where_the_yaw_of_a_file_wraps(write, before):
+def test_the_yaw_is_continuous_even_if_the_yaw_in_a_file_wraps(write, before):
     after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
     text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
     plan = plan_route(load_mission(write(text)))
@@ -102,7 +102,7 @@ def test_the_yaw_is_continuous_where_the_yaw_of_a_file_wraps(write, before):
 
 
 def test_a_plan_that_begins_later_hovers_until_then():
-    later = Plan(PATH._replace(times=PATH.times + 0.5), YAW._replace(times=YAW.times + 0.5))
+    later = Plan(POSITION_PATH._replace(times=POSITION_PATH.times + 0.5), YAW_PATH._replace(times=YAW_PATH.times + 0.5))
     again = plan_of_pieces(pieces_of(later))
     assert again.path.times[0] == 0.0
     assert_alike(later, again, start=0.5)
@@ -120,9 +120,9 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
         pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 
-def test_a_file_of_other_programs_is_read(write):
+def test_files_written_by_other_programs_can_be_read(write):
     """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
-    plan = plan_route(load_mission(write(ROUND_TRIP)))
+    plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     fractions = np.linspace(0.0, 1.0, 21)
     blend = 35 * fractions**4 - 84 * fractions**5 + 70 * fractions**6 - 20 * fractions**7
@@ -132,7 +132,7 @@ def test_a_file_of_other_programs_is_read(write):
 
 
 def test_a_route_can_refer_to_a_file_in_its_own_folder(write, diagrams, tmp_path):
-    write(ROUND_TRIP, "there.csv")
+    write(ROUND_TRIP_CSV, "there.csv")
     loop = f"""\
 there:
   extends: {diagrams / "figure_eight.yaml"}
@@ -162,19 +162,19 @@ def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
 
 
 def test_defaults_of_a_trajectory_are_not_written(diagrams):
-    """Therefore, studies that are older than these options can be continued."""
+    """Studies that are older than these options can therefore be continued."""
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
 
 
-def test_a_plan_that_knots_do_not_determine_is_saved_with_its_pieces(write, tmp_path, diagrams):
-    plan = plan_route(load_mission(write(ROUND_TRIP)))
+def test_a_plan_is_saved_with_pieces_if_its_knots_do_not_determine_it(write, tmp_path, diagrams):
+    plan = plan_route(load_mission(write(ROUND_TRIP_CSV)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
     again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
     assert_alike(plan, plan_route(again))
-    save_plan(PLAN, tmp_path, name="there")
-    assert_alike(PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
+    save_plan(EXAMPLE_PLAN, tmp_path, name="there")
+    assert_alike(EXAMPLE_PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
 
 
 def test_a_file_of_pieces_without_rows_is_rejected(diagrams, tmp_path):
@@ -255,10 +255,10 @@ def test_errors_in_a_route_are_reported(write, route, words):
 
 @pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
 def test_lines_before_the_header_are_ignored(write, before):
-    write(before + ROUND_TRIP, "noted.csv")
+    write(before + ROUND_TRIP_CSV, "noted.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
-    for file in (write(before + ROUND_TRIP), loop):
-        assert_alike(plan_route(load_mission(write(ROUND_TRIP, "bare.csv"))), plan_route(load_mission(file)))
+    for file in (write(before + ROUND_TRIP_CSV), loop):
+        assert_alike(plan_route(load_mission(write(ROUND_TRIP_CSV, "bare.csv"))), plan_route(load_mission(file)))
 
 
 def test_many_empty_lines_are_read_quickly(write):
@@ -267,31 +267,31 @@ def test_many_empty_lines_are_read_quickly(write):
         load_mission(write("\n" * 300_000))
 
 
-def test_a_table_without_a_header_has_all_columns(write):
-    write("\n".join(ROUND_TRIP.splitlines()[1:]), "bare.csv")
+def test_a_table_without_a_header_must_have_all_columns(write):
+    write("\n".join(ROUND_TRIP_CSV.splitlines()[1:]), "bare.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
-    assert_alike(plan_route(load_mission(write(ROUND_TRIP))), plan_route(load_mission(loop)))
+    assert_alike(plan_route(load_mission(write(ROUND_TRIP_CSV))), plan_route(load_mission(loop)))
 
 
-def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
+def test_a_plan_converted_to_minsnap_trajectories_has_the_same_values():
     times = np.linspace(0.0, 5.2, 301)
-    sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
+    sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(EXAMPLE_PLAN), times, 5)
     for order in range(5):
-        np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
-    actual = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
-    assert_alike(Plan.with_constant_yaw(PATH, 0.4), actual)
-    np.testing.assert_array_equal(actual.yaw.times, PATH.times[[0, -1]])
+        np.testing.assert_allclose(sampled[order].T, evaluate(POSITION_PATH, times, order), rtol=1e-11, atol=1e-10)
+    actual = plan_of_minsnap(minsnap_trajectory(EXAMPLE_PLAN), 0.4)
+    assert_alike(Plan.with_constant_yaw(POSITION_PATH, 0.4), actual)
+    np.testing.assert_array_equal(actual.yaw.times, POSITION_PATH.times[[0, -1]])
 
 
-def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():
-    made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(PLAN), degree=7, num_continuous_orders=4)
-    assert_alike(Plan.with_constant_yaw(PATH), plan_of_minsnap(made), atol=1e-9)
+def test_minsnap_trajectories_plans_the_same_path_from_exported_waypoints():
+    made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(EXAMPLE_PLAN), degree=7, num_continuous_orders=4)
+    assert_alike(Plan.with_constant_yaw(POSITION_PATH), plan_of_minsnap(made), atol=1e-9)
 
 
 def test_an_invalid_trajectory_of_minsnap_trajectories_is_rejected(monkeypatch):
-    flat = minsnap_trajectory(PLAN)._replace(coefficients=np.zeros((3, 8, 2)))
+    flat = minsnap_trajectory(EXAMPLE_PLAN)._replace(coefficients=np.zeros((3, 8, 2)))
     with pytest.raises(InputError, match=r"shape \(3, 8, 2\), but must have \(pieces, powers, 3\)"):
         plan_of_minsnap(flat)
     monkeypatch.setitem(sys.modules, "minsnap_trajectories", None)
     with pytest.raises(ImportError, match=r"^minsnap_trajectories is not installed; .*'drake_quad\[minsnap\]'"):
-        minsnap_trajectory(PLAN)
+        minsnap_trajectory(EXAMPLE_PLAN)

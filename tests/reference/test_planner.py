@@ -24,13 +24,15 @@ from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_nor
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
-SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
-CORRIDORS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
-# The variable ROUTES sets another number of random routes. A thousand routes take some minutes.
+SQUARE_WAYPOINTS = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
+CORRIDORS_AROUND_SQUARE = [
+    Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE_WAYPOINTS)
+]
+# The environment variable ROUTES sets the number of random routes. A thousand routes take some minutes.
 NUM_ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
-def problem(points=SQUARE, **more):
+def problem(points=SQUARE_WAYPOINTS, **more):
     return PathProblem([Box.point(point) for point in points], **{"limits": LIMITS, **more})
 
 
@@ -39,7 +41,7 @@ def total(path):
 
 
 def fractions(path, limits=LIMITS):
-    """Return the largest speed and acceleration relative to their limits, from dense samples of the path."""
+    """Return largest speed and acceleration, relative to their limits, over dense samples of the path."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
     return [
@@ -100,13 +102,13 @@ def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
 @pytest.mark.slow
 def test_every_timing_satisfies_corridors_boxes_and_spheres():
     places = [
-        Box.point(SQUARE[0]),
+        Box.point(SQUARE_WAYPOINTS[0]),
         Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
         Sphere([2.0, 2.0, 0.0], 0.1),
-        Box.point(SQUARE[3]),
-        Box.point(SQUARE[4]),
+        Box.point(SQUARE_WAYPOINTS[3]),
+        Box.point(SQUARE_WAYPOINTS[4]),
     ]
-    asked = PathProblem(places, corridors=CORRIDORS, limits=LIMITS)
+    asked = PathProblem(places, corridors=CORRIDORS_AROUND_SQUARE, limits=LIMITS)
     totals = {}
     for timing in (
         FixedTimes((0.0, 5.0, 9.0, 13.0, 18.0)),
@@ -119,7 +121,7 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
         passed = evaluate(path, path.times).T
         for place, position in zip(places, passed, strict=True):
             assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
-        for i, corridor in enumerate(CORRIDORS):
+        for i, corridor in enumerate(CORRIDORS_AROUND_SQUARE):
             positions = evaluate(path, np.linspace(path.times[i], path.times[i + 1], 500)).T
             assert (positions >= corridor.low - 1e-6).all()
             assert (positions <= corridor.high + 1e-6).all()
@@ -136,18 +138,18 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
 
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_agrees_with_an_independent_search():
-    """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
-    assert total(plan_path(problem(corridors=CORRIDORS), MinimumTimeTiming())) <= 1.002 * 14.930
+    """A Nelder-Mead search over the durations of the constrained program yields 14.930 s from two initial points."""
+    assert total(plan_path(problem(corridors=CORRIDORS_AROUND_SQUARE), MinimumTimeTiming())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
 def test_the_minimum_snap_in_a_corridor_is_near_that_of_an_independent_search():
     """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
-    path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), MinimumSnapTiming(14.0))
+    path = plan_path(problem(corridors=CORRIDORS_AROUND_SQUARE, limits=PathLimits()), MinimumSnapTiming(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
-def test_limits_have_priority_over_least_snap():
+def test_limits_take_precedence_over_minimum_snap():
     asked = problem()
     shortest = plan_path(asked, MinimumTimeTiming())
     free = plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total(shortest)))
@@ -156,7 +158,7 @@ def test_limits_have_priority_over_least_snap():
     assert max(fractions(within)) <= 1.0 + 1e-6
     assert snap_cost(free).sum() <= snap_cost(within).sum() <= snap_cost(shortest).sum() * (1.0 + 1e-6)
     ample = plan_path(asked, MinimumSnapTiming(30.0))
-    assert MinimumSnap(SQUARE, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
+    assert MinimumSnap(SQUARE_WAYPOINTS, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
 
 
 @pytest.mark.parametrize("timing", [HeuristicTiming(), MinimumTimeTiming()])
@@ -167,7 +169,7 @@ def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
 
 
 @pytest.mark.slow
-def test_a_given_velocity_is_flown():
+def test_a_path_has_the_velocity_that_is_given_at_a_waypoint():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [-1.0, 0.5, 0.0]
     for timing in (
@@ -182,7 +184,7 @@ def test_a_given_velocity_is_flown():
 
 
 def test_repeated_waypoints_are_merged_unless_times_are_given():
-    points = SQUARE[[0, 1, 1, 1, 2]]
+    points = SQUARE_WAYPOINTS[[0, 1, 1, 1, 2]]
     chosen = plan_path(problem(points), MinimumTimeTiming())
     assert len(chosen.times) == 3
     np.testing.assert_array_equal(passing_times(problem(points), chosen), chosen.times[[0, 1, 1, 1, 2]])
@@ -194,14 +196,16 @@ def test_repeated_waypoints_are_merged_unless_times_are_given():
 def test_repeated_waypoints_keep_their_given_derivatives():
     derivatives = rest_at_ends(3, 3)
     derivatives[1] = 0.0
-    kept = without_repeats(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
+    kept = without_repeats(problem(SQUARE_WAYPOINTS[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
     assert np.isnan(kept.derivatives).all()
-    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
+    kept = without_repeats(
+        problem(SQUARE_WAYPOINTS[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]]))
+    )
     np.testing.assert_array_equal(kept.derivatives[1], 0.0)
     moving = rest_at_ends(4, 3)
     moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
     with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but different derivatives"):
-        without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
+        without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2]], derivatives=moving))
 
 
 def test_times_may_begin_at_any_instant_and_span_a_day():
@@ -215,14 +219,14 @@ def test_times_may_begin_at_any_instant_and_span_a_day():
 
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])
-def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
+def test_the_total_time_of_minimum_snap_timing_may_be_a_millisecond_or_a_day(total):
     assert plan_path(problem(limits=PathLimits()), MinimumSnapTiming(total)).duration == pytest.approx(total, rel=1e-9)
 
 
-def test_a_flight_after_a_stay_equals_a_flight_that_starts_there():
-    points = SQUARE[[0, 0, 1, 2]]
+def test_a_path_after_a_repeated_waypoint_equals_a_path_that_starts_there():
+    points = SQUARE_WAYPOINTS[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), FixedTimes((0.0, 3.0, 7.0, 12.0)))
-    alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
+    alone = MinimumSnap(SQUARE_WAYPOINTS[:3], np.array([4.0, 5.0])).path()
     np.testing.assert_allclose(stayed.coefficients[1:], alone.coefficients, atol=1e-12)
 
 
@@ -230,13 +234,13 @@ def test_merged_waypoints_keep_their_corridors_and_derivatives():
     derivatives = np.full((5, 3, 3), np.nan)
     derivatives[1, 0], derivatives[2, 1] = [0.5, 0.0, 0.0], [0.0, 0.1, 0.0]
     around = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
-    kept = without_repeats(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
+    kept = without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
     assert kept.corridors == (around[0], around[2])
     assert kept.limits == LIMITS
-    np.testing.assert_array_equal([place.centre for place in kept.waypoints], SQUARE[:3])
+    np.testing.assert_array_equal([place.centre for place in kept.waypoints], SQUARE_WAYPOINTS[:3])
     np.testing.assert_array_equal(kept.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
     assert np.isnan(kept.derivatives[1, 2]).all()
-    same = without_repeats(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
+    same = without_repeats(problem(SQUARE_WAYPOINTS[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
 
@@ -259,7 +263,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     with pytest.raises(InputError, match="cannot be kept"):
         plan_path(problem(), FixedTimes(tuple(0.98 * slower * times)))
     with pytest.raises(InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; flown 2.19 times"):
-        plan_path(problem(SQUARE[:2], limits=PathLimits(speed=1.0)), FixedTimes((0.0, 2.0)))
+        plan_path(problem(SQUARE_WAYPOINTS[:2], limits=PathLimits(speed=1.0)), FixedTimes((0.0, 2.0)))
     with pytest.raises(InputError, match=r"the acceleration limit .* flown 1\.\d+ times slower"):
         plan_path(problem(), MinimumSnapTiming(9.0))
 
@@ -268,7 +272,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 @pytest.mark.parametrize(
     "times", [(0.0, 0.01, 3.0, 9.0, 10.0), (0.0, 1e-9, 2e-9, 3e-9, 4e-9), (0.0, 1e-3, 2.0, 3.0, 4.0)]
 )
-def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
+def test_a_far_too_short_time_is_reported_with_the_violated_limit_and_a_working_remedy(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), FixedTimes(times))
     slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
@@ -276,8 +280,8 @@ def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(t
     assert max(fractions(path)) <= 1.0 + 1e-6
 
 
-def test_an_object_that_is_no_timing_is_rejected():
-    with pytest.raises(TypeError, match="is not a GivenTimes, Heuristic, LeastSnap or Shortest"):
+def test_an_object_of_another_type_than_a_timing_is_rejected():
+    with pytest.raises(TypeError, match="is not a FixedTimes, HeuristicTiming, MinimumSnapTiming or MinimumTimeTiming"):
         plan_path(problem(), MinimumTimeTiming)
 
 
@@ -291,7 +295,9 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
     with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
-        plan_path(problem(derivatives=derivatives, corridors=CORRIDORS), FixedTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
+        plan_path(
+            problem(derivatives=derivatives, corridors=CORRIDORS_AROUND_SQUARE), FixedTimes((0.0, 4.0, 8.0, 12.0, 16.0))
+        )
 
 
 @pytest.mark.parametrize(
@@ -313,7 +319,7 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
             "the vehicle need not move; give the times",
         ),
         (problem(limits=PathLimits()), MinimumTimeTiming(), "give a limit on the speed or acceleration"),
-        (problem(SQUARE[[0, 0]]), MinimumTimeTiming(), r"all waypoints are the same point, \(0, 0, 0\) m"),
+        (problem(SQUARE_WAYPOINTS[[0, 0]]), MinimumTimeTiming(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],
 )
 def test_invalid_input_is_rejected_with_the_reason(asked, timing, words):

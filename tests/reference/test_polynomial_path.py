@@ -1,4 +1,4 @@
-"""Tests of polynomial paths: peaks, turning points, refinement and stretching."""
+"""Tests of polynomial paths: peaks, turning points, subdivision and scaling in time."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
 @example(479001600, 4)  # this path turns back in the first cell after a start at rest
 @settings(max_examples=40, deadline=None)
-def test_between_turning_points_the_position_is_monotonic(seed, segments):
+def test_the_position_is_monotonic_between_turning_points(seed, segments):
     path = random_path(seed, segments)
     segment, axis, s = turning_points(path)
     dense = np.linspace(0.0, 1.0, 2001)
@@ -77,7 +77,7 @@ def test_between_turning_points_the_position_is_monotonic(seed, segments):
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-1.0, 20.0), min_size=1, max_size=12))
 @settings(max_examples=40, deadline=None)
-def test_a_refined_path_is_the_same_path(seed, times):
+def test_subdividing_segments_does_not_change_the_path(seed, times):
     path = random_path(seed)
     finer = subdivide(path, np.array(sorted(set(times))))
     assert set(path.times) <= set(finer.times)
@@ -87,7 +87,7 @@ def test_a_refined_path_is_the_same_path(seed, times):
         np.testing.assert_allclose(evaluate(finer, samples, order), expected, atol=1e-7 * np.abs(expected).max())
 
 
-def test_refining_a_path_at_its_own_times_changes_nothing():
+def test_subdividing_a_path_at_its_existing_knots_changes_nothing():
     path = random_path(3)
     finer = subdivide(path, path.times + 1e-14)
     np.testing.assert_array_equal(finer.times, path.times)
@@ -103,7 +103,7 @@ def test_the_knots_of_a_path_of_degree_7_determine_it(seed, segments):
     np.testing.assert_allclose(again.coefficients, path.coefficients, rtol=0.0, atol=1e-11 * scale)
 
 
-def test_a_stretched_path_passes_the_same_points_later():
+def test_a_path_scaled_in_time_passes_the_same_points_later():
     path = random_path(1)
     slower = path.scaled_in_time(2.0)
     assert slower.duration == pytest.approx(2.0 * path.duration)
@@ -114,7 +114,7 @@ def test_a_stretched_path_passes_the_same_points_later():
     np.testing.assert_allclose(evaluate(slower, [later]), evaluate(path, [path.times[0] + 1.3]), atol=1e-12)
 
 
-def test_outside_its_times_a_path_has_the_value_at_the_nearer_end():
+def test_before_and_after_its_times_a_path_has_the_value_at_its_nearer_end():
     path = random_path(1)
     outside = evaluate(path, [path.times[0] - 1.0, path.times[-1] + 1.0])
     np.testing.assert_allclose(outside, evaluate(path, path.times[[0, -1]]))
@@ -122,7 +122,7 @@ def test_outside_its_times_a_path_has_the_value_at_the_nearer_end():
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e-4])
-def test_a_path_can_be_refined_at_times_that_are_close_to_its_knots(factor):
+def test_a_path_can_be_subdivided_at_times_close_to_its_knots(factor):
     path = random_path(3).scaled_in_time(factor)
     near = path.times[2] + 1e-6 * path.durations.min()
     finer = subdivide(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))

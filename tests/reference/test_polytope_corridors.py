@@ -13,8 +13,8 @@ from drake_quad.reference.regions import Box, Polytope
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 TIMINGS = [FixedTimes((0.0, 5.0, 10.0, 15.0)), MinimumSnapTiming(15.0), HeuristicTiming(), MinimumTimeTiming()]
-POINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
-CORRIDORS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
+WAYPOINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
+BOXES_AROUND_LEGS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(WAYPOINTS)]
 NUM_SAMPLES = 10_000
 
 
@@ -47,18 +47,18 @@ def farthest_beyond(path, corridors):
 
 
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
-def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
-    boxes = planned(POINTS, CORRIDORS, timing)
-    polytopes = planned(POINTS, [Polytope.from_box(box) for box in CORRIDORS], timing)
+def test_a_box_given_as_a_polytope_gives_the_same_plan(timing):
+    boxes = planned(WAYPOINTS, BOXES_AROUND_LEGS, timing)
+    polytopes = planned(WAYPOINTS, [Polytope.from_box(box) for box in BOXES_AROUND_LEGS], timing)
     assert polytopes.duration == pytest.approx(boxes.duration, rel=1e-6)
     np.testing.assert_allclose(positions(polytopes), positions(boxes), atol=1e-5)
 
 
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
-def test_a_rotated_problem_has_the_rotated_plan(timing):
+def test_rotating_a_problem_rotates_its_plan(timing):
     matrix = rotation(1)
-    boxes = planned(POINTS, CORRIDORS, timing)
-    rotated = planned(POINTS @ matrix.T, [rotated_polytope(box, matrix) for box in CORRIDORS], timing)
+    boxes = planned(WAYPOINTS, BOXES_AROUND_LEGS, timing)
+    rotated = planned(WAYPOINTS @ matrix.T, [rotated_polytope(box, matrix) for box in BOXES_AROUND_LEGS], timing)
     assert rotated.duration == pytest.approx(boxes.duration, rel=1e-6)
     np.testing.assert_allclose(positions(rotated), positions(boxes) @ matrix.T, atol=1e-5)
 
@@ -87,7 +87,7 @@ def chain(seed):
     [HeuristicTiming(), MinimumSnapTiming(30.0), MinimumTimeTiming()],
     ids=lambda timing: type(timing).__name__,
 )
-def test_a_path_stays_in_polytopes_everywhere(timing, seed):
+def test_a_path_stays_in_its_polytopes_at_all_times(timing, seed):
     problem = chain(seed)
     path = plan_path(problem, timing)
     largest = max(corridor.size for corridor in problem.corridors)
@@ -100,7 +100,7 @@ def test_a_flat_polytope_is_rejected():
         PathProblem([Box.point([0, 0, 0]), Box.point([1, -1, 0])], corridors=[flat])
 
 
-def test_the_distance_of_a_point_outside_is_reported():
+def test_the_error_for_a_waypoint_outside_a_polytope_gives_the_distance():
     behind = Polytope([[3, 4, 0]], [0])
     with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])

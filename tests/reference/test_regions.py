@@ -10,7 +10,7 @@ from drake_quad.reference.regions import Box, Polytope, intersection_of
 
 # The incircle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2 = 1 m.
 TRIANGLE = Polytope([[-1, 0], [0, -2], [4, 3]], [0, 0, 12])
-ROOM = Box([-1.0, 0.5, 2.0], [3.0, 1.0, 2.5])
+BOX = Box([-1.0, 0.5, 2.0], [3.0, 1.0, 2.5])
 
 
 def random_polytope(rng, faces):
@@ -26,18 +26,18 @@ def test_the_largest_ball_in_a_right_triangle_is_its_incircle():
     assert str(TRIANGLE) == "the polytope of 3 faces around (1, 1)"
 
 
-def test_a_box_as_a_polytope_is_the_same_region():
-    polytope = Polytope.from_box(ROOM)
-    corners = np.array(list(itertools.product(*zip(ROOM.low, ROOM.high, strict=True))))
+def test_a_box_converted_to_a_polytope_is_the_same_region():
+    polytope = Polytope.from_box(BOX)
+    corners = np.array(list(itertools.product(*zip(BOX.low, BOX.high, strict=True))))
     assert all(abs(polytope.max_violation(corner)) <= 1e-12 for corner in corners)
     assert (polytope.faces, polytope.size) == (6, pytest.approx(4.0))
     for position in np.random.default_rng(0).uniform(-4.0, 4.0, (50, 3)):
-        np.testing.assert_allclose(polytope.nearest(position), ROOM.nearest(position), atol=1e-6)
+        np.testing.assert_allclose(polytope.nearest(position), BOX.nearest(position), atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_plane_through_the_nearest_point_separates_it_from_the_polytope(seed):
-    """If n is the point of the set nearest to p, no point of the set lies beyond the plane at n normal to p - n."""
+    """If n is the point nearest to p, no point of the polytope lies beyond the plane through n normal to p - n."""
     rng = np.random.default_rng(seed)
     polytope = random_polytope(rng, 12)
     position = 20.0 * rng.normal(size=3)
@@ -71,7 +71,7 @@ def test_separate_regions_have_no_intersection():
     assert TRIANGLE.intersection(TRIANGLE).equals(TRIANGLE)
 
 
-def test_an_intersection_is_computed_once():
+def test_the_intersection_of_two_regions_is_computed_only_once():
     other = Box([0.0, 0.0], [2.0, 1.0])
     assert TRIANGLE.intersection(other) is TRIANGLE.intersection(other)
 

@@ -68,7 +68,7 @@ def test_the_reference_is_at_rest_before_and_after_every_route(route):
 
 
 @pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
-def test_only_the_snap_jumps_at_the_end_of_a_route(route):
+def test_the_snap_is_the_lowest_derivative_that_jumps_at_the_end_of_a_route(route):
     plan = planned(route)
     for time in {plan.path.times[-1], plan.rest_time}:
         before, after = reference_at(plan, time - 1e-7), reference_at(plan, time + 1e-7)
@@ -77,7 +77,7 @@ def test_only_the_snap_jumps_at_the_end_of_a_route(route):
 
 
 @pytest.mark.parametrize("name", ["Lissajous", "end in motion", "knots in steady flight"])
-def test_braking_does_not_exceed_speed_and_acceleration_of_the_route(name):
+def test_braking_stays_within_the_speed_and_acceleration_of_the_route(name):
     plan = planned(ROUTES[name])
     assert plan.brakes
     assert peak_norm(plan.extended_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
@@ -97,14 +97,14 @@ def test_braking_from_steady_motion_is_the_minimum_snap_motion():
     assert peak_norm(path, 2) == pytest.approx(1.875 * 1.5 / duration)
 
 
-def test_a_path_that_ends_at_rest_is_not_braked():
+def test_there_is_no_braking_after_a_path_that_ends_at_rest():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # the acceleration of the yaw at the end does not require braking
+    assert not planned(ROUTES["circle"]).brakes  # a yaw acceleration at the end does not require braking
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 
 
-def test_an_exported_plan_that_ends_in_motion_brakes_the_same_way_when_it_is_read_again():
+def test_a_plan_that_ends_in_motion_brakes_identically_after_saving_and_loading():
     plan = planned(ROUTES["turning pieces"])
     rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
     assert rows.shape == (1, 25)
@@ -124,7 +124,7 @@ def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
 
 
 @pytest.mark.slow
-def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_with_a_remark():
+def test_a_flight_that_continues_after_a_route_in_motion_brakes_and_prints_a_remark():
     route = {**ROUTES["Lissajous"], "laps": 1}
     flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
     rests = flight.time > flight.plan.rest_time
@@ -187,7 +187,7 @@ def test_braking_into_an_obstacle_is_rejected():
 @pytest.mark.parametrize("name", ["space.bounds", "route.space"])
 @pytest.mark.parametrize("beyond", [0.21, 1.21])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_braking_out_of_the_bounds_of_a_path_is_rejected(name, beyond, side):
+def test_braking_that_leaves_the_bounds_is_rejected(name, beyond, side):
     """Braking from 1 m/s needs 1.41 m beyond the end of the route, which is 2 m along x or -x."""
     near, far = sorted((side * -1.0, side * (3.41 - beyond)))
     room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
@@ -214,7 +214,7 @@ def test_braking_below_the_crash_height_is_rejected():
         flight_duration(scenario, plan)
 
 
-def test_metrics_of_laps_do_not_count_the_rest_after_them():
+def test_metrics_of_laps_exclude_the_rest_after_the_last_lap():
     laps = {"route.laps": 2, "metrics.first_lap": 2}
     flown = simulate(load_scenario("figure_eight", laps), compiled=True).metrics
     longer = simulate(load_scenario("figure_eight", {**laps, "duration": 80.0}), compiled=True).metrics

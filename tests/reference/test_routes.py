@@ -32,7 +32,7 @@ def test_the_figure_eight_agrees_with_the_paper(diagrams):
     ]
 
 
-def test_the_circles_are_flown_in_opposite_directions(diagrams):
+def test_the_circles_of_the_figure_eight_are_flown_in_opposite_directions(diagrams):
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     starts = [plan.path.times[leg.first] for leg in plan.legs]
     for leg, sense in ((2, 1.0), (5, -1.0), (6, -1.0)):
@@ -42,7 +42,7 @@ def test_the_circles_are_flown_in_opposite_directions(diagrams):
         assert np.mean(np.sign(turning)) == sense
 
 
-def test_the_straights_are_tangents_of_the_circles():
+def test_the_straight_parts_of_the_figure_eight_are_tangents_to_its_circles():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     upper = route.waypoints[2:9]
     np.testing.assert_allclose(np.hypot(upper[:, 0], upper[:, 1] - 2.0), 1.0)
@@ -76,10 +76,10 @@ def test_by_default_the_figure_eight_has_the_extent_in_the_paper():
     np.testing.assert_allclose([upper[:, 2], lower[:, 2]], [[2.0] * 7, [1.0] * 7])
 
 
-def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
+def test_each_leg_of_the_figure_eight_begins_at_the_place_in_its_name():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
-    x, y = np.sqrt(0.75), 1.5  # point of tangency of a tangent from the start to a circle
+    x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
     expected = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],

@@ -21,7 +21,7 @@ def random_path(seed, segments=6):
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 @settings(max_examples=40, deadline=None)
-def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed, top_acceleration):
+def test_a_path_scaled_by_the_stretch_factor_attains_one_limit(seed, top_speed, top_acceleration):
     path = random_path(seed)
     path = path.scaled_in_time(stretch_factor(path, PathLimits(top_speed, top_acceleration)))
     fractions = peak_norm(path, 1) / top_speed, peak_norm(path, 2) / top_acceleration

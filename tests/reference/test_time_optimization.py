@@ -23,7 +23,7 @@ def total_within_limits(points, durations):
     return durations.sum() * stretch_factor(MinimumSnap(points, durations).path(), LIMITS)
 
 
-def test_the_optimum_through_0_1_and_3_in_3_seconds_is_known():
+def test_the_optimal_times_through_0_1_and_3_in_3_seconds_equal_the_known_times():
     points = np.array([[0.0], [1.0], [3.0]])
     assert MinimumSnap(points, np.array([1.5, 1.5])).cost == pytest.approx(886.78, abs=5e-3)
     durations = minimum_snap_durations(points, np.array([1.0, 2.0]))
@@ -48,7 +48,7 @@ def test_the_times_are_a_local_optimum_of_the_snap(seed, segments):
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 15))
 @settings(max_examples=25, deadline=None)
-def test_the_shortest_path_satisfies_the_limits_and_attains_one(seed, segments):
+def test_the_fastest_path_satisfies_the_limits_and_attains_one(seed, segments):
     points = random_points(seed, segments)
     start = rest_to_rest_durations(points, LIMITS)
     durations = minimum_time_durations(points, start, LIMITS)
@@ -73,7 +73,7 @@ def test_a_search_without_gradients_finds_no_shorter_path(seed):
 
 
 @pytest.mark.parametrize("limits", [PathLimits(speed=1.0), PathLimits(speed=0.5, acceleration=0.3)])
-def test_no_change_of_a_duration_shortens_the_path(limits):
+def test_changing_a_single_duration_does_not_shorten_the_total_time(limits):
     """The test changes a duration by 1 %, and then scales all durations so that a limit is attained."""
     points = random_points(2, 4)
     durations = minimum_time_durations(points, rest_to_rest_durations(points, limits), limits)
@@ -98,7 +98,7 @@ def test_durations_change_by_at_most_the_trust_radius():
         assert moved[0] - moved[1] == pytest.approx(0.2, abs=1e-9)
 
 
-def test_least_snap_keeps_the_total_and_given_derivatives():
+def test_minimum_snap_times_keep_the_total_time_and_given_derivatives():
     points, derivatives = random_points(4, 3), rest_at_ends(4, 3)
     derivatives[1, 0] = [1.0, -0.5, 0.2]
     contact = Contact(2, 0.5, 1, points[2, 1] + 0.4)
@@ -116,7 +116,7 @@ def test_least_snap_keeps_the_total_and_given_derivatives():
 
 
 @pytest.mark.slow
-def test_every_start_leads_to_about_the_same_total():
+def test_all_initial_durations_lead_to_about_the_same_total_time():
     points = random_points(11, 10)
     rng = np.random.default_rng(0)
     totals = [minimum_time_durations(points, rng.uniform(0.5, 3.0, 10), LIMITS).sum() for _ in range(4)]
@@ -131,11 +131,11 @@ def test_a_given_velocity_is_kept_within_the_limits():
     path = MinimumSnap(points, durations, derivatives).path()
     assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
     assert durations.sum() < 6.0 * 1.5
-    # If no limit is active initially, the duration decreases until a limit is active.
+    # If no limit is active initially, the duration decreases until one is active.
     later = minimum_time_durations(points, np.array([12.0, 11.0]), LIMITS, derivatives)
     assert later.sum() == pytest.approx(durations.sum(), rel=0.01)
 
 
-def test_a_path_that_does_not_move_keeps_its_times():
+def test_the_times_of_a_path_without_motion_are_kept():
     points = np.zeros((4, 3))
     np.testing.assert_array_equal(minimum_snap_durations(points, np.array([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])

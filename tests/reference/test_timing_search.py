@@ -48,7 +48,7 @@ def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_
     np.testing.assert_allclose(actual.durations, stopping if stops else ride, rtol=1e-12)
 
 
-def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
+def test_heuristic_times_use_the_points_at_which_the_path_passes_the_regions():
     """The path passes a box at its edge. The second time allocation uses the point where the first path passes it."""
     places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
     asked = PathProblem(places, limits=LIMITS)
@@ -67,7 +67,7 @@ def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
 
 
 @pytest.mark.parametrize(("corridor", "fraction"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
-def test_no_segment_has_a_very_short_initial_duration(corridor, fraction):
+def test_initial_durations_are_not_much_shorter_than_the_longest_one(corridor, fraction):
     """At constant speed, half a millimetre would take 1e-5 of the time of 50 m."""
     points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
     durations = heuristic_path(
@@ -90,11 +90,11 @@ def test_a_route_with_very_unequal_steps_is_flown_with_stops():
         ([[-2.6, 1.3], [-5.0, 3.4], [-8.1, 2.0], [-9.3, -2.2]], 0.2, 10.033),
     ],
 )
-def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
-    """The better search starts from the minimum-snap times on the first route, and from the heuristic on the second.
+def test_two_searches_find_faster_paths_in_corridors_than_one(points, room, duration):
+    """On the first route the better search starts from the minimum-snap times, on the second from the heuristic times.
 
-    Its result is about 7 % better than the result of the other search. A Nelder-Mead search over the durations found
-    the same totals from two initial points.
+    The better search gives a time about 7 % shorter than the other one. A Nelder-Mead search over the durations yields
+    the same times from two initial points.
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
@@ -104,8 +104,8 @@ def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
 
 
 @pytest.mark.slow
-def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
-    """A Nelder-Mead search found 14.175 s from three initial points. Without a second round, the result is 14.308 s."""
+def test_times_in_corridors_are_optimised_again_after_the_path_has_changed():
+    """A Nelder-Mead search yields 14.175 s from three initial points. A single optimisation yields 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
     actual = minimum_time_path(problem(points, corridors=halls))
@@ -113,22 +113,22 @@ def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
     assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
 
-def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stops():
-    """A Nelder-Mead search found 10.291 s from two initial points. A single search ends at 10.335 s."""
+def test_a_path_hardly_faster_than_a_flight_with_stops_causes_a_second_search():
+    """A Nelder-Mead search yields 10.291 s from two initial points. A single search of the planner yields 10.335 s."""
     points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
     assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
     assert minimum_time_path(problem(points)).duration <= 1.001 * 10.291
 
 
 @pytest.mark.parametrize("points", [STRAIGHT_ROUTE, REVERSING_ROUTE])
-def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(points):
+def test_minimum_time_paths_attain_a_limit_and_are_faster_than_the_heuristic(points):
     best = minimum_time_path(problem(points))
     assert best.duration < 0.999 * heuristic_path(problem(points)).duration
     assert stretch_factor(best, LIMITS) == pytest.approx(1.0, rel=1e-6)
 
 
-def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
-    """The total times are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times the time of a flight with stops at all waypoints."""
+def test_a_path_with_a_given_velocity_uses_the_first_feasible_total_time():
+    """The planner tries 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times the duration of a flight that stops at all waypoints."""
     for step, velocity, factor in (
         (4, 1.8, 0.7),
         (4, 0.8, 0.85),
@@ -146,7 +146,7 @@ def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
 
 
 @pytest.mark.slow
-def test_no_times_on_a_grid_are_better_for_a_given_velocity():
+def test_a_grid_search_finds_no_better_times_for_a_given_velocity():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
     actual = path_with_fixed_derivatives(asked, shorten=True)
     assert actual.duration < 0.97 * path_with_fixed_derivatives(asked, shorten=False).duration
@@ -165,15 +165,16 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
-        match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
-        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
+        match=r"^no times were found; for a flight that stops at every waypoint, the acceleration limit of 1 m/s² "
+        r"cannot be kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is"
+        r" feasible$",
     ):
         path_with_fixed_derivatives(asked, shorten=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
-def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortest(longer):
+def test_minimum_snap_times_move_towards_the_fastest_times_until_limits_are_satisfied(longer):
     asked = problem(STRAIGHT_ROUTE)
     shortest = minimum_time_path(asked)
     total = longer * shortest.duration
@@ -196,7 +197,7 @@ def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortes
         path_within(asked, between(fractions[nearest - 1]))
 
 
-def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
+def test_minimum_snap_times_need_no_limits_and_do_not_depend_on_units():
     free = minimum_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits()), 9.0)
     limited = minimum_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
@@ -217,7 +218,7 @@ def test_the_reason_for_a_missing_minimum_snap_path_is_reported():
         minimum_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
 
-def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_reported():
+def test_a_total_time_too_long_for_a_given_velocity_in_corridors_is_reported():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     asked = problem(points, [1.5, 0.0], corridors=halls)
@@ -228,18 +229,18 @@ def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_reported(
         minimum_snap_path(asked, 60.0)
 
 
-def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
+def test_a_velocity_that_leads_out_of_a_corridor_is_reported_by_the_time_search():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
     for shorten in (False, True):
         with pytest.raises(
-            InputError, match="^no times were found; for a flight that stops everywhere, the corridor of segment"
+            InputError, match="^no times were found; for a flight that stops at every waypoint, the corridor of segment"
         ):
             path_with_fixed_derivatives(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
 
 
-def test_changes_continue_while_the_cost_falls_and_the_trust_radius_shrinks_otherwise():
-    """Each change is a decrease from 1, and the cost is smallest at 0.5."""
+def test_the_search_continues_while_the_cost_falls_and_reduces_the_reach_otherwise():
+    """In this example, each change decreases a number that starts at 1, and the cost is smallest at 0.5."""
     reaches = []
 
     def change(x, max_log_change):
@@ -250,7 +251,7 @@ def test_changes_continue_while_the_cost_falls_and_the_trust_radius_shrinks_othe
     np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
 
 
-def test_changes_end_if_the_gain_is_negligible_or_there_is_no_path():
+def test_the_search_ends_if_the_gain_is_negligible_or_there_is_no_path():
     assert improve_repeatedly(1.0, lambda x, max_log_change: 0.9995 * x, float) == 0.9995
     assert improve_repeatedly(1.0, lambda x, max_log_change: 1.0005 * x, float) == 1.0
 

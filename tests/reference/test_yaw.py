@@ -17,7 +17,7 @@ def acceleration_cost(profile):
     """Return ∫ ψ̈² dt by a quadrature that is exact for cubic profiles."""
     times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
     values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
-    # The acceleration is continuous at inner knots, so the values of both sides are equal.
+    # The acceleration is continuous at inner knots, so the values on both sides are equal.
     return float(np.sum(profile.durations * (values**2 @ [1.0, 4.0, 1.0]) / 6.0))
 
 
@@ -55,7 +55,7 @@ def test_the_profile_takes_the_shorter_rotation_with_minimum_acceleration(yaws, 
     assert acceleration_cost(yaw_through(finer, detour)) >= acceleration_cost(profile) * (1.0 - 1e-9)
 
 
-def test_without_a_given_yaw_the_profile_is_free_and_constant_at_the_ends():
+def test_the_yaw_is_constant_before_the_first_and_after_the_last_given_yaw():
     profile = yaw_through([0.0, 1.0, 2.0, 3.0, 4.0], [math.nan, 0.5, math.nan, 1.5, math.nan])
     np.testing.assert_allclose(evaluate(profile, [0.0, 0.7, 1.0, 3.0, 3.5, 4.0])[0], [0.5] * 3 + [1.5] * 3)
     assert evaluate(profile, [2.0])[0, 0] == pytest.approx(1.0)
@@ -78,7 +78,7 @@ def test_invalid_yaws_are_rejected_with_the_reason():
     np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0 + math.tau]).times, [0.0, 1.0])
 
 
-def test_the_yaw_follows_a_circle_through_more_than_a_turn():
+def test_the_yaw_along_a_circle_continues_beyond_one_turn():
     angle = np.linspace(0.0, 3.0 * math.tau, 37)
     waypoints = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
     path = minimum_snap(waypoints, np.linspace(0.0, 40.0, 37))
@@ -126,7 +126,7 @@ def test_the_yaw_is_smooth_at_a_stop_where_the_path_turns_back():
     assert np.abs(np.diff(evaluate(profile, times, 2)[0])).max() < 1.0
 
 
-def test_a_vertical_path_keeps_the_yaw():
+def test_the_yaw_along_a_vertical_path_is_constant():
     path = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 4.0])
     np.testing.assert_array_equal(evaluate(yaw_along(path), [0.0, 1.0, 4.0])[0], 0.0)
 
@@ -139,7 +139,7 @@ def test_the_sideways_drift_of_a_climb_is_ignored():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_the_size_of_a_path_does_not_change_the_yaw(scale):
+def test_scaling_a_path_does_not_change_the_yaw_along_it(scale):
     waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
     expected, actual = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
     np.testing.assert_allclose(actual.times, expected.times)
@@ -147,8 +147,8 @@ def test_the_size_of_a_path_does_not_change_the_yaw(scale):
     assert np.ptp(evaluate(expected, expected.times)[0]) > 0.3
 
 
-def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
-    """A horizontal speed of a tenth of the top speed has the full weight, and half of this speed a quarter of it."""
+def test_slow_horizontal_motion_beside_a_climb_has_little_weight_in_the_yaw():
+    """The weight is full if the horizontal speed is a tenth of the top speed, and a quarter if it is half as large."""
     costs = {}
     for fraction in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]
@@ -157,7 +157,7 @@ def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
     assert costs[0.05] < 0.9 * costs[0.1]
 
 
-def test_at_the_end_of_a_climb_the_yaw_points_in_the_following_direction():
+def test_the_yaw_at_the_end_of_a_climb_points_in_the_next_direction_of_flight():
     waypoints = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.0, 3.0, 2.0]]
     derivatives = np.full((3, 3, 3), np.nan)
     derivatives[:] = 0.0

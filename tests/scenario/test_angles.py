@@ -20,20 +20,23 @@ def submodels(kind=Model):
         yield from submodels(each)
 
 
-# The yaw of a trajectory may turn many times. For waypoints, only the change between two yaws is limited.
-UNLIMITED_ANGLES = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
-ANGLES = sorted(
+# These fields have no limit. The yaw of a trajectory may turn many times, and for waypoints only the change between two
+# yaws is limited.
+UNLIMITED_ANGLE_FIELDS = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
+ANGLE_FIELDS = sorted(
     {
         (model.__name__, name): field
         for model in submodels()
         for name, field in model.model_fields.items()
-        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLES
+        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLE_FIELDS
     }.items(),
     key=lambda each: each[0],
 )
 
 
-@pytest.mark.parametrize("field", [field for _, field in ANGLES], ids=[".".join(name) for name, _ in ANGLES])
+@pytest.mark.parametrize(
+    "field", [field for _, field in ANGLE_FIELDS], ids=[".".join(name) for name, _ in ANGLE_FIELDS]
+)
 def test_every_angle_of_the_language_is_refused_in_degrees(field):
     adapter = TypeAdapter(field.rebuild_annotation())
     for degrees in (90.0, [10.0, 20.0, -150.0]):
@@ -59,7 +62,7 @@ def test_every_angle_of_the_language_is_refused_in_degrees(field):
         ("laboratory.motion_capture.misalignment.1=5", "misalignment.1 is 5, .* 5 degrees are 0.08727 rad"),
     ],
 )
-def test_the_value_in_radians_is_given(diagrams, override, words):
+def test_the_message_about_degrees_gives_the_value_in_radians(diagrams, override, words):
     with pytest.raises(InputError, match=re.escape(words).replace(r"\.\*", ".*")):
         load_scenario(diagrams / "hover.yaml", [override])
 
@@ -98,8 +101,8 @@ def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, index):
         load_mission(diagrams / "hover.yaml", route_with_yaws(*yaws))
 
 
-def test_trajectories_may_turn_any_number_of_times(diagrams):
-    """The trajectories are given by knots, by pieces and by a circle."""
+def test_the_yaw_of_a_trajectory_may_turn_any_number_of_times(diagrams):
+    """The test covers trajectories of knots, trajectories of pieces, and a circle."""
     knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
     yaw_knots = [{"time": 0.0, "yaw": 100.0, "yaw_rate": 1.0}, {"time": 60.0, "yaw": 160.0, "yaw_rate": 1.0}]
     load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}})

@@ -12,8 +12,8 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# For each distribution, the text in the scenario language, and name and arguments of the SciPy distribution.
-DISTRIBUTIONS = {
+# Equivalent SciPy distribution (name and arguments), by the text of a distribution in the scenario language.
+SCIPY_DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
     "{normal: {mean: 0.7, standard_deviation: 0.02, min: 0.66}}": ("truncnorm", (-2.0, np.inf, 0.7, 0.02)),
@@ -26,10 +26,10 @@ def study(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
-@pytest.mark.parametrize("text", DISTRIBUTIONS)
+@pytest.mark.parametrize("text", SCIPY_DISTRIBUTIONS)
 def test_drawn_values_have_the_given_distribution(study, text):
     masses = Batch.draw(study(f"vehicle.mass={text}"), range(4000)).varying["vehicle.mass"]
-    assert scipy.stats.kstest(masses, *DISTRIBUTIONS[text]).pvalue > 1e-3
+    assert scipy.stats.kstest(masses, *SCIPY_DISTRIBUTIONS[text]).pvalue > 1e-3
 
 
 def test_choices_are_equally_likely(study):
@@ -58,7 +58,7 @@ def test_a_sample_does_not_depend_on_the_other_samples(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_random_streams_of_rotors_are_unchanged_since_rotors_were_counted_from_0(study):
+def test_random_streams_of_rotor_fields_still_count_rotors_from_0(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
     errors = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
     np.testing.assert_array_equal(errors, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
@@ -81,13 +81,13 @@ def test_fields_without_distributions_are_not_changed(study):
 @pytest.mark.parametrize(
     ("sample", "seed", "words"), [(-1, 0, "sample is -1"), (2**31, 0, "sample is"), (0, -3, "seed is -3")]
 )
-def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
+def test_a_seed_or_sample_index_out_of_range_is_refused(study, sample, seed, words):
     with pytest.raises(InputError, match=words):
         draw_sample(study(), sample, seed=seed)
 
 
-def test_a_sample_may_have_an_individual_route(study):
-    """Such a scenario is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
+def test_single_samples_may_have_a_random_route(study):
+    """A random route is for single flights. Fleets refuse it, since all their vehicles fly the same route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -95,12 +95,12 @@ def test_a_sample_may_have_an_individual_route(study):
     assert 1.2 < min(radii) < max(radii) < 1.4
 
 
-NORMAL_MOMENT = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
+NORMAL_INERTIA = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
 
 
 def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
     """Impossible moments are replaced by the nearest possible ones, and possible moments are kept."""
-    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
+    scenario = study(f"vehicle.inertia=[{NORMAL_INERTIA}, {NORMAL_INERTIA}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
     moments = np.array([batch.varying[field] for field in fields])
@@ -119,9 +119,9 @@ def test_drawn_moments_of_inertia_are_possible_for_a_rigid_body(study):
         Scenario.model_validate(alone.model_dump(mode="json"))
 
 
-def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
-    """Moments of a payload and the medians of all distributions are adjusted in the same way."""
-    scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
+def test_only_random_moments_of_inertia_are_adjusted(study):
+    """Payload moments, and the medians of all distributions, are adjusted in the same way."""
+    scenario = study(f"vehicle.inertia=[{NORMAL_INERTIA}, 0.007, 0.012]")
     varying = Batch.draw(scenario, range(500)).varying
     assert [*varying] == ["vehicle.inertia.0"]
     assert varying["vehicle.inertia.0"].min() == pytest.approx(0.005)
@@ -139,7 +139,7 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
 
 
 def test_samples_agree_with_earlier_releases(study):
-    """Earlier releases wrote items of lists in brackets, and names of random streams still do."""
+    """Earlier releases wrote list indices in brackets. The names of random streams still have this form."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
     mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
@@ -149,7 +149,7 @@ def test_samples_agree_with_earlier_releases(study):
 
 
 def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
-    """The scenario of the study is written with its distributions, and the scenario of each vehicle with its values."""
+    """The study's scenario is written with its distributions, and each vehicle's scenario with its drawn values."""
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
     batch = Batch.draw(scenario, [3, 8], seed=5)
     assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
@@ -160,7 +160,7 @@ def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
 
 
 def test_fields_without_distributions_can_vary_in_a_batch(study):
-    """The fields are a gain, which is an item of a list, and a whole number of ticks."""
+    """The test varies a gain, which is a list item, and a whole number of ticks."""
     batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1, 7])
     varying = {
         "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),
@@ -184,7 +184,7 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
     np.testing.assert_array_equal(masses[2:], masses[1])
 
 
-def test_the_scenario_of_a_fleet_contains_arrays_only_where_values_vary(asymmetric):
+def test_fields_of_a_fleet_scenario_are_arrays_only_if_their_values_vary(asymmetric):
     """Varying values may be items of lists, or fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}

@@ -1,4 +1,4 @@
-"""Tests that mistakes in learning and estimating controllers are explained."""
+"""Tests of messages about mistakes in learning controllers and disturbance estimators."""
 
 import math
 from pathlib import Path
@@ -10,14 +10,16 @@ from drake_quad.assembly.laboratory import build_monitor
 from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.files.saving import save_scenario
 
-ROOT = Path(__file__).parent.parent.parent
-PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
-NETWORK = "control.network"
+REPOSITORY = Path(__file__).parent.parent.parent
+PAPER_CONTROLLERS = REPOSITORY / "diagrams" / "controllers" / "paper.yaml"
+NETWORK_FIELD = "control.network"
 NINE_SETS = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
 def load(controller, *overrides):
-    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[f"{PAPER}:{controller}"])
+    return load_scenario(
+        REPOSITORY / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[f"{PAPER_CONTROLLERS}:{controller}"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,33 +81,35 @@ def load(controller, *overrides):
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
     ],
 )
-def test_the_field_of_an_invalid_number_is_named(field, value, words):
+def test_the_error_for_an_invalid_network_parameter_names_its_field(field, value, words):
     with pytest.raises(InputError, match=words) as caught:
-        load("pd_t2fnn", f"{NETWORK}.{field}={value}")
+        load("pd_t2fnn", f"{NETWORK_FIELD}.{field}={value}")
     assert "\n" not in str(caught.value)
     assert field.split(".")[0] in str(caught.value)
 
 
-def test_a_type_1_network_has_no_exponents_of_ellipses():
+def test_a_type_1_network_rejects_exponents_of_ellipses():
     for field in ("a1", "adaptive.exponents"):
         with pytest.raises(InputError, match="(a1|exponents) is unknown"):
-            load("pd_t1fnn", f"{NETWORK}.{field}=1.2")
+            load("pd_t1fnn", f"{NETWORK_FIELD}.{field}=1.2")
 
 
-def test_numbers_of_a_network_may_be_distributions():
+def test_network_parameters_may_be_distributions():
     overrides = ["a1={uniform: {min: 1.1, max: 2.0}}", "learning.gain={choice: [0.5, 1.0]}"]
-    load("pd_t2fnn", *(f"{NETWORK}.{override}" for override in overrides))
+    load("pd_t2fnn", *(f"{NETWORK_FIELD}.{override}" for override in overrides))
 
 
 def test_every_controller_of_the_file_can_be_combined_with_every_laboratory():
     for laboratory in ("nominal", "low_wind", "high_wind"):
         for name in ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"):
-            spec = ROOT / "diagrams" / f"laboratory.yaml:{laboratory}"
-            scenario = load_scenario(spec, layers=[f"{PAPER}:{name}"])
+            spec = REPOSITORY / "diagrams" / f"laboratory.yaml:{laboratory}"
+            scenario = load_scenario(spec, layers=[f"{PAPER_CONTROLLERS}:{name}"])
             assert scenario.name == laboratory
             assert scenario.control.attitude.k_p[0] == 20.0
         for name in ("pd", "pid", "disturbance_observer", "l1", "indi"):
-            scenario = load_scenario(spec, layers=[f"{PAPER.parent / 'designed' / 'laboratory.yaml'}:{name}"])
+            scenario = load_scenario(
+                spec, layers=[f"{PAPER_CONTROLLERS.parent / 'designed' / 'laboratory.yaml'}:{name}"]
+            )
             assert (scenario.name, scenario.control.position.kind) == (laboratory, name)
 
 
@@ -127,27 +131,27 @@ ESTIMATOR_GAINS = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in magnitude; 2 degrees are 0.03491"),
     ],
 )
-def test_wrong_estimators_and_attitude_controllers_are_explained(override, complaint):
+def test_errors_for_invalid_estimators_and_attitude_controllers_give_the_reason(override, complaint):
     with pytest.raises(InputError) as error:
-        load_scenario(ROOT / "diagrams" / "figure_eight.yaml", [override])
+        load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml", [override])
     assert complaint in str(error.value)
 
 
-def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_saved(tmp_path):
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+def test_an_attitude_controller_without_a_kind_is_a_pd_also_after_saving(tmp_path):
+    scenario = load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml")
     assert scenario.control.attitude.kind == "pd"
     save_scenario(scenario, tmp_path / "saved.yaml")
     assert load_scenario(tmp_path / "saved.yaml") == scenario
 
 
-def test_without_a_tilt_limit_the_vehicle_may_turn_over():
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
+def test_the_vehicle_may_turn_over_if_the_tilt_limit_is_disabled():
+    scenario = load_scenario(REPOSITORY / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
     monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf
 
 
 def test_geometric_control_is_the_published_law_by_default():
-    """By default the law has the transport term of Lee et al. (2010) and the angles of eq (1)."""
+    """The default law has the transport term of Lee et al. (2010) and the angles of eq (1)."""
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)

@@ -1,4 +1,4 @@
-"""Tests of correlated distributions: their covariance, their marginals, and their unchanged samples."""
+"""Tests of correlated distributions: covariance, marginals, and agreement with samples of earlier releases."""
 
 import json
 
@@ -26,10 +26,10 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.limits import MAX_SHARED
 from drake_quad.scenario.paths import distributions_in
 
-MASS = "vehicle.mass"
-LAG = "vehicle.rotor_time_constant"
-DRAG = "vehicle.linear_drag"
-UNIFORM = "{uniform: {min: 0.0, max: 0.1}}"
+MASS_FIELD = "vehicle.mass"
+LAG_FIELD = "vehicle.rotor_time_constant"
+DRAG_FIELD = "vehicle.linear_drag"
+UNIFORM_YAML = "{uniform: {min: 0.0, max: 0.1}}"
 
 
 def normal_text(mean, deviation, shared="", limits=""):
@@ -38,9 +38,9 @@ def normal_text(mean, deviation, shared="", limits=""):
 
 def correlated_overrides(shared_of_mass="{a: 0.9, b: -0.3}", shared_of_lag="{a: -0.5}", shared_of_drag="{b: 1.0}"):
     return (
-        f"{MASS}={normal_text(0.68, 0.02, shared_of_mass, ', min: 0.5')}",
-        f"{LAG}={normal_text(0.05, 0.004, shared_of_lag, ', min: 0.03, max: 0.07')}",
-        f"{DRAG}={normal_text(0.2, 0.1, shared_of_drag, ', min: 0.15')}",
+        f"{MASS_FIELD}={normal_text(0.68, 0.02, shared_of_mass, ', min: 0.5')}",
+        f"{LAG_FIELD}={normal_text(0.05, 0.004, shared_of_lag, ', min: 0.03, max: 0.07')}",
+        f"{DRAG_FIELD}={normal_text(0.2, 0.1, shared_of_drag, ', min: 0.15')}",
     )
 
 
@@ -55,21 +55,23 @@ def samples(study):
 
 
 def test_samples_have_the_given_covariance(study, samples):
-    """For untruncated distributions, a correlation of 20,000 samples has a standard deviation of at most 0.007."""
+    """Without truncation, the correlation of 20,000 samples has a standard deviation of at most 0.007."""
     joint = joint_normal(distributions_in(study(*correlated_overrides())))
-    assert joint.paths == (MASS, DRAG, LAG)
+    assert joint.paths == (MASS_FIELD, DRAG_FIELD, LAG_FIELD)
     deviation = np.array([0.02, 0.1, 0.004])
     correlation = np.array([[1.0, -0.3, -0.45], [-0.3, 1.0, 0.0], [-0.45, 0.0, 1.0]])
     np.testing.assert_allclose(joint.covariance, correlation * np.outer(deviation, deviation), atol=1e-15)
     np.testing.assert_array_equal(joint.mean, [0.68, 0.2, 0.05])
     untruncated = np.ix_([0, 2], [0, 2])
-    covariance = np.cov([samples[MASS], samples[LAG]]) / np.outer(deviation, deviation)[untruncated]
+    covariance = np.cov([samples[MASS_FIELD], samples[LAG_FIELD]]) / np.outer(deviation, deviation)[untruncated]
     assert np.abs(covariance - correlation[untruncated]).max() < 0.03
 
 
 def test_limits_do_not_change_the_copula(samples):
     """Spearman's correlation under a Gaussian copula is 6/π asin(r/2), for any limits of the distributions."""
-    ranks = scipy.stats.spearmanr(np.stack([samples[MASS], samples[LAG], samples[DRAG]]), axis=1).statistic
+    ranks = scipy.stats.spearmanr(
+        np.stack([samples[MASS_FIELD], samples[LAG_FIELD], samples[DRAG_FIELD]]), axis=1
+    ).statistic
     for i, j, normal in ((0, 1, -0.45), (0, 2, -0.3), (1, 2, 0.0)):
         assert ranks[i, j] == pytest.approx(6.0 / np.pi * np.arcsin(0.5 * normal), abs=0.02)
 
@@ -77,57 +79,59 @@ def test_limits_do_not_change_the_copula(samples):
 @pytest.mark.parametrize(
     ("path", "arguments"),
     [
-        (MASS, (-9.0, np.inf, 0.68, 0.02)),
-        (LAG, (-5.0, 5.0, 0.05, 0.004)),
-        (DRAG, (-0.5, np.inf, 0.2, 0.1)),
+        (MASS_FIELD, (-9.0, np.inf, 0.68, 0.02)),
+        (LAG_FIELD, (-5.0, 5.0, 0.05, 0.004)),
+        (DRAG_FIELD, (-0.5, np.inf, 0.2, 0.1)),
     ],
 )
 def test_each_field_has_its_given_distribution(samples, path, arguments):
     assert scipy.stats.kstest(samples[path], "truncnorm", arguments).pvalue > 1e-3
 
 
-def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study):
-    """Samples agree to the bit, because they use only the random numbers of their own field."""
+def test_samples_of_an_uncorrelated_normal_agree_with_earlier_releases(study):
+    """Samples are bit-identical, because they use only the random numbers of their own field."""
     values = Batch.draw(study(*correlated_overrides("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
-        (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
+        (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS_FIELD) * (1.0 - low)
     )
-    np.testing.assert_array_equal(values[MASS], expected)
+    np.testing.assert_array_equal(values[MASS_FIELD], expected)
     empty = Batch.draw(study(*correlated_overrides("{}", "{}", "{}")), range(50), seed=3).varying
-    np.testing.assert_array_equal(empty[MASS], values[MASS])
+    np.testing.assert_array_equal(empty[MASS_FIELD], values[MASS_FIELD])
 
 
 def test_samples_of_shared_variables_agree_with_earlier_releases(study):
     """The expected values are from the release that introduced shared variables."""
-    values = Batch.draw(study(correlated_overrides()[0]), [0, 1, 41], seed=7).varying[MASS]
+    values = Batch.draw(study(correlated_overrides()[0]), [0, 1, 41], seed=7).varying[MASS_FIELD]
     np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
 
 
-def test_a_field_without_common_variables_does_not_depend_on_others(study):
+def test_samples_of_a_field_do_not_depend_on_uncorrelated_fields(study):
     """Samples of the field stay the same if other correlated fields are added or removed."""
     both = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
     alone = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
-    np.testing.assert_array_equal(alone[MASS], both[MASS])
-    number = Batch.draw(study(*correlated_overrides(), f"{LAG}=0.05"), range(20), seed=5).varying
-    assert [*number] == [MASS, DRAG]
-    np.testing.assert_array_equal(number[DRAG], both[DRAG])
+    np.testing.assert_array_equal(alone[MASS_FIELD], both[MASS_FIELD])
+    number = Batch.draw(study(*correlated_overrides(), f"{LAG_FIELD}=0.05"), range(20), seed=5).varying
+    assert [*number] == [MASS_FIELD, DRAG_FIELD]
+    np.testing.assert_array_equal(number[DRAG_FIELD], both[DRAG_FIELD])
     one = draw_sample(study(*correlated_overrides()), 13, seed=5)
-    assert (one.vehicle.mass, one.vehicle.rotor_time_constant) == (both[MASS][13], both[LAG][13])
-    assert not np.any(Batch.draw(study(*correlated_overrides()), range(20), seed=6).varying[MASS] == both[MASS])
+    assert (one.vehicle.mass, one.vehicle.rotor_time_constant) == (both[MASS_FIELD][13], both[LAG_FIELD][13])
+    assert not np.any(
+        Batch.draw(study(*correlated_overrides()), range(20), seed=6).varying[MASS_FIELD] == both[MASS_FIELD]
+    )
 
 
 def test_shared_variables_are_distinguished_by_name(study):
-    """Fields with a correlation of 1 or -1 with the same variable are equal or opposite."""
+    """Fields that have correlations of 1 or -1 with the same variable are equal or opposite."""
     one, same, other = (
         Batch.draw(study(*correlated_overrides("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
     )
-    assert scipy.stats.spearmanr(one[MASS], one[LAG]).statistic == pytest.approx(1.0)
-    assert scipy.stats.spearmanr(same[MASS], same[LAG]).statistic == pytest.approx(-1.0)
-    assert abs(scipy.stats.spearmanr(other[MASS], other[LAG]).statistic) < 0.3
+    assert scipy.stats.spearmanr(one[MASS_FIELD], one[LAG_FIELD]).statistic == pytest.approx(1.0)
+    assert scipy.stats.spearmanr(same[MASS_FIELD], same[LAG_FIELD]).statistic == pytest.approx(-1.0)
+    assert abs(scipy.stats.spearmanr(other[MASS_FIELD], other[LAG_FIELD]).statistic) < 0.3
 
 
-def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeypatch):
+def test_drawn_values_are_finite_for_any_number_of_shared_variables(study, monkeypatch):
     """The sum of sixteen variables at their extremes is larger than a single variable can be."""
     monkeypatch.setattr(
         correlation, "parameter_numbers", lambda seed, samples, stream: np.full(len(samples), 1.0 - 2.0**-53)
@@ -140,14 +144,16 @@ def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeyp
 
 def test_correlated_groups_include_indirect_correlations(study):
     scenario = study(
-        *correlated_overrides("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={UNIFORM}"
+        *correlated_overrides("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={UNIFORM_YAML}"
     )
     distributions = distributions_in(scenario)
     pairs = correlated_pairs(distributions)
-    assert [(pair.first, pair.second) for pair in pairs] == [(MASS, LAG), (DRAG, LAG)]
+    assert [(pair.first, pair.second) for pair in pairs] == [(MASS_FIELD, LAG_FIELD), (DRAG_FIELD, LAG_FIELD)]
     assert [pair.correlation for pair in pairs] == pytest.approx([-0.45, 0.4])
-    # Drag and mass share no variable, but both share one with the lag.
-    assert correlated_groups(distributions) == dict.fromkeys((MASS, DRAG, LAG), (MASS, DRAG, LAG))
+    # Drag and mass share no variable, but each shares one with the lag.
+    assert correlated_groups(distributions) == dict.fromkeys(
+        (MASS_FIELD, DRAG_FIELD, LAG_FIELD), (MASS_FIELD, DRAG_FIELD, LAG_FIELD)
+    )
     assert shared_names(distributions.values()) == ["a", "b"]
     assert correlated_groups(distributions_in(study(correlated_overrides()[0]))) == {}
     assert correlated_pairs({}) == []
@@ -169,8 +175,8 @@ def test_invalid_shared_variables_are_refused(study, shared, words):
     assert words in str(caught.value)
 
 
-def test_correlations_may_explain_the_whole_variance(study):
-    """These decimal correlations are allowed, although the squares of their binary values sum to more than 1."""
+def test_squared_correlations_may_sum_to_exactly_one(study):
+    """The correlations in this example are allowed, although the squares of their binary values sum to more than 1."""
     study(correlated_overrides("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
 
@@ -192,13 +198,13 @@ def test_correlations_are_written_and_read_again(study, tmp_path):
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_a_normal_without_shared_variables_is_written_as_before(study):
+def test_an_uncorrelated_normal_is_saved_as_in_earlier_releases(study):
     """A study is identified by the text of its scenario, which must not change."""
     mass = json.loads(study(correlated_overrides("")[0]).model_dump_json())["vehicle"]["mass"]
     assert mass == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
 
 
-def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, tmp_path):
+def test_an_extension_replaces_the_distribution_of_one_field_only(study, diagrams, tmp_path):
     """A number or distribution replaces a whole distribution, including its shared variables."""
     base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in correlated_overrides())
     path = tmp_path / "mine.yaml"
@@ -208,10 +214,10 @@ def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, 
         f"light: {{extends: base, vehicle: {{mass: 0.5, rotor_time_constant: {faster}}}}}\n"
     )
     light = distributions_in(load_scenario(f"{path}:light"))
-    assert set(light) == {LAG, DRAG}
-    assert light[LAG].normal.shared == {}
+    assert set(light) == {LAG_FIELD, DRAG_FIELD}
+    assert light[LAG_FIELD].normal.shared == {}
     whole, part = (Batch.draw(load_scenario(f"{path}:{name}"), range(9)).varying for name in ("base", "light"))
-    np.testing.assert_array_equal(part[DRAG], whole[DRAG])
+    np.testing.assert_array_equal(part[DRAG_FIELD], whole[DRAG_FIELD])
 
 
 def normals(distributions):
@@ -243,7 +249,7 @@ def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
 
 
 def test_correlated_normals_share_few_variables():
-    """A pair, or fields with a common cause, need one variable. Fields with negligible correlations need none."""
+    """A pair of fields, or several fields with a common cause, need one variable. Uncorrelated fields need none."""
     pair = correlated_normals("ab", np.zeros(2), np.array([[4.0, -1.0], [-1.0, 1.0]]))
     assert pair["a"] == {"normal": {"mean": 0.0, "standard_deviation": 2.0, "shared": {"common_1": 0.7071}}}
     assert pair["b"]["normal"]["shared"] == {"common_1": -0.7071}
@@ -260,8 +266,8 @@ def test_correlated_normals_share_few_variables():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_terms_has_the_given_variance():
-    """The coefficients of a curve fitted around hover are uncertain, but the thrust in hover is well known."""
+def test_a_sum_has_its_given_variance_even_if_its_terms_are_much_less_certain():
+    """In this example, the coefficients of a fitted thrust curve are uncertain, but the hover thrust is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])
     covariance = 1e-6 * np.linalg.inv(powers @ powers.T)
@@ -288,6 +294,6 @@ def test_an_invalid_covariance_is_refused(names, covariance, words):
 
 
 def test_only_normal_distributions_are_correlated(study):
-    scenario = study(correlated_overrides()[0], f"{DRAG}={UNIFORM}")
+    scenario = study(correlated_overrides()[0], f"{DRAG_FIELD}={UNIFORM_YAML}")
     assert np.array_equal(correlation_matrix([*distributions_in(scenario).values()]), np.eye(2))
-    assert joint_normal(distributions_in(scenario)).paths == (MASS,)
+    assert joint_normal(distributions_in(scenario)).paths == (MASS_FIELD,)

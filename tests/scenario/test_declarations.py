@@ -11,24 +11,24 @@ from drake_quad.scenario.controls.pid_cascade import PidCascadeControl
 from drake_quad.scenario.declarations import quantities_in
 from drake_quad.scenario.models import Laboratory, Vehicle
 
-LIMIT = 1e9
-DECLARED = {(model, path): each for model in (Vehicle, Laboratory) for path, each in quantities_in(model)}
-KINDS = {"motors": ["throttle"], "layout": ["x"], "autopilot": [*AUTOPILOTS.members]}
+MAX_MAGNITUDE = 1e9
+DECLARED_QUANTITIES = {(model, path): each for model in (Vehicle, Laboratory) for path, each in quantities_in(model)}
+TESTED_KINDS = {"motors": ["throttle"], "layout": ["x"], "autopilot": [*AUTOPILOTS.members]}
 for_each_quantity = pytest.mark.parametrize(
     ("model", "path", "declared"),
-    [(*key, each) for key, each in DECLARED.items()],
-    ids=[f"{model.__name__}.{path}" for model, path in DECLARED],
+    [(*key, each) for key, each in DECLARED_QUANTITIES.items()],
+    ids=[f"{model.__name__}.{path}" for model, path in DECLARED_QUANTITIES],
 )
 
 
 def is_refused(model, path, declared, value):
-    """Return whether all items of a quantity refuse a value, for every kind of the mapping around it."""
+    """Return whether a value is refused for every item of a quantity, in every kind of the surrounding mapping."""
     first, *steps = path.split(".")
     whole = [value] * declared.items if declared.items else value
     for step in reversed(steps):
         whole = {step: whole}
     refusals = set()
-    for kind in KINDS.get(first, [None]):
+    for kind in TESTED_KINDS.get(first, [None]):
         if kind is not None and first == "autopilot" and steps[0] not in AUTOPILOTS.members[kind].model_fields:
             continue
         try:
@@ -50,9 +50,9 @@ def value_within(declared):
 
 
 @for_each_quantity
-def test_a_number_is_refused_exactly_when_it_is_beyond_the_bounds(model, path, declared):
+def test_a_number_is_refused_if_and_only_if_it_violates_the_declared_bounds(model, path, declared):
     lower, upper = float(declared.lower), float(declared.upper)
-    assert -LIMIT <= lower < upper <= LIMIT
+    assert -MAX_MAGNITUDE <= lower < upper <= MAX_MAGNITUDE
     outside = [lower - 1.0, upper + 1.0, math.nextafter(lower, -math.inf), math.nextafter(upper, math.inf)]
     if declared.is_whole:
         outside.append(lower + 0.5)
@@ -63,7 +63,7 @@ def test_a_number_is_refused_exactly_when_it_is_beyond_the_bounds(model, path, d
 
 
 @for_each_quantity
-def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_needs(model, path, declared):
+def test_a_normal_distribution_is_refused_if_and_only_if_a_declared_limit_is_missing(model, path, declared):
     mean = value_within(declared)
     below, above = {"min": mean}, {"max": mean}
     for limits, is_enough in (
@@ -77,26 +77,26 @@ def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_nee
 
 
 @for_each_quantity
-def test_units_are_products_of_si_units(model, path, declared):
+def test_declared_units_are_products_of_si_units(model, path, declared):
     relative = (
-        r"unit of the (output|error|proportional gains.*)|its unit"  # Terms of a loop have the unit of its signals.
+        r"unit of the (output|error|proportional gains.*)|its unit"  # loop terms have units that depend on the signals
     )
     part = r"(kg|m|s|N|rad|V|A|h|Ω)[²³]?"
     assert re.fullmatch(rf"{relative}|(1|{part}( {part})*)(/(\({part}( {part})*\)|{part}))?", declared.unit)
 
 
 def test_declarations_agree_with_the_fields():
-    """Some well-known fields have the expected units and bounds."""
-    mass, error = DECLARED[Vehicle, "mass"], DECLARED[Vehicle, "thrust_factor_error"]
+    """The test checks units and bounds of some well-known fields."""
+    mass, error = DECLARED_QUANTITIES[Vehicle, "mass"], DECLARED_QUANTITIES[Vehicle, "thrust_factor_error"]
     assert (mass.unit, mass.items, mass.needs_min, mass.needs_max) == ("kg", 0, True, False)
     assert mass.lower == 1e-12
     assert (error.unit, error.items) == ("1", 4)
     assert error.lower > -1.0
     assert error.lower == pytest.approx(-1.0, abs=1e-15)
-    assert DECLARED[Laboratory, "motion_capture.misalignment"].upper == math.pi
-    assert DECLARED[Laboratory, "command_link.delay_ticks"].is_whole
-    assert DECLARED[Laboratory, "autopilot.natural_frequency"].unit == "rad/s"
-    assert {path.partition(".")[0] for model, path in DECLARED if model is Laboratory} == {
+    assert DECLARED_QUANTITIES[Laboratory, "motion_capture.misalignment"].upper == math.pi
+    assert DECLARED_QUANTITIES[Laboratory, "command_link.delay_ticks"].is_whole
+    assert DECLARED_QUANTITIES[Laboratory, "autopilot.natural_frequency"].unit == "rad/s"
+    assert {path.partition(".")[0] for model, path in DECLARED_QUANTITIES if model is Laboratory} == {
         "motion_capture",
         "command_link",
         "autopilot",

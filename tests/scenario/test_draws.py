@@ -1,4 +1,4 @@
-"""Designed draws of studies."""
+"""Tests of designed draws: Latin hypercubes and Sobol sequences."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from drake_quad.scenario.batch import Batch, check_pairs, coordinates
 from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.statistics.replicates import Replicates
 
-KINDS = ["latin_hypercube", "sobol"]
-CORRELATED = {
+DESIGN_KINDS = ["latin_hypercube", "sobol"]
+CORRELATED_FIELDS = {
     "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.02, "min": 0.6, "max": 0.8, "shared": {"a": 0.8}}},
     "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.3}},
     "vehicle.centre_of_mass.0": {
@@ -22,7 +22,7 @@ CORRELATED = {
 def scenario(kind, size=64, **more):
     draws = None if kind is None else {"kind": kind, "size": size}
     return load_scenario(
-        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED, **more}.items()]
+        "laboratory:low_wind", [{key: each} for key, each in {**CORRELATED_FIELDS, **more}.items()]
     ).model_copy(update={"draws": draws and DesignedDraws(**draws)})
 
 
@@ -31,8 +31,8 @@ def points(kind, size, samples, names=("a", "b", "c"), seed=5):
     return np.stack([numbers[name] for name in names], axis=1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
+def test_each_replicate_has_one_number_in_each_of_its_equal_intervals(kind):
     found = points(kind, 32, range(96)).reshape(3, 32, 3)
     expected = np.broadcast_to(np.arange(32)[:, None], (32, 3))
     for replicate in found:
@@ -41,14 +41,14 @@ def test_each_replicate_has_one_number_in_each_of_equal_intervals(kind):
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
-    """The first two numbers of 2^k points have one point in each rectangle of the area 2^-k, for any shape."""
+    """In the plane of the first two numbers, each rectangle of area 2^-k contains one of 2^k points."""
     found = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
         cells = np.floor(found * (2**first, 2 ** (6 - first)))
         assert len(np.unique(cells, axis=0)) == 64
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_numbers_are_uniform_over_all_replicates(kind):
     found = np.concatenate([points(kind, 4, range(400), seed=seed) for seed in range(5)])
     for column in found.T:
@@ -56,7 +56,7 @@ def test_numbers_are_uniform_over_all_replicates(kind):
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 0.06
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_a_sample_does_not_depend_on_its_batch(kind):
     whole = Batch.draw(scenario(kind), range(200))
     part = Batch.draw(scenario(kind), [150, 3, 64])
@@ -67,7 +67,7 @@ def test_a_sample_does_not_depend_on_its_batch(kind):
     assert part.noise_samples.indices == (150, 3, 64)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(kind):
     names = "vehicle.mass", "vehicle.centre_of_mass.0", "vehicle.linear_drag"
     designed, independent = (Batch.draw(scenario(each), range(4096)).varying for each in (kind, None))
@@ -79,7 +79,7 @@ def test_designed_draws_have_the_distributions_and_correlations_of_the_scenario(
 
 
 def test_independent_draws_do_not_change():
-    """The numbers were drawn by the version without designed draws."""
+    """The expected numbers were drawn by a version that had no designed draws."""
     assert Batch.draw(scenario(None), [0, 1, 2]).varying["vehicle.mass"].tolist() == [
         0.6982564584397424,
         0.7091102985541686,
@@ -95,7 +95,7 @@ def test_fields_of_a_latin_hypercube_do_not_depend_on_other_fields():
     check_pairs({"first": first, "second": second})
 
 
-def test_samples_that_are_no_pairs_are_refused():
+def test_scenarios_whose_samples_do_not_correspond_cannot_be_compared_in_pairs():
     more = {"vehicle.quadratic_drag": {"uniform": {"min": 0.0, "max": 0.1}}}
     with pytest.raises(
         InputError, match=r"second and first have different random parameters \(vehicle.quadratic_drag\)"
@@ -105,9 +105,9 @@ def test_samples_that_are_no_pairs_are_refused():
         check_pairs({"first": scenario("sobol"), "second": scenario(None)})
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
-    """The interval of the mean of a smooth function is at most a quarter as long as that of independent samples."""
+    """The confidence interval of a smooth function's mean is at most a quarter as wide as with independent samples."""
     num_samples, repetitions, names = 256, 200, [f"x{i}" for i in range(4)]
     hits, widths, samples = 0, [], np.arange(num_samples)
     for seed in range(repetitions):
@@ -128,6 +128,6 @@ def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
         ("{kind: halton, size: 16}", "draws.kind"),
     ],
 )
-def test_impossible_draws_are_refused(draws, words):
+def test_invalid_settings_of_draws_are_refused(draws, words):
     with pytest.raises(InputError, match=words):
         load_scenario("hover", [f"draws={draws}"])

@@ -1,4 +1,4 @@
-"""Tests of effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
+"""Tests that effects in the scenario language are off by default, and that mistakes are explained in one sentence."""
 
 import re
 
@@ -8,7 +8,7 @@ from drake_quad import InputError, load_scenario
 from drake_quad.vehicle.effects import NO_EFFECTS
 
 BATTERY = "voltage: 12.6, empty_voltage: 10.2, capacity: 1.3, resistance: 0.04, efficiency: 0.65"
-THROTTLE = "{kind: throttle, curve: [0.1, 1.0, 2.8]}"
+THROTTLE_MOTORS = "{kind: throttle, curve: [0.1, 1.0, 2.8]}"
 
 
 @pytest.fixture
@@ -49,14 +49,17 @@ def test_effects_are_off_by_default(load):
             [f"vehicle.battery={{{BATTERY.replace('12.6', '{uniform: {min: 10, max: 12.6}}')}}}"],
             "vehicle.battery.empty_voltage is 10.2, but must not be larger than voltage, 10",
         ),
-        ([f"vehicle.battery={{{BATTERY.replace('0.65', '0')}}}"], "battery.efficiency is 0, but must be at least 0.01"),
+        (
+            [f"vehicle.battery={{{BATTERY.replace('0.65', '0')}}}"],
+            "battery.efficiency is 0, but must be at least 0.01",
+        ),
         (
             ["vehicle.slung_load={mass: 0.1, length: 1}", "vehicle.payload={mass: 0.1, time: 1, event: dropped}"],
             "vehicle.slung_load is .*, but must not be combined with a payload",
         ),
-        ([f"vehicle.motors={THROTTLE}"], "vehicle.motors.kind is 'throttle', but must be speed as in nominal"),
+        ([f"vehicle.motors={THROTTLE_MOTORS}"], "vehicle.motors.kind is 'throttle', but must be speed as in nominal"),
         (
-            [f"nominal.motors={THROTTLE}", "vehicle.motors={kind: speed}"],
+            [f"nominal.motors={THROTTLE_MOTORS}", "vehicle.motors={kind: speed}"],
             "vehicle.motors.kind is 'speed', but must be throttle as in nominal",
         ),
         (
@@ -74,7 +77,7 @@ def test_effects_are_off_by_default(load):
         (["vehicle.motors={kind: duty}"], "vehicle.motors.kind is 'duty', but must be"),
     ],
 )
-def test_wrong_effects_are_explained_in_one_sentence(load, overrides, message):
+def test_invalid_effects_are_refused_with_a_reason_in_one_sentence(load, overrides, message):
     with pytest.raises(InputError) as refusal:
         load(*overrides)
     assert re.search(message, str(refusal.value)), str(refusal.value)
@@ -82,9 +85,11 @@ def test_wrong_effects_are_explained_in_one_sentence(load, overrides, message):
 
 
 def test_a_vehicle_has_the_nominal_motors_by_default(load):
-    scenario = load(f"nominal.motors={THROTTLE}")
+    scenario = load(f"nominal.motors={THROTTLE_MOTORS}")
     assert scenario.vehicle.motors.curve == scenario.nominal.motors.curve == (0.1, 1.0, 2.8)
-    own = load(f"nominal.motors={THROTTLE}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}")
+    own = load(
+        f"nominal.motors={THROTTLE_MOTORS}", "vehicle.motors={kind: throttle, curve: [0.02, -0.1, {choice: [2, 3]}]}"
+    )
     assert own.vehicle.motors.curve[:2] == (0.02, -0.1)
 
 

@@ -1,6 +1,6 @@
 """Fuzz tests: an input is either refused in one sentence, or a scenario that flies to its end or into a crash.
 
-`make test` tries about a hundred cases, the same each time. `make fuzz` tries ten thousand other cases.
+`make test` tries the same hundred cases each time. `make fuzz` tries ten thousand further cases.
 """
 
 import copy
@@ -25,8 +25,8 @@ from drake_quad.scenario.files.loading import load_mission
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 NUM_CASES = os.environ.get("FUZZ_CASES")
-MAX_READING_TIME = 2.0  # s of processor time. An input takes a few hundredths of a second.
-MAX_MESSAGE_LENGTH = 300
+MAX_READING_TIME = 2.0  # s of processor time for one input; a typical input takes a few hundredths of a second
+MAX_MESSAGE_LENGTH = 300  # characters
 
 
 def fuzz_settings(fraction):
@@ -40,7 +40,7 @@ def fuzz_settings(fraction):
     )
 
 
-ROUTES = [
+EXAMPLE_ROUTES = [
     {"kind": "hover", "position": [0.0, 0.0, 1.0], "yaw": 0.5, "duration": 3.0},
     {"kind": "circle", "radius": 1.5, "height": 1.0, "laps": 1, "heading": "along_path"},
     {
@@ -93,12 +93,12 @@ ROUTES = [
         "time_scale": 1.5,
     },
 ]
-WIND = [
+EXAMPLE_WINDS = [
     {"kind": "gust", "speed": 1.0, "heading": 0.5, "start": 0.05, "rise_time": 1.0, "hold_time": 2.0},
     {"kind": "dryden", "level": "light", "height": 6.0, "airspeed": 2.0, "heading": 0.1},
 ]
 
-SPACE = {
+EXAMPLE_SPACE = {
     "bounds": {"min": [-5.0, -5.0, -1.0], "max": [5.0, 5.0, 4.0]},
     "obstacles": {
         "beam": {"kind": "box", "centre": [2.0, 0.0, 2.0], "size": [0.1, 0.2, 0.3], "rotation": [0.1, 0.2, 0.3]},
@@ -118,7 +118,7 @@ def dumped_scenario(spec, layers=()):
 
 def with_route_and_winds(spec, route):
     tree = dumped_scenario(spec)
-    tree["laboratory"]["wind"] += copy.deepcopy(WIND)
+    tree["laboratory"]["wind"] += copy.deepcopy(EXAMPLE_WINDS)
     tree["vehicle"]["rotor_failure"] = {"rotor": 2.0, "time": 0.04, "speed_factor": 0.5}
     return {**tree, "route": copy.deepcopy(route), "metrics": {"start": 0.0, "end": 1.0}}
 
@@ -131,7 +131,7 @@ def with_attitude_response(tree):
 
 @functools.cache
 def seeds():
-    """Return scenarios with every kind of route, wind, autopilot, controller and law, and with a value in every field.
+    """Return scenarios that together contain every kind of route, wind, autopilot, controller and law, and every field.
 
     The scenarios are loaded on first use, so that the collection of tests does not load them.
     """
@@ -144,7 +144,7 @@ def seeds():
                 itertools.cycle(
                     ("laboratory.yaml:low_wind", "paper.yaml:low_wind_pd_t2fnn", "paper.yaml:low_wind_pd_t1fnn")
                 ),
-                ROUTES,
+                EXAMPLE_ROUTES,
                 strict=False,
             ),
         ),
@@ -153,7 +153,7 @@ def seeds():
         dumped_scenario("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
         dumped_scenario("laboratory.yaml:nominal", layers=[f"{DIAGRAMS}/controllers/mpc.yaml:mpc_short_of_thrust"]),
     ]
-    scenarios[1]["space"] = copy.deepcopy(SPACE)
+    scenarios[1]["space"] = copy.deepcopy(EXAMPLE_SPACE)
     scenarios[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
     scenarios[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}
     scenarios[4]["control"]["position"]["learning"] = {"kind": "sign", "rate": 1.0}
@@ -224,7 +224,7 @@ odd_values = st.one_of(
 
 
 def values_near(number):
-    """Return a strategy for values around a number: most with its sign, some far away, some distributions."""
+    """Return a strategy for values around a number: most with the same sign, some far away, some distributions."""
     low, high = sorted((0.9 * number, 1.1 * number))
     about = [
         {"uniform": {"min": low, "max": high}},
@@ -308,7 +308,7 @@ def numbers(value):
 
 
 def assert_numbers_are_valid(scenario):
-    """Assert that every number is finite, and positive if it must be."""
+    """Assert that every number is finite, and that quantities such as masses are positive."""
     assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
     for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
         value = getattr(scenario.vehicle, name)
@@ -344,7 +344,7 @@ def folder(tmp_path_factory):
 @pytest.mark.slow
 @given(tree=st.one_of(varied_trees(), mutated_trees()))
 @fuzz_settings(0.5)
-def test_a_mutated_tree_flies_or_is_refused_in_a_sentence(folder, tree):
+def test_a_mutated_scenario_flies_or_is_refused_in_one_sentence(folder, tree):
     Path("loop.yaml").write_text(yaml_file(tree), encoding="utf-8")
     scenario = result_or_none(lambda: load_scenario("loop.yaml"), r"loop\.yaml:\d+: ")
     if scenario is not None:
@@ -368,9 +368,22 @@ loop: # "a comment"
   control: {attitude: *gains}
   laboratory: {wind: [{kind: steady, velocity: [1, 0, 0]}]}
 """
-TAGS = [f"!!{name} " for name in ("bool", "float", "int", "null", "str", "map", "seq", "set", "binary", "omap")]
-CHARACTERS = list("\t\ufeff\0\r\n\x85\u2028\ud800!&*?:-|>#'\"{}[],~=@`\\_e.+")
-WORDS = ["0x", "0o7", "0b1", "1_0", "1:30", "2001-01-01", "yes", "null", ".inf", "1e400", "9999999999", "extends: "]
+YAML_TAGS = [f"!!{name} " for name in ("bool", "float", "int", "null", "str", "map", "seq", "set", "binary", "omap")]
+SPECIAL_CHARACTERS = list("\t\ufeff\0\r\n\x85\u2028\ud800!&*?:-|>#'\"{}[],~=@`\\_e.+")
+AMBIGUOUS_SCALARS = [
+    "0x",
+    "0o7",
+    "0b1",
+    "1_0",
+    "1:30",
+    "2001-01-01",
+    "yes",
+    "null",
+    ".inf",
+    "1e400",
+    "9999999999",
+    "extends: ",
+]
 YAML_MARKS = [
     "<<: ",
     "<<: *base",
@@ -385,7 +398,9 @@ YAML_MARKS = [
     "!<x> ",
     "? ",
 ]
-snippets = st.one_of(st.sampled_from([*TAGS, *CHARACTERS, *WORDS, *YAML_MARKS]), st.text(max_size=4))
+snippets = st.one_of(
+    st.sampled_from([*YAML_TAGS, *SPECIAL_CHARACTERS, *AMBIGUOUS_SCALARS, *YAML_MARKS]), st.text(max_size=4)
+)
 
 
 @st.composite
@@ -399,7 +414,7 @@ def mutated_texts(draw, text):
 @pytest.mark.slow
 @given(text=mutated_texts(SMALL_FILE), odd_bytes=st.binary(max_size=3), fraction=st.floats(-2.0, 1.0))
 @fuzz_settings(0.25)
-def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, odd_bytes, fraction):
+def test_a_mutated_yaml_text_flies_or_is_refused_in_one_sentence(folder, text, odd_bytes, fraction):
     data = text.encode("utf-8", errors="surrogatepass")
     position = max(0, round(fraction * len(data)))
     Path("loop.yaml").write_bytes(data[:position] + odd_bytes + data[position:] if position else data)
@@ -439,7 +454,7 @@ def tables(draw):
 @pytest.mark.slow
 @given(text=st.one_of(tables(), tables().flatmap(mutated_texts)), name=st.sampled_from(["course", "-", "a b", "1"]))
 @fuzz_settings(0.1)
-def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name):
+def test_a_mutated_waypoint_table_is_planned_or_refused_in_one_sentence(folder, text, name):
     Path(f"{name}.csv").write_bytes(text.encode("utf-8", errors="surrogatepass"))
     options = [] if "time" in text else ["route.times=heuristic"]
     mission = result_or_none(lambda: load_mission(f"{name}.csv", options), rf"{name}\.csv(:\d+)?: ", "override ")
@@ -484,7 +499,7 @@ def scenarios_with_overrides(draw):
 @pytest.mark.slow
 @given(case=scenarios_with_overrides())
 @fuzz_settings(0.15)
-def test_overrides_fly_or_are_refused_in_a_sentence(folder, case):
+def test_random_overrides_fly_or_are_refused_in_one_sentence(folder, case):
     tree, overrides = case
     Path("loop.yaml").write_text(yaml_file(tree), encoding="utf-8")
     scenario = result_or_none(lambda: load_scenario("loop.yaml", overrides), "override ", r"loop\.yaml:\d+: ")

@@ -1,4 +1,4 @@
-"""Settings without an effect: each is remarked, and a flight without the setting is the same."""
+"""Tests that each setting without effect is reported, and that a flight without the setting is the same."""
 
 from typing import Annotated, Literal
 
@@ -13,47 +13,51 @@ from drake_quad.scenario.inactive import can_act, needs
 from drake_quad.scenario.models import UNIONS
 from drake_quad.scenario.quantities import Number
 
-PID = {"kind": "pid", "k_p": [3.0, 2.9, 9.0], "k_d": [2.5, 2.4, 4.0], "k_i": [0.0, 0.0, 0.0]}
+ZERO_K_I_PID = {"kind": "pid", "k_p": [3.0, 2.9, 9.0], "k_d": [2.5, 2.4, 4.0], "k_i": [0.0, 0.0, 0.0]}
 GEOMETRIC = {"kind": "geometric", "k_p": [90.0, 80.0, 20.0], "k_d": [14.0, 15.0, 7.0]}
-INDI = {
+INDI_POSITION = {
     "kind": "indi", "k_p": [3.0, 2.9, 9.0], "k_d": [2.5, 2.4, 4.0], "bandwidth": [3.0, 4.0, 5.0],
     "response": {"kind": "commanded", "lag": [0.2, 0.3, 0.1]},
 }  # fmt: skip
-FEEDBACK = {"kind": "type_1", "learning": {"kind": "covariance", "signal": "feedback"}}
-IDLE = {"kind": "type_1", "learning": {"kind": "gradient", "rate": 0.0}}
-TERMS = {"k_i": [0.0, 0.0, 0.0]}
+FEEDBACK_NETWORK = {"kind": "type_1", "learning": {"kind": "covariance", "signal": "feedback"}}
+FIXED_NETWORK = {"kind": "type_1", "learning": {"kind": "gradient", "rate": 0.0}}
+ZERO_K_I = {"k_i": [0.0, 0.0, 0.0]}
 GUST = {"kind": "gust", "velocity": [2.0, 1.0, 0.0], "start": 0.1, "rise_time": 0.1}
-STILL = GUST | {"velocity": [0.0, 0.0, 0.0]}
-DRAG = {"vehicle.linear_drag": 0.2, "vehicle.body_drag.linear": [0.1, 0.2, 0.3]}
+ZERO_GUST = GUST | {"velocity": [0.0, 0.0, 0.0]}
+WITH_DRAG = {"vehicle.linear_drag": 0.2, "vehicle.body_drag.linear": [0.1, 0.2, 0.3]}
 
-# Scenario with its overrides and layers, a setting that has no effect, and the reason in the remark.
-CASES = [
+# Each case: scenario, its overrides, path and value of a setting that has no effect, and the reason in the remark.
+INACTIVE_CASES = [
     ("hover", {}, "laboratory.wind", [GUST], "the vehicle has no drag: vehicle.linear_drag, vehicle.quadratic_drag"),
-    ("hover", DRAG, "laboratory.wind", [STILL], "laboratory.wind.0.velocity is [0, 0, 0]"),
-    ("hover", DRAG, "laboratory.wind", [GUST | {"start": 1.5}], "the flight ends at 0.50 s, before 1.5 s"),
-    ("hover", DRAG, "laboratory.wind", [{"kind": "dryden", "intensity": 0.0}], "laboratory.wind.0.intensity is 0"),
+    ("hover", WITH_DRAG, "laboratory.wind", [ZERO_GUST], "laboratory.wind.0.velocity is [0, 0, 0]"),
+    ("hover", WITH_DRAG, "laboratory.wind", [GUST | {"start": 1.5}], "the flight ends at 0.50 s, before 1.5 s"),
+    ("hover", WITH_DRAG, "laboratory.wind", [{"kind": "dryden", "intensity": 0.0}],
+     "laboratory.wind.0.intensity is 0"),
     ("hover", {}, "vehicle.body_drag", {"centre_of_pressure": [0.1, 0.0, 0.0]}, "vehicle.body_drag.linear and"),
     ("hover", {}, "vehicle.trim_force", {"x": 0.0, "y": 0.0, "z": 0.0}, "vehicle.trim_force.x and"),
     ("hover", {}, "vehicle.rotor_failure", {"rotor": 2, "time": 3.0}, "the flight ends at 0.50 s, before 3 s"),
     ("hover", {"vehicle.rotor_inertia": 0.0}, "vehicle.reaction_torque", True, "vehicle.rotor_inertia is 0"),
     ("hover", {}, "laboratory.motion_capture.drift_time", 3.0, "laboratory.motion_capture.velocity_drift is [0, 0, 0]"),
-    ("hover", {"control.position": PID}, "control.position.integral_limit", 0.1, "control.position.k_i is [0, 0, 0]"),
+    ("hover", {"control.position": ZERO_K_I_PID}, "control.position.integral_limit", 0.1,
+     "control.position.k_i is [0, 0, 0]"),
     ("hover", {"control.attitude": GEOMETRIC}, "control.attitude.integral_limit", 0.1, "control.attitude.k_i is not"),
-    ("hover", {"control.position": INDI}, "control.position.response.feed_forward_lag", [0.3, 0.1, 0.2],
+    ("hover", {"control.position": INDI_POSITION}, "control.position.response.feed_forward_lag", [0.3, 0.1, 0.2],
      "control.position.feed_forward is none"),
-    ("hover", {}, "control.network", IDLE, "control.network.learning.rate and control.network.learning.initial_weight"),
-    ("hover", {"control.network": FEEDBACK}, "control.network.learning.slope", 2.0,
+    ("hover", {}, "control.network", FIXED_NETWORK,
+     "control.network.learning.rate and control.network.learning.initial_weight"),
+    ("hover", {"control.network": FEEDBACK_NETWORK}, "control.network.learning.slope", 2.0,
      "control.network.learning.signal is feedback"),
-    ("hover", {"control.network": FEEDBACK}, "control.network.lead", 0.1, "control.network.inputs has none of x, y, z"),
+    ("hover", {"control.network": FEEDBACK_NETWORK}, "control.network.lead", 0.1,
+     "control.network.inputs has none of x, y, z"),
     ("figure_eight", {"route.heading": "along_path"}, "route.yaw", 0.5, "route.heading is along_path"),
     ("figure_eight", {}, "metrics.end", 100.0, "the flight ends at 0.50 s, before 100 s"),
     ("hover", {}, "requirements", {"near": {"always": {"signal": "position_error", "below": 0.1}, "after": 2.0}},
      "the flight ends at 0.50 s, before 2 s"),
     ("hover", {"crash.position_error": 0.2}, "crash.height", 0.3, "crash.position_error ends a flight 0.2 m"),
     ("figure_eight", {"space": {}}, "space.margin", 0.3, "space.obstacles is empty"),
-    ("onboard", {"laboratory.autopilot.rate_terms": TERMS}, "laboratory.autopilot.rate_terms.integral_limit",
+    ("onboard", {"laboratory.autopilot.rate_terms": ZERO_K_I}, "laboratory.autopilot.rate_terms.integral_limit",
      [0.1, 0.2, 0.3], "laboratory.autopilot.rate_terms.k_i is [0, 0, 0]"),
-    ("onboard", {"laboratory.autopilot.rate_terms": TERMS}, "laboratory.autopilot.rate_terms.derivative_bandwidth",
+    ("onboard", {"laboratory.autopilot.rate_terms": ZERO_K_I}, "laboratory.autopilot.rate_terms.derivative_bandwidth",
      [9.0, 9.0, 9.0], "laboratory.autopilot.rate_terms.k_d is not given"),
     ("onboard", {}, "laboratory.autopilot.neglected_drag", {"tilt_per_speed": 0.0, "time": 1.0},
      "laboratory.autopilot.neglected_drag.tilt_per_speed is 0"),
@@ -76,8 +80,10 @@ def remarks_on_inactive(scenario):
     return [remark for remark in flight_remarks(scenario) if "no effect" in remark]
 
 
-@pytest.mark.parametrize(("base", "overrides", "path", "value", "reason"), CASES, ids=lambda each: str(each)[:40])
-def test_a_setting_without_an_effect_is_remarked_with_the_setting_that_is_missing(base, overrides, path, value, reason):
+@pytest.mark.parametrize(
+    ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
+)
+def test_the_remark_on_an_inactive_setting_gives_the_reason(base, overrides, path, value, reason):
     before = remarks_on_inactive(loaded(base, overrides))
     (remark,) = [each for each in remarks_on_inactive(loaded(base, {**overrides, path: value})) if each not in before]
     assert remark.startswith(path)
@@ -86,42 +92,44 @@ def test_a_setting_without_an_effect_is_remarked_with_the_setting_that_is_missin
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("base", "overrides", "path", "value", "reason"), CASES, ids=lambda each: str(each)[:40])
-def test_a_flight_without_the_remarked_setting_is_the_same(base, overrides, path, value, reason):
+@pytest.mark.parametrize(
+    ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
+)
+def test_removing_an_inactive_setting_does_not_change_the_flight(base, overrides, path, value, reason):
     without, flown = (simulate(loaded(base, each)) for each in (overrides, {**overrides, path: value}))
     for name in ("state", "measurement", "rotor_speed"):
         np.testing.assert_allclose(flown[name], without[name], rtol=0.0, atol=1e-12)
 
 
-def test_a_setting_that_can_act_is_not_remarked():
+def test_there_is_no_remark_on_settings_with_an_effect():
     acting = {
         "laboratory.wind": [GUST, {"kind": "dryden", "intensity": {"uniform": {"min": 0.0, "max": 1.0}}}],
-        "control.position": PID | {"k_i": [0.0, 0.0, 0.1], "integral_limit": 1.0},
+        "control.position": ZERO_K_I_PID | {"k_i": [0.0, 0.0, 0.1], "integral_limit": 1.0},
         "laboratory.motion_capture": {"velocity_drift": [0.0, 0.1, 0.0], "drift_time": 3.0},
         "crash.height": 0.3,
     }
-    assert remarks_on_inactive(loaded("hover", {**acting, **DRAG})) == []
+    assert remarks_on_inactive(loaded("hover", {**acting, **WITH_DRAG})) == []
 
 
-def test_nothing_is_said_about_the_fields_of_a_wind_that_does_not_act():
+def test_an_inactive_wind_causes_no_remarks_on_its_fields():
     (remark,) = remarks_on_inactive(loaded("hover", {"laboratory.wind": [GUST | {"speed": None, "start": 9.0}] * 2}))
     assert remark.startswith("laboratory.wind has no effect")
 
 
 def test_settings_with_the_same_reason_share_a_remark():
-    terms = {**PID, "integral_limit": 1.0, "integration": "backward_euler"}
+    terms = {**ZERO_K_I_PID, "integral_limit": 1.0, "integration": "backward_euler"}
     assert remarks_on_inactive(loaded("hover", {"control.position": terms})) == [
         "control.position.integral_limit, control.position.integration have no effect, since control.position.k_i is"
         " [0, 0, 0]"
     ]
 
 
-def test_remarks_on_a_random_route_leave_out_the_plan():
-    drawn = {"route.position.0": {"uniform": {"min": 0.0, "max": 1.0}}, "laboratory.wind": [GUST], **DRAG}
+def test_remarks_on_a_scenario_with_a_random_route_do_not_require_a_plan():
+    drawn = {"route.position.0": {"uniform": {"min": 0.0, "max": 1.0}}, "laboratory.wind": [GUST], **WITH_DRAG}
     assert flight_remarks(loaded("hover", drawn)) == ()
 
 
-def test_a_kind_of_ones_own_declares_what_its_fields_need():
+def test_a_user_s_kind_can_declare_which_fields_another_field_needs():
     class Own(Model):
         rate: Number = 0.0
         limit: Annotated[Number, needs("rate")] = 1.0
@@ -136,20 +144,21 @@ def test_a_kind_of_ones_own_declares_what_its_fields_need():
     assert reasons(slope=2.0) == [("control.slope", "control.law is sign")]
 
 
-def test_the_named_strength_fields_of_every_kind_exist():
+def test_the_strength_fields_of_every_kind_are_existing_fields():
     members = [member for union in UNIONS for member in union.members.values()]
     declared = [(member, name) for member in members for name in member.strength_fields]
     assert declared
     assert all(name in member.model_fields for member, name in declared)
-    assert not can_act(load_scenario("hover", {"laboratory.wind": [STILL]}).laboratory.wind)
+    assert not can_act(load_scenario("hover", {"laboratory.wind": [ZERO_GUST]}).laboratory.wind)
 
 
-# The attitudes of these vehicles follow an identified response.
-# Planning the whole route through the forest takes several seconds.
+# Planning the whole route through the forest takes several seconds, so the tests fly a part of it.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
-REMARKED = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
+SCENARIOS_WITH_REMARKS = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])
-def test_shipped_scenarios_have_settings_without_effect_only_for_other_vehicles(spec):
-    assert bool(remarks_on_inactive(load_scenario(spec, SHORT_ROUTES.get(spec, [])))) == (spec in REMARKED)
+def test_only_two_shipped_scenarios_cause_remarks_on_inactive_settings(spec):
+    assert bool(remarks_on_inactive(load_scenario(spec, SHORT_ROUTES.get(spec, [])))) == (
+        spec in SCENARIOS_WITH_REMARKS
+    )

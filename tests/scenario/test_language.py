@@ -12,9 +12,9 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.schema import file_schema, language_page
 
-ROOT = Path(__file__).parent.parent.parent
-PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").rglob("*.md")))
-BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGES, re.DOTALL)
+REPOSITORY = Path(__file__).parent.parent.parent
+DOCUMENTATION = "".join(page.read_text(encoding="utf-8") for page in sorted((REPOSITORY / "docs").rglob("*.md")))
+YAML_EXAMPLES = re.findall(r"```yaml\n(.*?)```", DOCUMENTATION, re.DOTALL)
 
 
 @functools.cache
@@ -26,19 +26,19 @@ def schema_errors(text):
     return [error.message for error in validator().iter_errors(YAML(typ="safe", pure=True).load(text))]
 
 
-def test_page_and_schema_are_not_stale():
+def test_generated_page_and_schema_are_up_to_date():
     how_to_update = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
-    folder = ROOT / "docs" / "reference"
+    folder = REPOSITORY / "docs" / "reference"
     assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), how_to_update
     assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), how_to_update
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "diagrams").rglob("*.yaml")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", sorted((REPOSITORY / "diagrams").rglob("*.yaml")), ids=lambda path: path.name)
 def test_the_schema_accepts_every_shipped_file(path):
     assert schema_errors(path.read_text(encoding="utf-8")) == []
 
 
-@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("block", YAML_EXAMPLES)
 def test_the_schema_accepts_the_examples_on_the_pages(block):
     assert schema_errors(block) == []
 
@@ -57,12 +57,12 @@ def test_the_schema_accepts_the_examples_on_the_pages(block):
         "a: 3",
     ],
 )
-def test_the_schema_rejects_wrong_files(wrong):
+def test_the_schema_rejects_invalid_files(wrong):
     assert schema_errors(wrong)
 
 
-UNIFORM = "{uniform: {min: 0.1, max: 0.2}}"
-ROTOR = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
+UNIFORM_YAML = "{uniform: {min: 0.1, max: 0.2}}"
+ROTOR_YAML = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
 
 
 @pytest.mark.parametrize(
@@ -71,14 +71,14 @@ ROTOR = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
         *("mass: X", "arm_length: X", "inertia: [0.1, X, 0.2]", "motors: {kind: throttle, curve: [0.0, X, 2.0]}"),
         *(f"layout: {{kind: {kind}, length: X, width: 0.1}}" for kind in ("plus", "x", "h")),
         *(f"layout: {{kind: {kind}, length: 0.1, width: X}}" for kind in ("plus", "x", "h")),
-        f"layout: {{kind: rotors, rotors: [{ROTOR}, {ROTOR}, {ROTOR}, {ROTOR}]}}",
+        f"layout: {{kind: rotors, rotors: [{ROTOR_YAML}, {ROTOR_YAML}, {ROTOR_YAML}, {ROTOR_YAML}]}}",
     ],
 )
 def test_the_schema_allows_no_distributions_in_nominal(field):
-    """Only the vehicle may have distributions, not `nominal`."""
+    """The fields of `nominal` must be numbers, while those of `vehicle` may be distributions."""
     assert schema_errors(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
-    assert schema_errors(f"a: {{vehicle: {{{field.replace('X', UNIFORM)}}}}}") == []
-    assert schema_errors(f"a: {{nominal: {{{field.replace('X', UNIFORM)}}}}}") != []
+    assert schema_errors(f"a: {{vehicle: {{{field.replace('X', UNIFORM_YAML)}}}}}") == []
+    assert schema_errors(f"a: {{nominal: {{{field.replace('X', UNIFORM_YAML)}}}}}") != []
 
 
 def test_every_field_is_on_the_page():
@@ -86,7 +86,8 @@ def test_every_field_is_on_the_page():
     fields = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert {"centre_of_mass", "derivative_bandwidth", "initial_covariance", "turbulence", "corridors"} <= fields
     headings = {heading.lower() for heading in re.findall(r"^## (\w+)", page, re.MULTILINE)}
-    # Links to distributions lead to the section of the first distribution, so the other sections have no link.
+    # All links to distributions lead to the section of the first distribution, so the sections of the others have no
+    # link.
     distributions = {model.__name__.lower() for model in DISTRIBUTIONS.values()}
     linked_sections = {*re.findall(r"\]\(#(\w+)\)", page), "scenario", *distributions}
     assert linked_sections == headings

@@ -11,10 +11,10 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.paths import distributions_in
 
-VEHICLES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
-VEHICLES += ["vehicles/neural_fly:neural_fly"]
-LABORATORIES = ["laboratory:nominal", "laboratory:high_wind", "robustness", "outdoor", "onboard"]
-X500 = """
+VEHICLE_FILES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
+VEHICLE_FILES += ["vehicles/neural_fly:neural_fly"]
+LABORATORY_SCENARIOS = ["laboratory:nominal", "laboratory:high_wind", "robustness", "outdoor", "onboard"]
+X500_SCENARIO = """
 x500:
   nominal:
     layout: {kind: x, length: 0.348, width: 0.348}
@@ -45,18 +45,18 @@ def load(tmp_path):
 
 
 def airframe(scenario):
-    """Return the fields that describe the airframe, without the fields of the flight."""
+    """Return the vehicle fields that describe the airframe, without those that describe the flight."""
     vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
     return scenario.nominal.model_dump(), vehicle
 
 
-@pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLES, 2)])
-def test_a_vehicle_replaces_another_one_completely(load, first, second):
+@pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLE_FILES, 2)])
+def test_a_vehicle_layer_replaces_the_vehicle_below_completely(load, first, second):
     assert airframe(load(first, second, undesigned=True)) == airframe(load(second, undesigned=True))
 
 
-@pytest.mark.parametrize("laboratory", LABORATORIES)
-@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("laboratory", LABORATORY_SCENARIOS)
+@pytest.mark.parametrize("vehicle", VEHICLE_FILES)
 def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
     alone = load(vehicle, undesigned=True)
     for layers in ((laboratory, vehicle), (vehicle, laboratory)):
@@ -67,15 +67,15 @@ def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
         assert all(" no effect, since " in remark for remark in flight_remarks(mixed))
 
 
-@pytest.mark.parametrize("vehicle", VEHICLES)
-def test_robustness_has_the_same_effect_above_and_below_a_vehicle(load, vehicle):
+@pytest.mark.parametrize("vehicle", VEHICLE_FILES)
+def test_the_order_of_the_layers_robustness_and_vehicle_does_not_matter(load, vehicle):
     over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
     assert over.vehicle.model_dump() == under.vehicle.model_dump()
     assert over.nominal == under.nominal
 
 
 def test_relative_distributions_scale_with_the_vehicle(load):
-    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500)
+    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500_SCENARIO)
     fractions = np.linspace(0.01, 0.99, 9)
     arm = 0.5 * 0.348 * np.sqrt(2.0)
     for get, ratio in (
@@ -138,7 +138,7 @@ RELATIVE_UNIFORM = "{relative: {uniform: {min: 0.9, max: 1.1}}}"
         (f"thrust_factor_error.rotor_2={RELATIVE_UNIFORM.replace('0.9', '0.1').replace('1.1', '0.2')}", None),
     ],
 )
-def test_one_item_of_a_list_can_be_relative(field, expected):
+def test_a_single_item_of_a_list_can_be_a_relative_distribution(field, expected):
     vehicle = load_scenario("figure_eight", [f"vehicle.{field}"]).vehicle
     items = getattr(vehicle, field.partition("=")[0].partition(".")[0])
     if expected is None:
@@ -150,17 +150,17 @@ def test_one_item_of_a_list_can_be_relative(field, expected):
 
 def test_only_relative_items_of_a_list_are_applied_to_another_vehicle(load):
     spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
-    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500 + spread).vehicle.inertia
+    i_xx, i_yy, i_zz = load("spread", "x500", beside=X500_SCENARIO + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
     assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
 
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
-def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_layers_below(load, field, count):
-    """These fields have no nominal value. Their distributions are relative to 1 and to the length of an arm."""
+def test_a_vehicle_layer_keeps_only_relative_distributions_of_the_layers_below(load, field, count):
+    """Some fields have no nominal value. Their distributions are relative to 1 or to the arm length."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
-    _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)
+    _, *others = getattr(load("spread", "x500", beside=X500_SCENARIO + spread).vehicle, field)
     assert others == [0.0] * (count - 1)
 
 
@@ -174,7 +174,7 @@ def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_laye
         (f"body_drag={{linear: [0.1, {RELATIVE_UNIFORM}, 0.1]}}", "body_drag.linear.1"),
     ],
 )
-def test_a_required_field_must_not_be_relative_without_a_value(field, path):
+def test_a_relative_distribution_of_a_required_field_needs_a_base_value(field, path):
     with pytest.raises(InputError, match=rf"vehicle\.{path} is relative, but the vehicle has no value to which"):
         load_scenario("figure_eight", [f"vehicle.{field}"])
 
@@ -184,8 +184,8 @@ def test_a_number_replaces_a_relative_distribution_of_a_lower_layer(load):
     assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7
 
 
-def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
-    beside = X500 + (
+def test_gravity_and_integration_settings_remain_when_the_vehicle_is_replaced(load):
+    beside = X500_SCENARIO + (
         "flight: {extends: onboard, vehicle: {payload: {mass: 0.1, position: [0, 0, -0.1], time: 2.0, event: dropped}},"
         " nominal: {gravity: 3.7}}\n"
     )
@@ -197,16 +197,19 @@ def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
 
 
 def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
-    assert load("vehicles/crazyflie_onboard", "x500", beside=X500, undesigned=True).laboratory.autopilot.kind == "none"
-    assert load("onboard", "x500", beside=X500).laboratory.autopilot.kind == "attitude"
+    assert (
+        load("vehicles/crazyflie_onboard", "x500", beside=X500_SCENARIO, undesigned=True).laboratory.autopilot.kind
+        == "none"
+    )
+    assert load("onboard", "x500", beside=X500_SCENARIO).laboratory.autopilot.kind == "attitude"
 
 
-def test_fields_of_a_vehicle_change_it_and_leave_the_rest(load):
+def test_a_few_vehicle_fields_modify_the_vehicle_below(load):
     mixed = load("vehicles/racer", "laboratory:low_wind", own="  vehicle: {mass: 0.8}\n", undesigned=True)
     assert (mixed.nominal.mass, mixed.vehicle.mass, mixed.vehicle.rotor_time_constant) == (0.75, 0.8, 0.033)
 
 
-def test_the_default_vehicle_flies_if_no_other_is_described(load):
+def test_the_default_vehicle_is_used_if_no_layer_describes_a_vehicle(load):
     assert load("laboratory:nominal").vehicle.linear_drag == 0.1
     assert load("laboratory:nominal", own="  nominal: {mass: 0.7}\n").nominal.mass == 0.7
     assert load("figure_eight").vehicle.linear_drag == 0.0
@@ -229,13 +232,13 @@ def test_the_default_vehicle_flies_if_no_other_is_described(load):
     ],
 )
 def test_an_incomplete_vehicle_is_refused(load, missing):
-    """A vehicle is described by most fields, or by a mass and an inertia; a few fields change the paper's vehicle."""
-    lines = [line for line in X500.splitlines() if line.split(":")[0].strip() not in missing]
+    """Mass and inertia, or most fields, describe another vehicle. Fewer fields modify the paper's vehicle."""
+    lines = [line for line in X500_SCENARIO.splitlines() if line.split(":")[0].strip() not in missing]
     with pytest.raises(InputError, match=rf"nominal describes a vehicle, but without .*{missing[0]}"):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
 
 
-CONTROLLERS = [
+CONTROLLER_LAYERS = [
     "gains/laboratory",
     "controllers/paper:pd",
     "controllers/designed/laboratory:indi_fast",
@@ -243,20 +246,20 @@ CONTROLLERS = [
 ]
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
-def test_a_control_replaces_another_one_completely(load, controller):
+@pytest.mark.parametrize("controller", CONTROLLER_LAYERS)
+def test_a_control_with_a_kind_replaces_the_control_below_completely(load, controller):
     alone = load("figure_eight", controller).control
     for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
         assert load("figure_eight", base, controller).control == alone
 
 
-def test_a_control_without_a_kind_changes_the_one_below(load):
+def test_a_control_without_a_kind_modifies_the_control_below(load):
     mixed = load("robustness", own="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
     assert mixed.control.position.k_p == (1.0, 1.0, 6.0)
     assert mixed.control.network is not None
 
 
-def test_window_and_duration_are_replaced_together_with_their_route(load):
+def test_metric_window_and_duration_are_replaced_together_with_the_route(load):
     assert load_scenario("vehicles/neural_fly:still").metrics.start > 0.0
     beside = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
     mixed = load("longer", own="  route: {kind: hover}\n", beside=beside)
@@ -265,7 +268,7 @@ def test_window_and_duration_are_replaced_together_with_their_route(load):
     assert (kept.metrics.start, kept.duration) == (load_scenario("vehicles/neural_fly:still").metrics.start, 70.0)
 
 
-def test_the_limits_of_a_laboratory_do_not_apply_in_another_one(load):
+def test_crash_limits_of_one_laboratory_do_not_apply_in_another(load):
     assert load_scenario("outdoor").crash.position_error == 20.0
     indoor = load("outdoor", "laboratory:nominal")
     assert indoor.crash.position_error == 5.0
@@ -299,7 +302,7 @@ def test_invalid_relative_distributions_are_refused(field, message):
         load_scenario("figure_eight", [field])
 
 
-DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
+ROTOR_DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
 
 
 def test_a_flight_reports_that_its_nominal_vehicle_differs():
@@ -313,7 +316,7 @@ def test_a_flight_reports_that_its_nominal_vehicle_differs():
     assert "mass 0.9 kg (nominal 0.68)" in flight_remarks(load_scenario("figure_eight", uncertain))[0]
 
 
-def test_a_layout_with_distances_replaces_the_arm_length_below(load):
+def test_a_layout_with_distances_replaces_the_arm_length_of_the_layer_below(load):
     layout = "{kind: x, length: 0.3, width: 0.2}"
     assert load("laboratory:nominal", own=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
     assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2
@@ -331,15 +334,17 @@ def test_a_layout_with_distances_replaces_the_arm_length_below(load):
         ({"vehicle.centre_of_mass": [0.0, 0.03]}, "centre_of_mass.1 0.03 m (nominal 0);"),
     ],
 )
-def test_every_part_of_the_airframe_that_differs_strongly_is_reported(change, words):
+def test_every_strong_difference_between_vehicle_and_nominal_is_reported(change, words):
     (remark,) = flight_remarks(load_scenario("figure_eight", change))
     assert f"use: {words}" in remark
 
 
 def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
-    """All other fields of the vehicle are compared, for example the centre of mass."""
+    """All other vehicle fields, such as the centre of mass, are compared with `nominal`."""
     corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
+    rotors = [
+        {"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, ROTOR_DIRECTIONS, strict=True)
+    ]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
     drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
     assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
@@ -360,17 +365,19 @@ def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
         ((0.205, 0.0), (-0.135, 0.0), True),
     ],
 )
-def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third, is_reported):
-    """The arm length, which is the mean of the smallest and the largest distance of a rotor, remains 0.17 m."""
+def test_a_rotor_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third, is_reported):
+    """The arm length, the mean of the smallest and the largest rotor distance, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
+    rotors = [
+        {"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, ROTOR_DIRECTIONS, strict=True)
+    ]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
     assert bool(remarks) == is_reported
     assert not is_reported or "use: rotor 1 at" in remarks[0]
 
 
-def test_a_random_centre_of_mass_is_reported_if_its_offset_is_large_compared_with_its_spread():
-    """The limits are a tenth of the arm length and five standard deviations."""
+def test_a_random_centre_of_mass_is_reported_if_its_mean_is_five_standard_deviations_off():
+    """The offset is reported if it exceeds a tenth of the arm length and five standard deviations."""
     for standard_deviation, is_reported in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
         remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [normal, 0.0]}))
@@ -379,7 +386,7 @@ def test_a_random_centre_of_mass_is_reported_if_its_offset_is_large_compared_wit
     assert flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [0.018, 0.0]}))
 
 
-def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
+def test_a_random_mass_is_reported_if_nominal_is_five_standard_deviations_away():
     for standard_deviation, is_reported in ((0.059, True), (0.061, False)):
         normal = {"normal": {"mean": 0.98, "standard_deviation": standard_deviation, "min": 0.2}}
         assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": normal}))) == is_reported
@@ -387,13 +394,13 @@ def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
         assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": mass}))) == is_reported
 
 
-def test_the_rotors_of_a_larger_vehicle_are_not_reported_besides_its_arm_length():
-    """Positions of rotors are compared relative to the arm length, for which there is a separate remark."""
+def test_a_remark_on_the_arm_length_replaces_remarks_on_rotor_positions():
+    """Rotor positions are compared relative to the arm length, which has its own remark."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
     assert "use: arm length 0.25 m (nominal 0.17);" in remark
 
 
-def test_controllers_that_fly_under_unequal_conditions_are_reported():
+def test_a_comparison_reports_controllers_that_change_the_laboratory():
     """A controller may change the laboratory, which makes a comparison with other controllers unfair."""
 
     def low_wind(*layers, changes=()):

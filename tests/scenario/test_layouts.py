@@ -12,13 +12,18 @@ from drake_quad.scenario.schema import file_schema
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 ROTOR_POSITIONS = [[0.14, 0.01, 0.02], [-0.01, -0.16, 0.0], [-0.13, 0.02, 0.0], [0.02, 0.15, 0.01]]
-DIRECTIONS = ("clockwise", "anticlockwise")
-FIELDS = {
+ALTERNATING_DIRECTIONS = ("clockwise", "anticlockwise")
+LAYOUT_FIELDS = {
     "plus": [{}, {"length": 0.3, "width": 0.4}],
     "x": [{}, {"length": 0.3, "width": 0.4, "rotor_1_turns": "anticlockwise"}],
     "h": [{"length": 0.3, "width": 0.4}],
     "rotors": [
-        {"rotors": [{"position": position, "turns": DIRECTIONS[i % 2]} for i, position in enumerate(ROTOR_POSITIONS)]}
+        {
+            "rotors": [
+                {"position": position, "turns": ALTERNATING_DIRECTIONS[i % 2]}
+                for i, position in enumerate(ROTOR_POSITIONS)
+            ]
+        }
     ],
 }
 
@@ -53,7 +58,7 @@ def check_member(kind, fields):
 
 
 @pytest.mark.parametrize(
-    ("kind", "fields"), [(kind, fields) for kind in LAYOUTS.members for fields in FIELDS.get(kind, [{}])]
+    ("kind", "fields"), [(kind, fields) for kind in LAYOUTS.members for fields in LAYOUT_FIELDS.get(kind, [{}])]
 )
 def test_attributes_of_every_layout_agree_with_its_geometry(kind, fields):
     check_member(kind, fields)

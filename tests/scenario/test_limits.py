@@ -1,4 +1,4 @@
-"""Tests that oversized scenarios are refused before reading, and impossible times before the flight."""
+"""Tests that oversized scenarios are refused before they are parsed, and impossible times before the flight."""
 
 import math
 import os
@@ -16,13 +16,13 @@ from drake_quad.scenario import limits
 from drake_quad.scenario.files import library
 from drake_quad.scenario.files.loading import Override, load_mission
 
-BODY = """\
+MINIMAL_FIELDS = """\
   route: {kind: hover}
   control:
     position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.5]}
     attitude: {k_p: [9.0, 9.0, 4.0], k_d: [6.0, 6.0, 3.0]}
 """
-SMALL_FILE = f"small:\n{BODY}"
+SMALL_FILE = f"small:\n{MINIMAL_FIELDS}"
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def write(tmp_path):
 
 @pytest.fixture
 def composed_nodes(monkeypatch):
-    """Return a list that gets an entry for each node of YAML that is composed."""
+    """Return a list to which the YAML composer appends an entry for each node."""
     counts = []
     compose = Composer.compose_node
     monkeypatch.setattr(Composer, "compose_node", lambda *arguments: counts.append(1) or compose(*arguments))
@@ -54,12 +54,12 @@ def refusal(load, *arguments):
 
 
 def chain(levels, *, twice=False):
-    """Return a chain of scenarios, each of which extends the previous one; the first is complete."""
+    """Return a file of scenarios, each of which extends the previous one. The first is complete."""
     bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
-    return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
+    return f"s0:\n{MINIMAL_FIELDS}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
 
-def test_a_scenario_that_is_extended_several_times_is_resolved_once(write, monkeypatch):
+def test_a_scenario_extended_several_times_is_resolved_only_once(write, monkeypatch):
     calls = []
     with_layer = library.with_layer
     monkeypatch.setattr(library, "with_layer", lambda *trees: calls.append(1) or with_layer(*trees))
@@ -78,7 +78,7 @@ def test_the_number_of_extended_scenarios_is_limited(write):
     assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
 
 
-def test_circular_extensions_are_found_after_other_scenarios_were_resolved(write):
+def test_circular_extensions_are_detected_after_other_scenarios_were_resolved(write):
     path = write("a: {extends: [b, c]}\nb: {route: {kind: hover}}\nc: {extends: [b, a]}\n")
     assert "loop.yaml:3: a extends itself" in refusal(load_scenario, f"{path}:a")
 
@@ -107,7 +107,7 @@ def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
+def test_the_size_limit_includes_all_files_and_overrides(write):
     path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
     write(f"{SMALL_FILE}# {'x' * 300_000}\n", "one.yaml")
     write(f"{SMALL_FILE}# {'x' * 100_000}\n", "two.yaml")
@@ -121,14 +121,14 @@ def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )
-def test_parsing_stops_at_the_limit_of_names_and_values(write, composed_nodes, value):
+def test_parsing_stops_at_the_limit_on_keys_and_values(write, composed_nodes, value):
     message = refusal(load_scenario, write(f"{SMALL_FILE}  vehicle: {value}\n"))
-    assert "is too large: a scenario and all that it extends may have at most 30,000 names and values" in message
+    assert "is too large: a scenario and all that it extends may have at most 30,000 keys and values" in message
     assert len(composed_nodes) <= limits.MAX_NODES
 
 
 @pytest.mark.slow
-def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes, monkeypatch):
+def test_the_limit_on_keys_and_values_includes_all_files(write, composed_nodes, monkeypatch):
     monkeypatch.setattr(library, "MAX_NODES", 3000)
     numbers = ", ".join(["1.0"] * 1400)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
@@ -138,13 +138,13 @@ def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes,
     write(f"{SMALL_FILE}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
     composed_nodes.clear()
     assert "two.yaml:6: is too large" in refusal(load_scenario, path)
-    # The last file is parsed again to find the line at which it exceeds the limit.
+    # The last file is parsed a second time to find the line at which it exceeds the limit.
     assert len(composed_nodes) <= 2 * library.MAX_NODES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
-def test_parsing_stops_at_the_limit_of_levels(write, composed_nodes, text):
+def test_parsing_stops_at_the_limit_on_nesting(write, composed_nodes, text):
     assert "loop.yaml:1: is nested too deeply: a scenario may have at most 40 levels" in refusal(
         load_scenario, write(text)
     )
@@ -173,7 +173,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
     [
         (
             f"{SMALL_FILE}  name: {'x' * 1001}\n",
-            "loop.yaml:6: 'xxx.* is too long: a name or value may have at most 1,000 char",
+            "loop.yaml:6: 'xxx.* is too long: a key or value may have at most 1,000 char",
         ),
         (f"{SMALL_FILE}  seed: 0x{'f' * 5000}\n", "loop.yaml:6: '0xfff.* is too long"),
         (f"{SMALL_FILE}  name: {'x' * 101}\n", "loop.yaml:6: name is 'xxx.*, but must have at most 100 characters"),
@@ -193,7 +193,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
         (f"a: {{extends: {'x' * 900}.yaml}}", "loop.yaml:1: extends .*xxx.yaml, which does not exist"),
     ],
 )
-def test_unusual_text_is_explained(write, text, words):
+def test_errors_for_unusual_yaml_text_give_the_reason(write, text, words):
 
     assert re.search(words, refusal(load_scenario, write(text)))
 
@@ -212,7 +212,7 @@ def test_a_redefined_anchor_causes_no_warning(write):
         (f"loop.yaml:{'x' * 5000}", "there is no scenario 'xxx.* in .*loop.yaml, which contains small"),
     ],
 )
-def test_odd_names_of_files_are_explained(write, monkeypatch, name, words):
+def test_errors_for_unusual_file_names_give_the_reason(write, monkeypatch, name, words):
 
     monkeypatch.chdir(write(SMALL_FILE).parent)
     assert re.search(words, refusal(load_scenario, name))
@@ -254,7 +254,7 @@ def test_the_number_of_waypoints_is_limited(write):
         ("seed=" + "[1," * 30 + "1" + "]" * 30 + " # " + "x" * 600_000, "is too large"),
     ],
 )
-def test_odd_overrides_are_explained(write, override, words):
+def test_errors_for_malformed_overrides_give_the_reason(write, override, words):
 
     message = refusal(load_scenario, write(SMALL_FILE), [override])
     assert re.match(f"override .*{words}", message)
@@ -289,59 +289,61 @@ def test_errors_of_a_file_do_not_name_an_override(write):
         ("vehicle={min_rotor_speed: 400}", "vehicle.min_rotor_speed is 400, but must be smaller than max_rotor_speed"),
     ],
 )
-def test_messages_show_the_value_of_the_field_even_if_it_is_a_default(write, override, words):
+def test_error_messages_show_the_value_of_a_field_even_if_it_is_the_default(write, override, words):
     assert words in refusal(load_scenario, write(SMALL_FILE), [override])
 
 
-ON_BOARD = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 6], k_rate: [12, 12, 12]%s}"
-RESPONSE = "laboratory.autopilot={kind: response, natural_frequency: [6, 6, 3], damping: [0.5, 0.5, 0.5]}"
-NO_ATTITUDE = "control.attitude=null"
-SHORT_STEP = "vehicle.time_step=0.0025"
+ATTITUDE_AUTOPILOT_OVERRIDE = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 6], k_rate: [12, 12, 12]%s}"
+RESPONSE_AUTOPILOT_OVERRIDE = (
+    "laboratory.autopilot={kind: response, natural_frequency: [6, 6, 3], damping: [0.5, 0.5, 0.5]}"
+)
+NO_ATTITUDE_OVERRIDE = "control.attitude=null"
+SHORT_STEP_OVERRIDE = "vehicle.time_step=0.0025"
 
 
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ([NO_ATTITUDE], "control.attitude is missing"),
+        ([NO_ATTITUDE_OVERRIDE], "control.attitude is missing"),
         (
-            [ON_BOARD % ""],
+            [ATTITUDE_AUTOPILOT_OVERRIDE % ""],
             "control.attitude is .*, but must be left out, or null, since .* of kind attitude controls the attitude",
         ),
         (
-            [RESPONSE],
+            [RESPONSE_AUTOPILOT_OVERRIDE],
             "control.attitude is .*, but must be left out, or null, since .* of kind response",
         ),
         (
-            [ON_BOARD % "", NO_ATTITUDE, "control.position.feed_forward=snap"],
+            [ATTITUDE_AUTOPILOT_OVERRIDE % "", NO_ATTITUDE_OVERRIDE, "control.position.feed_forward=snap"],
             "control.position.feed_forward is 'snap', but must be none or acceleration or jerk with",
         ),
         (
-            [RESPONSE, NO_ATTITUDE, "control.position.feed_forward=jerk"],
+            [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "control.position.feed_forward=jerk"],
             "control.position.feed_forward is 'jerk', but must be none or acceleration with .* of kind response",
         ),
         (
-            [ON_BOARD % "", NO_ATTITUDE],
+            [ATTITUDE_AUTOPILOT_OVERRIDE % "", NO_ATTITUDE_OVERRIDE],
             "vehicle.time_step is 0.01 by default, but must not be longer than the shortest period, 0.0025 s"
             " of laboratory.autopilot.period",
         ),
         (
-            [ON_BOARD % ", period: 0.04", NO_ATTITUDE],
+            [ATTITUDE_AUTOPILOT_OVERRIDE % ", period: 0.04", NO_ATTITUDE_OVERRIDE],
             "autopilot.period is 0.04, but must not be longer than the period of the command link, 0.02 s",
         ),
         (
-            [ON_BOARD % ", period: 0.004", NO_ATTITUDE, SHORT_STEP],
+            [ATTITUDE_AUTOPILOT_OVERRIDE % ", period: 0.004", NO_ATTITUDE_OVERRIDE, SHORT_STEP_OVERRIDE],
             "autopilot.period is 0.004, but must be the shortest period, 0.0025, times a power of two",
         ),
         (
-            [RESPONSE, NO_ATTITUDE, "vehicle.rotor_failure={rotor: 1, time: 2}"],
+            [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "vehicle.rotor_failure={rotor: 1, time: 2}"],
             "vehicle.rotor_failure is .*, but must be left out: .* of kind response does not model it",
         ),
         (
-            [RESPONSE, NO_ATTITUDE, "vehicle.slung_load={mass: 0.05, length: 0.5}"],
+            [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "vehicle.slung_load={mass: 0.05, length: 0.5}"],
             "vehicle.slung_load is .*, but must be left out: .* of kind response does not model it",
         ),
         (
-            [RESPONSE, NO_ATTITUDE, "laboratory.autopilot.damping.1=0"],
+            [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, "laboratory.autopilot.damping.1=0"],
             "autopilot.damping.1 is 0, but must be larger than 0",
         ),
         (
@@ -354,11 +356,13 @@ def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write,
     assert re.search(words, refusal(load_scenario, write(SMALL_FILE), overrides))
 
 
-def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
-    """The Runge-Kutta method allows a step of 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
+def test_an_attitude_response_too_fast_for_the_time_step_is_refused(write):
+    """The Runge-Kutta method is stable for steps up to 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, validation_error in (("1.4", False), ("1.5", True)):
-        scenario = load_scenario(write(SMALL_FILE), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
+        scenario = load_scenario(
+            write(SMALL_FILE), [RESPONSE_AUTOPILOT_OVERRIDE, NO_ATTITUDE_OVERRIDE, fast % damping, "duration=0.1"]
+        )
         if validation_error:
             words = "vehicle.time_step is 0.01 s, too long for an attitude response with a time constant of 0.0038 s"
             with pytest.raises(InputError, match=words):
@@ -367,10 +371,10 @@ def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
             assert not simulate(scenario).metrics.crashed
 
 
-TWO_WAYPOINTS = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
-KNOTS = "route={kind: trajectory, knots: [{time: 0, position: [0, 0, 1]}, {time: %s, position: [1, 0, 1]}]}"
-GUST = "laboratory.wind=[{kind: gust, velocity: [1, 0, 0], start: %s, rise_time: %s, hold_time: %s}]"
-FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1, diameter: 1}]"
+TWO_WAYPOINTS_OVERRIDE = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
+KNOTS_OVERRIDE = "route={kind: trajectory, knots: [{time: 0, position: [0, 0, 1]}, {time: %s, position: [1, 0, 1]}]}"
+GUST_OVERRIDE = "laboratory.wind=[{kind: gust, velocity: [1, 0, 0], start: %s, rise_time: %s, hold_time: %s}]"
+FAN_OVERRIDE = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1, diameter: 1}]"
 
 
 @pytest.mark.parametrize(
@@ -384,32 +388,41 @@ FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1,
         ("duration=1e300", r"duration is 1e\+300, but must be less than or equal to 86400"),
         ("route.duration=1e300", r"route.duration is 1e\+300, but must be less than or equal to 86400"),
         ("route.duration=1e-300", "route.duration is 1e-300, but must be greater than or equal to 0.0001"),
-        (f"{TWO_WAYPOINTS} [0, 1e9]}}", "route.times is .*, but must not exceed 86400"),
-        (f"{TWO_WAYPOINTS} [0, 1e300]}}", r"route.times.1 is 1e\+300, but must be less"),
+        (f"{TWO_WAYPOINTS_OVERRIDE} [0, 1e9]}}", "route.times is .*, but must not exceed 86400"),
+        (f"{TWO_WAYPOINTS_OVERRIDE} [0, 1e300]}}", r"route.times.1 is 1e\+300, but must be less"),
         (
-            f"{TWO_WAYPOINTS} [0, 1e-300]}}",
+            f"{TWO_WAYPOINTS_OVERRIDE} [0, 1e-300]}}",
             "route.times is .*, but must increase by at least 0.0001 s from one to the next",
         ),
         (
-            f"{TWO_WAYPOINTS} {{kind: minimum_snap, duration: 1e-300}}}}",
+            f"{TWO_WAYPOINTS_OVERRIDE} {{kind: minimum_snap, duration: 1e-300}}}}",
             "route.times.duration is 1e-300, but must be greater",
         ),
-        (KNOTS % "1e300", r"route.knots.1.time is 1e\+300, but must be less than or equal to 86400"),
-        (KNOTS % "1e-300", r"route.knots.1.time is 1e-300, but must be at least 0.0001 s later than 0.0?"),
-        (GUST % ("1e6", "1", "1"), r"wind.0.start is 1000000.0, but must be at least 0 and at most 86400"),
-        (GUST % ("0", "1e-320", "1"), r"wind.0.rise_time is 1e-320, but must be at least 0.0001 and at most 86400"),
-        (GUST % ("0", "1", "1e6"), r"wind.0.hold_time is 1000000.0, but must be at least 0 and at most 86400"),
-        (GUST % ("{uniform: {min: 0, max: 1e6}}", "1", "1"), r"wind.0.start is .*, but must be .* at most 86400"),
+        (KNOTS_OVERRIDE % "1e300", r"route.knots.1.time is 1e\+300, but must be less than or equal to 86400"),
+        (KNOTS_OVERRIDE % "1e-300", r"route.knots.1.time is 1e-300, but must be at least 0.0001 s later than 0.0?"),
+        (GUST_OVERRIDE % ("1e6", "1", "1"), r"wind.0.start is 1000000.0, but must be at least 0 and at most 86400"),
+        (
+            GUST_OVERRIDE % ("0", "1e-320", "1"),
+            r"wind.0.rise_time is 1e-320, but must be at least 0.0001 and at most 86400",
+        ),
+        (GUST_OVERRIDE % ("0", "1", "1e6"), r"wind.0.hold_time is 1000000.0, but must be at least 0 and at most 86400"),
+        (
+            GUST_OVERRIDE % ("{uniform: {min: 0, max: 1e6}}", "1", "1"),
+            r"wind.0.start is .*, but must be .* at most 86400",
+        ),
         ("vehicle.rotor_failure={rotor: 1, time: 1e6}", "rotor_failure.time is 1000000.0, but must be .* 86400"),
         ("vehicle.rotor_time_constant=1e-320", "rotor_time_constant is 1e-320, but must be at least 0.0001"),
         ("metrics.start=1e6", "metrics.start is 1000000.0, but must be less than or equal to 86400"),
         ("metrics.end=1e6", "metrics.end is 1000000.0, but must be less than or equal to 86400"),
         (
-            FAN % "[1e-320, 0, 0]",
+            FAN_OVERRIDE % "[1e-320, 0, 0]",
             r"wind.0.direction is \[1e-320, 0, 0\], but must have a component whose magnitude is always larger than",
         ),
-        (FAN % "[{choice: [1e-320, 1]}, 0, 0]", r"wind.0.direction is .*, but must have a component"),
-        (FAN % "[1e200, 0, 0]", r"wind.0.direction.0 is 1e\+200, but must be less than or equal to 1000000000"),
+        (FAN_OVERRIDE % "[{choice: [1e-320, 1]}, 0, 0]", r"wind.0.direction is .*, but must have a component"),
+        (
+            FAN_OVERRIDE % "[1e200, 0, 0]",
+            r"wind.0.direction.0 is 1e\+200, but must be less than or equal to 1000000000",
+        ),
         ("vehicle.mass=1e-320", "vehicle.mass is 1e-320, but must be at least 1e-12"),
         ("vehicle.mass=1e300", r"vehicle.mass is 1e\+300, but must be less than or equal to 1000000000"),
         ("vehicle.mass={choice: [1, 1e300]}", r"vehicle.mass.choice.1 is 1e\+300, but must be less"),
@@ -424,8 +437,8 @@ def test_impossible_times_and_numbers_are_refused(write, override, words):
     assert re.search(words, refusal(load_scenario, write(SMALL_FILE), [override]))
 
 
-SHORT_PERIODS = [f"{field}=0.001" for field in ("vehicle.time_step", "laboratory.command_link.period")]
-SHORT_PERIODS += ["laboratory.motion_capture.period=0.001"]
+SHORT_PERIOD_OVERRIDES = [f"{field}=0.001" for field in ("vehicle.time_step", "laboratory.command_link.period")]
+SHORT_PERIOD_OVERRIDES += ["laboratory.motion_capture.period=0.001"]
 
 
 @pytest.mark.parametrize(
@@ -433,22 +446,22 @@ SHORT_PERIODS += ["laboratory.motion_capture.period=0.001"]
     [
         ("duration=10001", "duration"),
         ("route.duration=10001", "route.duration"),
-        (f"{TWO_WAYPOINTS} [0, 10001]}}", "route.times"),
-        (f"{TWO_WAYPOINTS} {{kind: fixed, times: [0, 10001]}}}}", "route.times"),
-        (f"{TWO_WAYPOINTS} {{kind: minimum_snap, duration: 10001}}}}", "route.times.duration"),
-        (KNOTS % "10001", "route.knots.1.time"),
+        (f"{TWO_WAYPOINTS_OVERRIDE} [0, 10001]}}", "route.times"),
+        (f"{TWO_WAYPOINTS_OVERRIDE} {{kind: fixed, times: [0, 10001]}}}}", "route.times"),
+        (f"{TWO_WAYPOINTS_OVERRIDE} {{kind: minimum_snap, duration: 10001}}}}", "route.times.duration"),
+        (KNOTS_OVERRIDE % "10001", "route.knots.1.time"),
     ],
 )
-def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
-    message = refusal(load_scenario, write(SMALL_FILE), [*SHORT_PERIODS, override])
+def test_a_flight_with_too_many_ticks_is_refused_when_it_is_loaded(write, override, field):
+    message = refusal(load_scenario, write(SMALL_FILE), [*SHORT_PERIOD_OVERRIDES, override])
     assert message.startswith("override ")
     assert f" {field} is " in message
     assert message.endswith("but must be at most 10000 s, 10,000,000 times the shortest period")
-    assert load_scenario(write(SMALL_FILE), [*SHORT_PERIODS, override.replace("10001", "10000")])
+    assert load_scenario(write(SMALL_FILE), [*SHORT_PERIOD_OVERRIDES, override.replace("10001", "10000")])
 
 
-def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
-    shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIODS]
+def test_a_flight_with_too_many_ticks_is_refused_after_planning(write):
+    shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIOD_OVERRIDES]
     scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
     with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, which is 10,000,"):
         flight_duration(scenario, plan_route(scenario))
@@ -468,7 +481,7 @@ def test_a_vehicle_with_infinite_states_has_crashed_and_records_only_finite_valu
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
+def test_integration_with_euler_angles_stops_close_to_90_degrees_of_pitch(write):
     """Near this pitch, angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
@@ -485,7 +498,7 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
         simulate(load_scenario(write(SMALL_FILE), turns_over), prepare=set_flip)
 
 
-def test_a_continuous_state_that_changes_too_fast_is_explained(write):
+def test_the_error_for_a_state_that_changes_too_fast_gives_the_reason(write):
     fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
     with pytest.raises(
         InputError, match="vehicle.time_step is 0, but from .* s on the continuous state changes too fast"
@@ -493,8 +506,8 @@ def test_a_continuous_state_that_changes_too_fast_is_explained(write):
         simulate(load_scenario(write(SMALL_FILE), fast))
 
 
-def test_the_limit_of_waypoints_includes_all_laps(diagrams):
-    """Fifty laps of twenty waypoints reach the limit."""
+def test_the_limit_on_waypoints_includes_all_laps(diagrams):
+    """A route with fifty laps of twenty waypoints reaches the limit."""
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"
     assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50

@@ -1,4 +1,4 @@
-"""Tests of the loading of scenarios: accepted inputs, and one sentence for each refused input."""
+"""Tests of scenario loading: accepted inputs, and messages of one sentence for refused inputs."""
 
 import re
 from io import StringIO
@@ -16,7 +16,7 @@ from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.scenario.routes.route import ROUTES
 from drake_quad.scenario.winds.source import WINDS
 
-BODY = """\
+MINIMAL_FIELDS = """\
   route: {kind: hover}
   control:
     position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1, 1e0, 1.5]}
@@ -43,14 +43,14 @@ def refusal(write, text, *overrides):
 
 
 def test_a_small_file_is_a_complete_scenario(write):
-    scenario = load_scenario(write(f"small:\n{BODY}"))
+    scenario = load_scenario(write(f"small:\n{MINIMAL_FIELDS}"))
     assert scenario.name == "small"
     assert scenario.control.position.k_d == (1.0, 1.0, 1.5)
     assert scenario.vehicle.mass == 0.68
 
 
 def test_a_file_with_several_scenarios_needs_a_name(write):
-    path = write(f"one:\n{BODY}two:\n{BODY}")
+    path = write(f"one:\n{MINIMAL_FIELDS}two:\n{MINIMAL_FIELDS}")
     assert load_scenario(f"{path}:two").name == "two"
     with pytest.raises(InputError, match="several scenarios; choose one as .*:NAME from one, two"):
         load_scenario(path)
@@ -59,7 +59,10 @@ def test_a_file_with_several_scenarios_needs_a_name(write):
 
 
 def test_extends_merges_deeply_and_later_layers_take_precedence(write):
-    write(f"base:\n{BODY}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n", "base.yaml")
+    write(
+        f"base:\n{MINIMAL_FIELDS}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n",
+        "base.yaml",
+    )
     path = write(
         "a: {extends: base.yaml:base, vehicle: {mass: 0.6}}\n"
         "b: {extends: [a, base.yaml:light], route: {kind: circle, radius: 2.0}}\n"
@@ -72,7 +75,7 @@ def test_extends_merges_deeply_and_later_layers_take_precedence(write):
 
 def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
     path = write(
-        f"base:\n{BODY}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
+        f"base:\n{MINIMAL_FIELDS}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
         "a: {extends: base, route: {kind: circle}, vehicle: {mass: {choice: [0.5, 0.6]}}}\n"
         "b: {extends: base, vehicle: {mass: 0.68}}\n"
     )
@@ -91,7 +94,7 @@ def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
         ("a: {extends: []}", "extends must be FILE, FILE:NAME or NAME"),
     ],
 )
-def test_bad_extensions_are_explained(write, text, words):
+def test_errors_for_invalid_extensions_give_the_reason(write, text, words):
     with pytest.raises(InputError, match=words):
         load_scenario(f"{write(text)}:a")
 
@@ -108,7 +111,7 @@ def test_an_undesigned_scenario_needs_neither_route_nor_gains(write):
 
 
 def test_overrides_take_precedence_and_are_named_in_errors(write):
-    text = f"a:\n{BODY}"
+    text = f"a:\n{MINIMAL_FIELDS}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
         "override vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
@@ -171,12 +174,12 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("\t- x", "is not YAML"),
     ],
 )
-def test_a_wrong_field_is_refused_in_one_sentence_with_file_and_line_and_what_is_allowed(write, line, message):
+def test_the_error_for_an_invalid_field_gives_file_line_and_allowed_values(write, line, message):
     with pytest.raises(InputError, match=message):
-        load_scenario(write(f"a:\n{BODY}{line}\n"))
+        load_scenario(write(f"a:\n{MINIMAL_FIELDS}{line}\n"))
 
 
-FAN = "kind: fan, position: [0, 0, 1]"
+FAN_FIELDS = "kind: fan, position: [0, 0, 1]"
 
 
 @pytest.mark.parametrize(
@@ -201,14 +204,14 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ("command_link: {delay_ticks: {choice: [1, 2.5]}}", "delay_ticks is .*, but must be a whole number"),
         ("command_link: {loss_rate: -0.1}", "loss_rate is -0.1, but must be at least 0 and at most 1"),
         (
-            f"wind: [{{{FAN}, direction: [1, 0, 0], flow: 2, diameter: 0}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [1, 0, 0], flow: 2, diameter: 0}}]",
             r"wind.0.diameter is 0, but must be larger",
         ),
         (
-            f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
             r"wind.0.direction is .* a component whose magnitude is always larger than",
         ),
-        (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
+        (f"wind: [{{{FAN_FIELDS}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
             "wind: [{kind: breeze}]",
             f"wind.0.kind is 'breeze', but must be one of {str([*WINDS.members])[1:-1]}",
@@ -218,7 +221,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
             r"wind.0.level is 'mild', but must be 'light', 'moderate' or 'severe'",
         ),
         (
-            f"wind: [{{{FAN}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
+            f"wind: [{{{FAN_FIELDS}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
             r"wind.0.direction is .* must have a component whose magnitude is always larger than",
         ),
         ("wind: [{kind: dryden, height: 2}]", r"wind.0.height is 2, but must be at least 3.048 and at most 304.8"),
@@ -230,8 +233,10 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
     ],
 )
-def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
-    assert re.search(f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{BODY}  laboratory: {{{field}}}\n"))
+def test_an_invalid_laboratory_is_refused_in_one_sentence(write, field, message):
+    assert re.search(
+        f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  laboratory: {{{field}}}\n")
+    )
 
 
 @pytest.mark.parametrize(
@@ -258,19 +263,19 @@ def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
         ),
     ],
 )
-def test_a_wrong_vehicle_is_refused_in_one_sentence(write, field, message):
-    assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
+def test_an_invalid_vehicle_is_refused_in_one_sentence(write, field, message):
+    assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{{field}}}\n"))
 
 
 def test_a_vehicle_has_the_nominal_parameters_by_default(write):
-    text = f"a:\n{BODY}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
     assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
 
 
 def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
-    """Return the rotors of a square as YAML, with the given directions of rotation."""
+    """Return four rotors on the corners of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
     rotor_texts = [
         f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
@@ -312,27 +317,31 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     ],
 )
 @pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
-def test_a_wrong_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
-    assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
+def test_an_invalid_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
+    assert re.search(
+        f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{MINIMAL_FIELDS}  {vehicle}: {{{airframe}}}\n")
+    )
 
 
 def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
-    text = f"a:\n{BODY}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
     assert "layout is" in (message := refusal(write, text))
     assert message.endswith("but must produce thrust without torque: rotor 1 would have to push down")
     drawn = "{uniform: {min: 0.1, max: 0.2}}"
-    message = refusal(write, f"a:\n{BODY}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
+    message = refusal(write, f"a:\n{MINIMAL_FIELDS}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
     assert message.endswith("but must be a number, since planner and controllers use it")
-    vehicle = load_scenario(write(f"a:\n{BODY}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]).vehicle
+    vehicle = load_scenario(
+        write(f"a:\n{MINIMAL_FIELDS}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]
+    ).vehicle
     assert [*distributions_in(vehicle)] == ["layout.length"]
     message = refusal(
-        write, f"a:\n{BODY}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
+        write, f"a:\n{MINIMAL_FIELDS}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
     )
     assert message.endswith("but must be left out, since the layout has distances")
 
 
 def test_overrides_and_messages_number_rotors_in_the_same_way(write):
-    text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
+    text = f"a:\n{MINIMAL_FIELDS}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
     overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
     vehicle = load_scenario(write(text), overrides).vehicle
     assert vehicle.thrust_factor_error == (0.0, 0.0, 0.1, 0.0)
@@ -346,7 +355,7 @@ def test_overrides_and_messages_number_rotors_in_the_same_way(write):
 def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
     """A given arm length may differ by 1 % from the layout. A default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
-        text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
+        text = f"a:\n{MINIMAL_FIELDS}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
     refusal(write, text.replace("0.1401", "0.1435"))
     refusal(write, text.replace("0.1401", "0.1395"))
@@ -366,7 +375,7 @@ def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
 def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(
     write, tmp_path, nominal, vehicle, has_arm_length
 ):
-    scenario = load_scenario(write(f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
+    scenario = load_scenario(write(f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
     save_scenario(scenario, tmp_path / "saved.yaml")
     saved = YAML(typ="safe").load(tmp_path / "saved.yaml")["a"]
     assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == has_arm_length
@@ -380,7 +389,7 @@ def test_rotors_have_the_positions_of_their_layout(write):
     """Seen from above, rotors are numbered clockwise from the front. The arm of an x is half the diagonal."""
 
     def rotor_rows(airframe):
-        nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
+        nominal = load_scenario(write(f"a:\n{MINIMAL_FIELDS}  nominal: {{{airframe}}}\n")).nominal
         return np.array(rotors_of(nominal))
 
     plus, x = (
@@ -409,8 +418,8 @@ def test_rotors_have_the_positions_of_their_layout(write):
         ("min_rotor_speed: 10", "max_rotor_speed: 55", None),
     ],
 )
-def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nominal, vehicle, message):
-    text = f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
+def test_rotor_speed_limits_are_checked_after_missing_fields_were_taken_from_nominal(write, nominal, vehicle, message):
+    text = f"a:\n{MINIMAL_FIELDS}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
     if message is None:
         assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
     else:
@@ -543,7 +552,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading is 'constant' by default, but must be waypoints, since waypoints have yaws",
+            "2: route.heading is 'constant' by default, but must be waypoints, since yaws are given at waypoints",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
@@ -562,8 +571,8 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
     ],
 )
-def test_wrong_routes_are_explained(write, route, message):
-    text = f"a:\n{BODY}".replace("{kind: hover}", route)
+def test_errors_for_invalid_routes_give_the_reason(write, route, message):
+    text = f"a:\n{MINIMAL_FIELDS}".replace("{kind: hover}", route)
     with pytest.raises(InputError, match=f"loop.yaml:{message}"):
         load_scenario(write(text))
 
@@ -577,7 +586,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("- 1", "contains no scenario"),
         ("a: 3", "scenario a must be a mapping"),
         ("a:", "scenario a must be a mapping"),
-        (f"a:\n{BODY}---\nb: 1", "is not YAML"),
+        (f"a:\n{MINIMAL_FIELDS}---\nb: 1", "is not YAML"),
         ("a: {route: {kind: hover}}", "control is missing; only `drake-quad plan` needs no control"),
         (
             "a: {extends: vehicles/crazyflie}",
@@ -587,7 +596,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("[" * 10_000, "is nested too deeply: a scenario may have at most 40 levels"),
     ],
 )
-def test_wrong_files_are_explained(write, text, words):
+def test_errors_for_invalid_files_give_the_reason(write, text, words):
     assert words in refusal(write, text)
 
 
@@ -601,7 +610,7 @@ def test_wrong_files_are_explained(write, text, words):
         ("drone.usda", "scene (USD)"),
     ],
 )
-def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name, kind):
+def test_the_error_for_a_robot_file_names_its_format(write, tmp_path, name, kind):
     words = re.escape(f"describes a {kind} and is not a scenario: write its mass, inertia and rotors into `nominal`")
     (tmp_path / name).write_text("<robot name='drone'/>")
     for spec in (tmp_path / name, f"{tmp_path / name}:drone", tmp_path / f"missing_{name}"):
@@ -611,7 +620,7 @@ def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name,
         load_scenario(write(f"a: {{extends: [figure_eight, {name}]}}"))
 
 
-def test_a_file_that_is_missing_or_is_not_text_is_explained(tmp_path):
+def test_the_error_for_a_missing_or_binary_file_gives_the_reason(tmp_path):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -627,7 +636,7 @@ def test_shipped_scenarios_load(diagrams):
             assert isinstance(load_scenario(f"{path}:{name}"), Scenario)
 
 
-def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
+def test_a_saved_scenario_is_unchanged_after_loading(diagrams, write):
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     text = StringIO()
     YAML().dump({"again": scenario.model_dump(mode="json")}, text)
@@ -637,7 +646,7 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_file_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited control
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # the control is inherited
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 
@@ -664,8 +673,8 @@ def test_a_vehicle_file_has_no_control(diagrams):
         ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
     ],
 )
-def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, expected):
-    """The other items keep the values of the file or, without these, the defaults."""
+def test_an_override_can_give_a_single_item_of_a_list(diagrams, written, given, path, expected):
+    """The other items keep their values from the file, or their defaults if the file gives no values."""
     assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
 
 
@@ -693,7 +702,7 @@ def test_a_single_item_of_a_list_can_be_given(diagrams, written, given, path, ex
         ),
     ],
 )
-def test_an_item_that_a_list_does_not_have_is_refused(diagrams, overrides, words):
+def test_an_override_with_an_index_outside_the_list_is_refused(diagrams, overrides, words):
     with pytest.raises(InputError, match=words):
         load_scenario(diagrams / "hover.yaml", overrides)
 

@@ -1,4 +1,4 @@
-"""Tests that a control is a cascade by default, and that another controller replaces the whole cascade."""
+"""Tests that a control is a cascade by default, and that an LQG control replaces the whole cascade."""
 
 import re
 from pathlib import Path
@@ -12,27 +12,27 @@ from drake_quad.scenario.models import Scenario
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 LQG, PD = (f"{DIAGRAMS}/controllers/{name}" for name in ("lqg.yaml:lqg", "paper.yaml:pd"))
-HIGH_WIND = DIAGRAMS / "laboratory.yaml:high_wind"
+HIGH_WIND_LABORATORY = DIAGRAMS / "laboratory.yaml:high_wind"
 
 
-def load(*overrides, layers=(LQG,), spec=HIGH_WIND):
+def load(*overrides, layers=(LQG,), spec=HIGH_WIND_LABORATORY):
     return load_scenario(spec, overrides, layers=layers)
 
 
-def test_a_controller_replaces_a_cascade_that_does_not_state_its_kind(tmp_path):
+def test_an_lqg_layer_replaces_a_cascade_without_a_kind(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(
-        f"mine: {{extends: [{HIGH_WIND}, {LQG}], control: {{max_tilt: 0.5, lateral: {{lag: 0.04}}}}}}\n"
+        f"mine: {{extends: [{HIGH_WIND_LABORATORY}, {LQG}], control: {{max_tilt: 0.5, lateral: {{lag: 0.04}}}}}}\n"
         f"back: {{extends: [mine, {PD}], control: {{position: {{k_p: [2, 2, 2]}}}}}}\n"
     )
     mine, back = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
-    # A layer without a kind changes the control of the layers below.
+    # A layer whose control has no kind modifies the control of the layers below.
     assert (mine.control.kind, mine.control.max_tilt, mine.control.lateral.lag) == ("lqg", 0.5, 0.04)
     assert mine.control.lateral.command_weight == load().control.lateral.command_weight
     assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)
 
 
-def test_a_saved_control_states_its_kind_and_flies_again(tmp_path):
+def test_a_saved_control_contains_its_kind_and_can_be_flown_again(tmp_path):
     for scenario in (load(), load(layers=())):
         save_scenario(scenario, tmp_path / "saved.yaml")
         assert load_scenario(tmp_path / "saved.yaml") == scenario
@@ -66,13 +66,13 @@ def test_errors_name_the_wrong_field(overrides, words):
         load(*overrides)
 
 
-def test_with_an_autopilot_the_model_is_the_attitude_response():
+def test_the_design_model_is_the_attitude_response_if_there_is_an_autopilot():
     onboard = DIAGRAMS / "onboard.yaml"
     with pytest.raises(InputError, match=r"control\.lateral\.natural_frequency is missing"):
         load(spec=onboard)
     with pytest.raises(InputError, match=r"control\.yaw is .*, but must be left out"):
         load("control.lateral={natural_frequency: 8.8, damping: 0.7}", spec=onboard)
-    # An identified response already includes the lag of the rotors, which is otherwise a separate part of the model.
+    # An identified response already includes the rotor lag, which is otherwise a separate part of the model.
     for lag in (0.05, None):
         response = f"control.lateral={{natural_frequency: 8.8, damping: 0.7, lag: {'null' if lag is None else lag}}}"
         assert load(response, "control.yaw=null", spec=onboard).control.lateral.lag == lag
@@ -87,14 +87,14 @@ def test_errors_of_a_cascade_name_its_fields():
         load("max_tilt=2", layers=())
 
 
-def test_the_design_of_a_cascade_refuses_other_controls():
+def test_gain_design_for_a_cascade_refuses_other_controls():
     with pytest.raises(
         InputError, match=r"control of high_wind is of kind lqg; select a scenario with control of kind cascade"
     ):
         with_gains(load(), {"position": {"k_p": [1.0, 1.0, 1.0]}})
 
 
-def test_weights_of_too_different_magnitudes_are_refused_on_assembly():
+def test_weights_with_very_different_magnitudes_are_refused_on_assembly():
     slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.5, command_weight: 1.0e+9}"
-    with pytest.raises(InputError, match=r"control\.lateral: no filter or regulator can be computed"):
+    with pytest.raises(InputError, match=r"control\.lateral: no Kalman filter or regulator can be computed"):
         build_tracking_diagram(load(slow))

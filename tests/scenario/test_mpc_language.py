@@ -1,4 +1,4 @@
-"""Tests of model predictive control in the scenario language: messages about mistakes, and limits from its fields."""
+"""Tests of model predictive control in the scenario language: messages about mistakes, and the limits that it sets."""
 
 import math
 import re
@@ -56,14 +56,14 @@ def test_errors_name_the_wrong_field(overrides, words):
         load(*overrides)
 
 
-def test_walls_of_a_tube_move_with_the_reference_and_walls_of_a_room_do_not():
+def test_tube_walls_move_with_the_reference_and_room_walls_do_not():
     tube, _ = structure_of(load("control.corridor={kind: tube, half_width: [0.1, null, 0.3], weight: 7}"))
     assert tube["corridor"] == ((-0.1, -math.inf, -0.3), (0.1, math.inf, 0.3), True, 7.0)
     room, _ = structure_of(load("control.corridor={kind: room, lower: [null, -2, 0.5], upper: [3, null, null]}"))
     assert room["corridor"] == ((-math.inf, -2.0, 0.5), (3.0, math.inf, math.inf), False, 10.0)
 
 
-def test_the_horizon_is_rounded_to_ticks_and_follows_the_plan():
+def test_the_horizon_is_rounded_to_ticks_and_previews_the_plan():
     structure, plan = structure_of(load("control.horizon=0.25"))
     assert structure["num_ticks"] == 12
     preview = structure["preview"]
@@ -80,7 +80,7 @@ def test_the_horizon_is_rounded_to_ticks_and_follows_the_plan():
         np.testing.assert_allclose(instant.before, before, atol=1e-9)
 
 
-def test_the_horizon_beyond_the_plan_contains_rest():
+def test_the_reference_in_the_horizon_rests_after_the_end_of_the_plan():
     structure, plan = structure_of(load("control.horizon=0.25"))
     last = structure["preview"][-1]
     np.testing.assert_allclose(last.reference[:3], plan.waypoints[-1], atol=1e-9)

@@ -49,11 +49,11 @@ def load(diagrams):
         ({}, []),
     ],
 )
-def test_python_values_have_the_effect_of_the_same_yaml(load, given, assignments):
+def test_python_values_have_the_same_effect_as_yaml_text(load, given, assignments):
     assert load(given) == load(assignments)
 
 
-def test_parts_of_other_scenarios_can_be_given(load, diagrams):
+def test_overrides_may_contain_parts_of_other_scenarios(load, diagrams):
     other = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
     combined = load({"vehicle": other.vehicle, "route": other.route})
     assert (combined.vehicle.mass, combined.route) == (0.66, other.route)
@@ -61,7 +61,7 @@ def test_parts_of_other_scenarios_can_be_given(load, diagrams):
 
 @pytest.mark.slow
 def test_every_shipped_value_can_be_given_as_a_mapping(load):
-    """A mapping has the same effect as the corresponding text, both field by field and as a whole."""
+    """An override as a mapping has the same effect as the corresponding text, both field by field and as a whole."""
     empty = Tree({}, Mark("", 0))
     scenarios = [Library().find(name)[1].to_python() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
@@ -74,7 +74,7 @@ ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "
 
 
 def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
-    """The names of distributions are also names of other fields."""
+    """A half-space has a field `normal`, which is also the name of a distribution."""
     scenario = load({"route": ROUTE})
     assert scenario == load("route=" + json.dumps(ROUTE))
     assert scenario.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
@@ -101,7 +101,7 @@ def test_errors_in_distributions_name_the_field(load, given, words):
         load({"vehicle.mass": given})
 
 
-def test_a_distribution_replaces_another(load):
+def test_a_distribution_replaces_another_distribution_completely(load):
     for given in ({"uniform": {"min": 0.6, "max": 0.7}}, {"choice": [0.6, 0.7]}):
         assert isinstance(load("vehicle.mass=0.7").vehicle.mass, float)
         replaced = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": given}])
@@ -140,8 +140,8 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
         ),
         ({"vehicle.mass": {0.7}}, r"is a set, but"),
         ({"vehicle.inertia": LIST_OF_ITSELF}, r"^override vehicle.inertia: is nested too deeply: .* 40 levels$"),
-        ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 names and values"),
-        ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have at most 1,000 characters$"),
+        ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 keys and values"),
+        ({"vehicle.inertia": "x" * 2000}, r"is too long: a key or value may have at most 1,000 characters$"),
         ({"vehicle..mass": 1}, r"'vehicle..mass' must be the path of a field, as in vehicle.mass$"),
         ({("vehicle", "mass"): 1}, r"must be the path of a field"),
         ({"": 1}, r"must be the path of a field"),
@@ -151,12 +151,12 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
         ("vehicle.mass", r"^override vehicle.mass: must be field.path=value, for example vehicle.mass=0.7$"),
     ],
 )
-def test_wrong_values_are_explained(load, given, words):
+def test_errors_for_invalid_python_values_give_the_reason(load, given, words):
     with pytest.raises(InputError, match=words):
         load(given)
 
 
-def test_a_scenario_is_represented_by_one_line(load, diagrams):
+def test_the_repr_of_a_scenario_is_one_line(load, diagrams):
     assert repr(load({"duration": 4})) == str(load({"duration": 4}))
     assert repr(load({"duration": 4})) == (
         "<Scenario robustness: route figure_eight, 4 s; vehicle of normal(0.68, 0.01, min=0.64, max=0.72) kg; control"

@@ -12,7 +12,7 @@ def scenario(diagrams):
     return load_scenario(diagrams / "robustness.yaml")
 
 
-def test_the_path_of_every_value_leads_to_the_value(scenario):
+def test_every_value_is_found_at_its_path(scenario):
     values_by_path = dict(leaves(scenario))
     assert len(values_by_path) > 80
     for path, value in values_by_path.items():
@@ -21,7 +21,7 @@ def test_the_path_of_every_value_leads_to_the_value(scenario):
     assert values_by_path["laboratory.wind.0.kind"] == "fan"
 
 
-def test_the_distributions_of_a_scenario_are_its_values_of_that_type(scenario):
+def test_distributions_in_a_scenario_are_exactly_its_values_of_that_type(scenario):
     distributions = distributions_in(scenario)
     assert list(distributions) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
     assert len(distributions) == 31

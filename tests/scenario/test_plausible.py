@@ -1,4 +1,4 @@
-"""Plausible ranges: a value in another unit is questioned with its likely unit, and no vehicle of 20 g to 20 kg is."""
+"""Tests that values in a wrong unit are questioned, and that values of vehicles from 20 g to 20 kg are not."""
 
 import math
 import re
@@ -15,8 +15,8 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 from drake_quad.scenario.paths import mappings_in
 from drake_quad.scenario.plausible import Plausible, numbers_in
 
-TESTS = Path(__file__).parent.parent
-# Planning the whole route through the forest takes several seconds.
+TESTS_FOLDER = Path(__file__).parent.parent
+# Planning the whole route through the forest takes several seconds, so the tests fly a part of it.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
 
 
@@ -24,8 +24,8 @@ def questions(scenario):
     return [remark for remark in flight_remarks(scenario) if "implausible" in remark]
 
 
-BATTERY = {"voltage": 12.6, "empty_voltage": 9.9, "capacity": 2200, "resistance": 0.02, "efficiency": 0.6}
-FAN = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5, "diameter": 0.75}
+BATTERY_MAPPING = {"voltage": 12.6, "empty_voltage": 9.9, "capacity": 2200, "resistance": 0.02, "efficiency": 0.6}
+FAN_MAPPING = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5, "diameter": 0.75}
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ FAN = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5
         ("nominal.rotor_inertia", 0.04, "rotor_inertia is 0.04 kg m²"),
         ("vehicle.thrust_factor_error", [2.0, 0.0, 0.0, 0.0], "rotor_1 is 2, which is implausible; 2 % are 0.02"),
         ("vehicle.centre_of_mass", [0.0, -3.0], r"centre_of_mass.1 is -3 m, .* -3 mm are -0.003 m"),
-        ("vehicle.battery", BATTERY, "2200 mA h are 2.2 A h"),
+        ("vehicle.battery", BATTERY_MAPPING, "2200 mA h are 2.2 A h"),
         ("vehicle.slung_load", {"mass": 100.0, "length": 0.8}, "100 g are 0.1 kg"),
-        ("laboratory.wind", [FAN | {"flow": 9000}], "9000 m³/h are 2.5 m³/s"),
+        ("laboratory.wind", [FAN_MAPPING | {"flow": 9000}], "9000 m³/h are 2.5 m³/s"),
         ("laboratory.wind", [{"kind": "steady", "speed": 90, "heading": 0}], "90 km/h are 25 m/s"),
         ("control.thrust_vectoring.max_thrust", 180.0, "180 % are 1.8"),
         ("control.attitude",
@@ -60,7 +60,7 @@ FAN = {"kind": "fan", "position": [0, 5, 1], "direction": [0, 1, 0], "flow": 2.5
          "lag is 70 s, which is implausible; 70 ms are 0.07 s"),
     ],
 )  # fmt: skip
-def test_a_value_in_another_unit_is_questioned_with_its_likely_unit(path, value, words):
+def test_a_value_in_a_wrong_unit_is_questioned_with_its_likely_unit(path, value, words):
     scenario = load_scenario("hover", {path: value})
     assert any(re.search(words, question) for question in questions(scenario)), questions(scenario)
 
@@ -79,15 +79,15 @@ def test_a_fraction_in_percent_is_refused_with_its_value(override, words):
         load_scenario("hover", [override])
 
 
-def test_a_field_is_questioned_once():
-    """The mass of the vehicle is that of `nominal`, and a wrong mass makes the inertia implausible, too."""
+def test_a_wrong_nominal_mass_is_questioned_only_once():
+    """The vehicle takes its mass from `nominal`, and a wrong mass also makes the inertia implausible."""
     assert questions(load_scenario("hover", {"nominal.mass": 680.0})) == [
         "nominal.mass is 680 kg, which is implausible; 680 g are 0.68 kg"
     ]
     assert len(questions(load_scenario("hover", {"nominal.mass": 680.0, "vehicle.mass": 700.0}))) == 2
 
 
-def test_correlations_and_small_deviations_are_no_values_of_a_field():
+def test_correlations_and_small_standard_deviations_are_not_questioned():
     normal = {"mean": 9.8, "standard_deviation": 0.001, "min": 9.7, "shared": {"place": 0.9}}
     assert [*numbers_in({"normal": normal})] == [9.8, 0.001, 9.7]
     assert questions(load_scenario("hover", {"vehicle.gravity": {"normal": normal}})) == []
@@ -100,16 +100,16 @@ def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
     assert questions(load_undesigned(spec, SHORT_ROUTES.get(spec, []))) == []
 
 
-@pytest.mark.parametrize("name", [*parse_document((TESTS / "asymmetric.yaml").read_text("utf-8"), "").value])
+@pytest.mark.parametrize("name", [*parse_document((TESTS_FOLDER / "asymmetric.yaml").read_text("utf-8"), "").value])
 def test_no_scenario_of_the_tests_is_questioned(name):
-    assert questions(load_undesigned(TESTS / f"asymmetric.yaml:{name}")) == []
+    assert questions(load_undesigned(TESTS_FOLDER / f"asymmetric.yaml:{name}")) == []
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.1, 0.5, 2.0, 7.0, 20.0])
 def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
-    """Vehicles of the same shape and density: lengths are proportional to the cube root of the mass.
+    """All vehicles have the same shape and density, so lengths are proportional to the cube root of the mass.
 
-    The speed of the tips of the rotors is the same, and the rotors carry 1.5 or 16 times the weight.
+    They have the same rotor tip speed, and a thrust-to-weight ratio of 1.5 or 16.
     """
     nominal = load_undesigned("vehicles/hummingbird").nominal
     size = (mass / nominal.mass) ** (1.0 / 3.0)
@@ -130,8 +130,8 @@ def test_no_vehicle_between_20_g_and_20_kg_is_questioned(mass):
         assert questions(scenario) == []
 
 
-def test_values_of_the_shipped_scenarios_in_another_unit_are_questioned():
-    """The value of a field, written in the unit that is often mistaken, is beyond the plausible range."""
+def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
+    """If a value is written in the unit with which its unit is often confused, it is outside the plausible range."""
     questioned = set()
     for spec in ("robustness", "neural_fly:wind_8", "laboratory:high_wind", "vehicles/hummingbird"):
         for _, mapping in mappings_in(load_undesigned(spec)):

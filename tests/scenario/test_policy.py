@@ -1,4 +1,4 @@
-"""Tests of policies in the scenario language, and of the files of their networks."""
+"""Tests of policies in the scenario language, and of their network files."""
 
 import base64
 import sys
@@ -16,7 +16,7 @@ from drake_quad.errors import InputWarning
 from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.policies.layers import Layers
 
-POLICY = """
+POLICY_SCENARIO = """
 mine:
   extends: figure_eight
   control:
@@ -27,14 +27,14 @@ mine:
     attitude: {{k_p: [8, 8, 8], k_d: [4, 4, 4]}}
 """
 RNG = np.random.default_rng(5)
-ARRAYS = {
+NETWORK_ARRAYS = {
     "weights_0": RNG.normal(size=(4, 6)),
     "biases_0": RNG.normal(size=4),
     "activation_0": np.array("tanh"),
     "weights_1": RNG.normal(size=(3, 4)).astype(np.float32),
     "biases_1": RNG.normal(size=3).astype(np.float32),
 }
-INPUTS = RNG.normal(size=6)
+OBSERVATION = RNG.normal(size=6)
 
 
 def layer(activation, weights, biases, x):
@@ -51,22 +51,25 @@ def load_arrays(tmp_path):
 
     def write(arrays, **control):
         np.savez(tmp_path / "net.npz", **arrays)
-        (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.npz"), encoding="utf-8")
+        (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.npz"), encoding="utf-8")
         return load_scenario(tmp_path / "mine.yaml", {f"control.{name}": value for name, value in control.items()})
 
     return write
 
 
-def output(scenario, inputs=INPUTS):
+def output(scenario, inputs=OBSERVATION):
     network = scenario.control.policy.network()
     return np.array(evaluate_network(network, inputs.tolist(), network.memory).output)
 
 
 def test_the_layers_of_a_network_are_read_from_arrays(load_arrays):
     expected = layer(
-        identity, ARRAYS["weights_1"], ARRAYS["biases_1"], layer(np.tanh, *list(ARRAYS.values())[:2], INPUTS)
+        identity,
+        NETWORK_ARRAYS["weights_1"],
+        NETWORK_ARRAYS["biases_1"],
+        layer(np.tanh, *list(NETWORK_ARRAYS.values())[:2], OBSERVATION),
     )
-    scenario = load_arrays(ARRAYS)
+    scenario = load_arrays(NETWORK_ARRAYS)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
     assert scenario.control.policy.precision == "double"
     assert repr(scenario).count("control policy") == 1
@@ -86,9 +89,9 @@ def test_the_layers_of_a_network_are_read_from_arrays(load_arrays):
     ],
 )
 def test_activations_are_read_and_written_with_their_parameters(load_arrays, tmp_path, arrays, activation):
-    scenario = load_arrays({**ARRAYS, **{name: np.array(each) for name, each in arrays.items()}})
-    hidden = layer(activation, ARRAYS["weights_0"], ARRAYS["biases_0"], INPUTS)
-    expected = layer(identity, ARRAYS["weights_1"], ARRAYS["biases_1"], hidden)
+    scenario = load_arrays({**NETWORK_ARRAYS, **{name: np.array(each) for name, each in arrays.items()}})
+    hidden = layer(activation, NETWORK_ARRAYS["weights_0"], NETWORK_ARRAYS["biases_0"], OBSERVATION)
+    expected = layer(identity, NETWORK_ARRAYS["weights_1"], NETWORK_ARRAYS["biases_1"], hidden)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
     save_scenario(scenario, tmp_path / "again.yaml")
     assert load_scenario(tmp_path / "again.yaml") == scenario
@@ -96,11 +99,12 @@ def test_activations_are_read_and_written_with_their_parameters(load_arrays, tmp
 
 def test_values_that_are_exact_in_single_precision_are_saved_in_single_precision(load_arrays):
     single = {
-        name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
+        name: values.astype(np.float32) if values.dtype.kind == "f" else values
+        for name, values in NETWORK_ARRAYS.items()
     }
     scenario = load_arrays(single)
     assert scenario.control.policy.precision == "single"
-    hidden = layer(np.tanh, single["weights_0"].astype(float), single["biases_0"], INPUTS)
+    hidden = layer(np.tanh, single["weights_0"].astype(float), single["biases_0"], OBSERVATION)
     expected = layer(identity, single["weights_1"].astype(float), single["biases_1"], hidden)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
 
@@ -110,27 +114,27 @@ def test_numbers_beyond_single_precision_are_saved_in_double_precision_without_a
     layers.dense(np.full((1, 6), 1e300), np.zeros(1))
     network = layers.network()
     assert network.precision == "double"
-    outputs = evaluate_network(network.network(), INPUTS.tolist(), ()).output
-    np.testing.assert_allclose(outputs, [1e300 * INPUTS.sum()], rtol=1e-12)
+    outputs = evaluate_network(network.network(), OBSERVATION.tolist(), ()).output
+    np.testing.assert_allclose(outputs, [1e300 * OBSERVATION.sum()], rtol=1e-12)
 
 
 def test_numbers_beyond_double_precision_are_refused_without_a_warning(load_arrays):
     with pytest.raises(InputError, match="net.npz: has numbers that are not finite"):
-        load_arrays({**ARRAYS, "weights_1": np.full((3, 4), np.longdouble("1e4000"))})
+        load_arrays({**NETWORK_ARRAYS, "weights_1": np.full((3, 4), np.longdouble("1e4000"))})
 
 
 def test_a_scenario_is_written_with_its_network_and_read_again(load_arrays, tmp_path):
     preprocessing = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
-    scenario = load_arrays({**ARRAYS, **preprocessing})
+    scenario = load_arrays({**NETWORK_ARRAYS, **preprocessing})
     save_scenario(scenario, tmp_path / "again.yaml")
     again = load_scenario(tmp_path / "again.yaml")
     assert again == scenario
-    rows = np.clip((INPUTS - preprocessing["offset"]) * preprocessing["scale"], -1.5, 1.5)
-    np.testing.assert_allclose(output(again), output(load_arrays(ARRAYS), rows), rtol=1e-12)
+    rows = np.clip((OBSERVATION - preprocessing["offset"]) * preprocessing["scale"], -1.5, 1.5)
+    np.testing.assert_allclose(output(again), output(load_arrays(NETWORK_ARRAYS), rows), rtol=1e-12)
 
 
 def test_invalid_numbers_of_a_saved_network_are_refused(load_arrays, tmp_path):
-    scenario = load_arrays(ARRAYS)
+    scenario = load_arrays(NETWORK_ARRAYS)
     numbers = np.frombuffer(base64.b64decode("".join(scenario.control.policy.numbers)))
     save_scenario(scenario, tmp_path / "again.yaml")
     field = "control.policy.numbers"
@@ -154,19 +158,19 @@ def test_recurrent_units_are_read_from_arrays(load_arrays):
         network = load_arrays({**gru, **initial}).control.policy.network()
         assert network.memory == (tuple(initial.get("initial_0", np.zeros(3)).tolist()),)
         h = np.array(network.memory[0])
-        new = (gru["weights_input_0"] @ INPUTS + gru["biases_input_0"]).reshape(3, 3)
+        new = (gru["weights_input_0"] @ OBSERVATION + gru["biases_input_0"]).reshape(3, 3)
         old = (gru["weights_hidden_0"] @ h + gru["biases_hidden_0"]).reshape(3, 3)
         r, z = 1.0 / (1.0 + np.exp(-(new[:2] + old[:2])))
         expected = z * h + (1.0 - z) * np.tanh(new[2] + r * old[2])
         np.testing.assert_allclose(
-            evaluate_network(network, INPUTS.tolist(), network.memory).output, expected, rtol=1e-12
+            evaluate_network(network, OBSERVATION.tolist(), network.memory).output, expected, rtol=1e-12
         )
 
 
 INVALID_NETWORKS = {
     "no layers": ({}, "has no layers"),
-    "another array": ({**ARRAYS, "w": np.zeros(2)}, "has unknown arrays: w"),
-    "an unknown part of a layer": ({**ARRAYS, "momentum_1": np.zeros(2)}, "has unknown arrays: momentum_1"),
+    "another array": ({**NETWORK_ARRAYS, "w": np.zeros(2)}, "has unknown arrays: w"),
+    "an unknown part of a layer": ({**NETWORK_ARRAYS, "momentum_1": np.zeros(2)}, "has unknown arrays: momentum_1"),
     "no biases": ({"weights_0": np.zeros((3, 6))}, "has a layer without biases"),
     "biases of another layer": (
         {"weights_0": np.zeros((3, 6)), "biases_0": np.zeros(4)},
@@ -177,17 +181,23 @@ INVALID_NETWORKS = {
         "has an array weights_0 of type <U4, which must be numeric",
     ),
     "text instead of a limit": (
-        {**ARRAYS, "limit": np.array("much")},
+        {**NETWORK_ARRAYS, "limit": np.array("much")},
         "has an array limit of type <U4, which must be numeric",
     ),
-    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has an array limit with 2 numbers, but must contain one number"),
-    "an alpha for tanh": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
+    "two limits": (
+        {**NETWORK_ARRAYS, "limit": np.ones(2)},
+        "has an array limit with 2 numbers, but must contain one number",
+    ),
+    "an alpha for tanh": (
+        {**NETWORK_ARRAYS, "alpha_0": np.array(0.2)},
+        "alpha .*must be left out with the activation tanh",
+    ),
     "two alphas": (
-        {**ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
+        {**NETWORK_ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
         "has an array alpha_0 with 2 numbers, but must contain one number",
     ),
     "a complex scale": (
-        {**ARRAYS, "scale": np.full(6, 1j)},
+        {**NETWORK_ARRAYS, "scale": np.full(6, 1j)},
         "has an array scale of type complex128, which must be numeric",
     ),
     "a scalar for a matrix": (
@@ -197,10 +207,13 @@ INVALID_NETWORKS = {
             "weights_hidden_0": np.zeros((9, 3)),
             "biases_hidden_0": np.zeros(9),
         },
-        "has gated recurrent units whose weights and biases have shapes that do not match",
+        "has gated recurrent units with weights and biases of inconsistent shapes",
     ),
-    "not finite": ({**ARRAYS, "biases_1": np.array([1.0, np.nan, 0.0])}, "not finite"),
-    "an unknown activation": ({**ARRAYS, "activation_0": np.array("sine")}, "layers.0.activation must be 'identity'"),
+    "not finite": ({**NETWORK_ARRAYS, "biases_1": np.array([1.0, np.nan, 0.0])}, "not finite"),
+    "an unknown activation": (
+        {**NETWORK_ARRAYS, "activation_0": np.array("sine")},
+        "layers.0.activation must be 'identity'",
+    ),
     "too few rows": (
         {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
         r"control.policy.layers.0.inputs is 5, but must be 6, the number of rows of this control's",
@@ -210,12 +223,12 @@ INVALID_NETWORKS = {
         r"control.policy.layers.0.outputs is 4, but must be 3, the number of rows of this control's",
     ),
     "layers whose sizes do not match": (
-        {**ARRAYS, "weights_1": np.zeros((3, 5))},
+        {**NETWORK_ARRAYS, "weights_1": np.zeros((3, 5))},
         "must be 4, the number of outputs of the preceding layer",
     ),
     "an offset of another size": (
-        {**ARRAYS, "offset": np.zeros(5)},
-        "must have 6 numbers, one for each row of the input",
+        {**NETWORK_ARRAYS, "offset": np.zeros(5)},
+        "must have 6 numbers, one for each element of the input",
     ),
     "too large": (
         {
@@ -230,7 +243,7 @@ INVALID_NETWORKS = {
 
 
 @pytest.mark.parametrize(("arrays", "words"), INVALID_NETWORKS.values(), ids=INVALID_NETWORKS)
-def test_a_wrong_network_is_explained_in_one_sentence(load_arrays, arrays, words):
+def test_the_error_for_an_invalid_network_is_one_sentence(load_arrays, arrays, words):
     with pytest.raises(InputError, match=words) as error:
         load_arrays(arrays)
     assert "\n" not in str(error.value)
@@ -257,22 +270,22 @@ def test_a_layer_has_no_more_than_4096_rows(load_arrays):
 )
 def test_a_file_that_is_not_a_network_is_refused(tmp_path, name, data, words):
     (tmp_path / name).write_bytes(data)
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file=name), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file=name), encoding="utf-8")
     with pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")
     (tmp_path / name).unlink()
     with pytest.raises(InputError, match=rf"mine.yaml:6: control.policy names .*{name}, which does not exist$"):
         load_scenario(tmp_path / "mine.yaml")
     (tmp_path / "net.pt").touch()
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.pt"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.pt"), encoding="utf-8")
     with pytest.raises(InputError, match="its name must end in .npz or .onnx"):
         load_scenario(tmp_path / "mine.yaml")
 
 
-def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
+def test_an_npz_file_that_expands_beyond_the_size_limit_is_refused(tmp_path):
     np.savez_compressed(tmp_path / "net.npz", weights_0=np.zeros((1000, 1000)), biases_0=np.zeros(1000))
     assert (tmp_path / "net.npz").stat().st_size < 20_000
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.npz"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.npz"), encoding="utf-8")
     with pytest.raises(InputError, match="is too large: its arrays have more than 2,400,000 bytes"):
         load_scenario(tmp_path / "mine.yaml")
     np.save(tmp_path / "net.npy", np.zeros(3))
@@ -285,9 +298,9 @@ def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
 def test_a_file_that_is_damaged_is_read_or_refused_in_a_sentence(kind, tmp_path):
     whole = tmp_path / f"whole.{kind[:4] if kind == 'onnx' else 'npz'}"
     if kind == "onnx":
-        onnx.save(model_of(two_layers(), CONSTANTS), whole)
+        onnx.save(model_of(two_layers(), GRAPH_CONSTANTS), whole)
     else:
-        (np.savez_compressed if kind == "packed" else np.savez)(whole, **ARRAYS)
+        (np.savez_compressed if kind == "packed" else np.savez)(whole, **NETWORK_ARRAYS)
     data, rng = whole.read_bytes(), np.random.default_rng(8)
     counts = {"read": 0, "refused": 0}
     for _ in range(300):
@@ -320,20 +333,20 @@ def model_of(nodes, constants):
 def load_onnx(tmp_path):
     def load(nodes, constants):
         onnx.save(model_of(nodes, constants), tmp_path / "net.onnx")
-        (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+        (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
         return load_scenario(tmp_path / "mine.yaml")
 
     return load
 
 
-W = ARRAYS["weights_0"].astype(np.float32)
-B = ARRAYS["biases_0"].astype(np.float32)
-V = ARRAYS["weights_1"]
-C = ARRAYS["biases_1"]
+W = NETWORK_ARRAYS["weights_0"].astype(np.float32)
+B = NETWORK_ARRAYS["biases_0"].astype(np.float32)
+V = NETWORK_ARRAYS["weights_1"]
+C = NETWORK_ARRAYS["biases_1"]
 
 
 def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
-    """The nodes are Sub, Div and Clip of the input, two layers with arithmetic, and nodes that change nothing."""
+    """The network consists of Sub, Div and Clip on the input, two layers with arithmetic, and nodes without effect."""
     constants = {
         "mean": RNG.normal(size=6),
         "deviation": RNG.uniform(0.5, 2.0, 6),
@@ -362,12 +375,12 @@ def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
     ]
     action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
-    (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
+    (expected,) = evaluator.run(None, {"seen": OBSERVATION[None].astype(np.float32)})
     np.testing.assert_allclose(action, expected[0], rtol=2e-5)
 
 
 def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Return nodes of two layers with an activation between them.
+    """Return the nodes of two dense layers, with given nodes of an activation between them.
 
     `first` names the input and output of the first layer.
     """
@@ -394,7 +407,7 @@ def approximated_gelu(power, coefficient):
 
 
 make_node = helper.make_node
-CONSTANTS = {
+GRAPH_CONSTANTS = {
     "W": W,
     "B": B,
     "V": V,
@@ -423,10 +436,10 @@ CONSTANTS = {
             make_node("Tanh", ["other"], ["value"]),
             *two_layers(),
         ],
-        # PyTorch writes SiLU as the first of these networks. The factors may also be exchanged.
+        # PyTorch writes SiLU as in the first of these networks. In the second, the factors are exchanged.
         two_layers(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["hidden", "gate"], ["active"])]),
         two_layers(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["gate", "hidden"], ["active"])]),
-        # The input may be changed by arithmetic with single numbers.
+        # Arithmetic with scalars may be applied to the input.
         [
             make_node("Sub", ["one", "seen"], ["a"]),
             make_node("Mul", ["two", "a"], ["b"]),
@@ -537,11 +550,11 @@ CONSTANTS = {
         [*two_layers(last="sum"), make_node("Clip", ["sum", "minus", "one"], ["done"])],
     ],
 )
-def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_onnx, nodes):
-    constants = {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C}
+def test_all_supported_forms_of_onnx_networks_have_the_output_of_the_evaluator(load_onnx, nodes):
+    constants = {**GRAPH_CONSTANTS, "V": 0.1 * V, "C": 0.1 * C}
     action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
-    (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
+    (expected,) = evaluator.run(None, {"seen": OBSERVATION[None].astype(np.float32)})
     np.testing.assert_allclose(action, expected[0], rtol=2e-5)
 
 
@@ -552,7 +565,7 @@ def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_
             two_layers(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
             "has branches that meet in a node Add.*; export activations as nodes, with opset 20 or later",
         ),
-        # The exponent or the coefficient differs from the approximation of GELU.
+        # In these networks, the exponent or the coefficient differs from the GELU approximation.
         (approximated_gelu("two", "cube"), "has branches that meet in a node Mul"),
         (approximated_gelu("three", "half"), "has branches that meet in a node Mul"),
         (
@@ -621,7 +634,7 @@ def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_
                     "GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"]
                 )
             ],
-            "has a GRU with other activations",
+            "has a GRU with non-default activations",
         ),
         (
             [make_node("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1)],
@@ -631,7 +644,7 @@ def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_
 )
 def test_unsupported_onnx_models_are_refused(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words) as wrong:
-        load_onnx(nodes, {**CONSTANTS, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
+        load_onnx(nodes, {**GRAPH_CONSTANTS, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
     assert "\n" not in str(wrong.value)
 
 
@@ -641,10 +654,10 @@ def test_an_onnx_graph_with_a_cycle_is_refused(load_onnx):
         load_onnx(nodes, {})
 
 
-def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
-    model = model_of(two_layers(), CONSTANTS)
+def test_an_onnx_file_with_weights_in_another_file_is_refused(tmp_path):
+    model = model_of(two_layers(), GRAPH_CONSTANTS)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     with pytest.raises(InputError, match="stores its weights in another file; export it with external_data=False"):
         load_scenario(tmp_path / "mine.yaml")
 
@@ -652,21 +665,21 @@ def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("names", "chosen"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, names, chosen):
-    model = model_of([*two_layers(last=names[0]), make_node("Tanh", [names[0]], [names[1]])], CONSTANTS)
+def test_the_action_is_the_output_named_actions_or_the_first_output(tmp_path, names, chosen):
+    model = model_of([*two_layers(last=names[0]), make_node("Tanh", [names[0]], [names[1]])], GRAPH_CONSTANTS)
     del model.graph.output[:]
     for name in names:
         model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3]))
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     words = f"net.onnx: has the outputs {names[0]}, {names[1]}, of which {names[chosen]} is used as the action"
     with pytest.warns(InputWarning, match=words):
         action = output(load_scenario(tmp_path / "mine.yaml"))
-    expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
+    expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": OBSERVATION[None].astype(np.float32)})
     np.testing.assert_allclose(action, expected[chosen][0], rtol=2e-5)
-    # Each output can be selected by name, without a warning.
+    # Each output can be selected by name. Then there is no warning.
     for name, numbers in zip(names, expected, strict=True):
-        (tmp_path / "mine.yaml").write_text(POLICY.format(file=f"net.onnx:{name}"), encoding="utf-8")
+        (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file=f"net.onnx:{name}"), encoding="utf-8")
         np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), numbers[0], rtol=2e-5)
     with pytest.raises(InputError, match=f"net.onnx: has no output 'none'; its outputs are {names[0]}, {names[1]}$"):
         load_scenario(tmp_path / "mine.yaml", [f"control.policy={tmp_path / 'net.onnx:none'}"])
@@ -691,41 +704,41 @@ def test_a_network_with_limited_layers_has_the_output_of_the_onnx_evaluator(load
             make_node("Clip", ["tanh", *names], ["done"]),
         ],
     }[position]
-    constants = {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C, **limits}
+    constants = {**GRAPH_CONSTANTS, "V": 0.1 * V, "C": 0.1 * C, **limits}
     (expected,) = onnx.reference.ReferenceEvaluator(model_of(nodes, constants)).run(
-        None, {"seen": INPUTS[None].astype(np.float32)}
+        None, {"seen": OBSERVATION[None].astype(np.float32)}
     )
     np.testing.assert_allclose(output(load_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
 
 
-def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
+def test_the_error_for_an_action_of_the_wrong_size_names_the_assumed_output(tmp_path):
     nodes = [make_node("Gemm", ["seen", "W_value", "b_value"], ["value"]), *two_layers(last="mean")]
-    model = model_of(nodes, {**CONSTANTS, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
+    model = model_of(nodes, {**GRAPH_CONSTANTS, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
     del model.graph.output[:]
     for name, rows in (("value", 1), ("mean", 3)):
         model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, rows]))
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     words = r"net.onnx \(output value; FILE.onnx:NAME selects another\): .* is 1, but must be 3"
     with pytest.warns(InputWarning), pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")
 
 
-def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
-    """In opset 10 the bounds are attributes. They may limit the observations and, at the end, the actions."""
+def test_clip_bounds_given_as_attributes_are_read(tmp_path):
+    """In opset 10 the bounds are attributes. A clip may limit the observations or, as the last node, the actions."""
     clip = make_node("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
         *two_layers(first=("within", "hidden"), last="sum"),
         make_node("Clip", ["sum"], ["done"], min=-1.0, max=1.0),
     ]
-    model = model_of(nodes, {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C})
+    model = model_of(nodes, {**GRAPH_CONSTANTS, "V": 0.1 * V, "C": 0.1 * C})
     del model.opset_import[:]
     model.opset_import.append(helper.make_opsetid("", 10))
     model.ir_version = 5
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
-    (expected,) = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
+    (expected,) = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": OBSERVATION[None].astype(np.float32)})
     np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), expected[0], rtol=2e-5)
     model.graph.node[0].attribute.pop()
     onnx.save(model, tmp_path / "net.onnx")
@@ -736,23 +749,23 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
 
 
 def test_operators_of_another_library_are_refused(tmp_path):
-    """The optimiser of onnxruntime writes operators with the names of ONNX and possibly another meaning."""
+    """The optimiser of onnxruntime writes operators that have ONNX names but may have other meanings."""
     model = model_of(
-        two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), CONSTANTS
+        two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), GRAPH_CONSTANTS
     )
     model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     with pytest.raises(InputError, match="has a node Gelu of com.microsoft; export it without optimisation"):
         load_scenario(tmp_path / "mine.yaml")
 
 
 @pytest.mark.parametrize("version", [2147483647, 0, 10_000])
 def test_an_unknown_opset_is_refused(tmp_path, version):
-    model = model_of(two_layers(), CONSTANTS)
+    model = model_of(two_layers(), GRAPH_CONSTANTS)
     model.opset_import[0].version = version
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     words = rf"net.onnx: has opset {version}, but onnx [\d.]+ supports 1 to {onnx.defs.onnx_opset_version()}$"
     with pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")
@@ -764,7 +777,7 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
     nodes = [helper.make_node("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=units, linear_before_reset=1)]
     action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
-    (expected,) = evaluator.run(None, {"seen": INPUTS[None, None].astype(np.float32)})
+    (expected,) = evaluator.run(None, {"seen": OBSERVATION[None, None].astype(np.float32)})
     np.testing.assert_allclose(action, expected.ravel(), rtol=1e-5)
 
 
@@ -787,12 +800,12 @@ def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
         ),
     ],
 )
-def test_unsupported_nodes_of_onnx_are_named(load_onnx, nodes, words):
+def test_errors_name_unsupported_onnx_nodes(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
         load_onnx(nodes, {"W": np.zeros((6, 3))})
 
 
-def test_the_field_of_a_scenario_that_is_wrong_is_named():
+def test_errors_name_the_invalid_field_of_a_policy():
     def policy(action="{kind: acceleration}", observation="{}", more=(), scenario="figure_eight"):
         attitude = [] if scenario == "onboard" else ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]
         control = f"control={{kind: policy, action: {action}, observation: {observation}}}"
@@ -847,24 +860,24 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
             policy(**given)
 
 
-def test_a_missing_library_for_onnx_is_named(load_onnx, monkeypatch):
+def test_the_error_for_a_missing_onnx_library_names_the_library(load_onnx, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(InputError, match=r"net\.onnx: cannot be read: onnx is not installed; .*'drake_quad\[onnx\]'"):
-        load_onnx(two_layers(), CONSTANTS)
+        load_onnx(two_layers(), GRAPH_CONSTANTS)
 
 
 @pytest.mark.parametrize("cube", [0.05, 0.04])
 def test_a_gate_that_only_resembles_gelu_is_refused(load_onnx, cube):
     """Single precision changes the coefficient of x³ by far less than a tenth."""
     with pytest.raises(InputError, match="has branches that meet in a node Mul"):
-        load_onnx(approximated_gelu("three", "cube"), {**CONSTANTS, "cube": np.array(cube)})
+        load_onnx(approximated_gelu("three", "cube"), {**GRAPH_CONSTANTS, "cube": np.array(cube)})
 
 
 @pytest.mark.parametrize("shapes", [{"B": (1, 9)}, {"W": (1, 6, 6)}, {"W": (2, 9, 6)}])
 def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(load_onnx, shapes):
     shapes = {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18), **shapes}
     node = make_node("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=3, linear_before_reset=1)
-    with pytest.raises(InputError, match="has a GRU whose weights and biases have shapes that do not match"):
+    with pytest.raises(InputError, match="has a GRU with weights and biases of inconsistent shapes"):
         load_onnx([node], {name: np.ones(shape) for name, shape in shapes.items()})
 
 
@@ -873,15 +886,15 @@ def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(load_onn
     [
         (
             [make_node("Reshape", ["D", "two"], ["a"]), make_node("Add", ["seen", "a"], ["done"])],
-            "has a node Reshape of constants that cannot be computed",
+            "has a node Reshape with constant inputs that cannot be computed",
         ),
         (
             [make_node("Gemm", ["W", "seen"], ["done"], transB=1)],
-            "has a Gemm that is not a product of its input and a constant matrix",
+            "has a Gemm that does not multiply its input by a constant matrix",
         ),
         (
             [make_node("Gemm", ["seen", "W"], ["done"], transA=1)],
-            "has a Gemm that is not a product of its input and a constant matrix",
+            "has a Gemm that does not multiply its input by a constant matrix",
         ),
         (
             two_layers(activation=[make_node("Swish", ["hidden"], ["active"], alpha=0.5)]),
@@ -913,7 +926,7 @@ def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(load_onn
 )
 def test_arithmetic_that_is_not_part_of_a_network_is_refused(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
-        load_onnx(nodes, CONSTANTS)
+        load_onnx(nodes, GRAPH_CONSTANTS)
 
 
 @pytest.mark.parametrize(
@@ -924,12 +937,12 @@ def test_arithmetic_that_is_not_part_of_a_network_is_refused(load_onnx, nodes, w
         (["seen"], [], "has no outputs"),
     ],
 )
-def test_a_network_of_onnx_has_one_input_and_an_output(tmp_path, inputs, outputs, words):
-    model = model_of(two_layers() if inputs else [make_node("Identity", ["C"], ["done"])], CONSTANTS)
+def test_an_onnx_network_must_have_one_input_and_an_output(tmp_path, inputs, outputs, words):
+    model = model_of(two_layers() if inputs else [make_node("Identity", ["C"], ["done"])], GRAPH_CONSTANTS)
     del model.graph.input[:], model.graph.output[:]
     for graph, names in ((model.graph.input, inputs), (model.graph.output, outputs)):
         graph.extend(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 6]) for name in names)
     onnx.save(model, tmp_path / "net.onnx")
-    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(POLICY_SCENARIO.format(file="net.onnx"), encoding="utf-8")
     with pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")

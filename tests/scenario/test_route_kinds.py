@@ -16,7 +16,7 @@ from drake_quad.scenario.routes.route import ROUTES, MissionRoute, MovingRoute, 
 from drake_quad.scenario.routes.waypoint_times import WaypointTimes
 from drake_quad.scenario.schema import file_schema
 
-FIELDS = {
+ROUTE_FIELDS = {
     "lissajous": [{"amplitude": (1.0, 0.5, 0.2), "period": 8.0}],
     "waypoints": [
         {"waypoints": [(0.0, 0.0, 1.0), (1.0, 0.5, 1.0), (0.0, 1.0, 1.5)], "times": times}
@@ -59,7 +59,7 @@ def check_member(kind, fields):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "fields"), [(kind, fields) for kind in ROUTES.members for fields in FIELDS.get(kind, [{}])]
+    ("kind", "fields"), [(kind, fields) for kind in ROUTES.members for fields in ROUTE_FIELDS.get(kind, [{}])]
 )
 def test_every_kind_of_route_agrees_with_its_plan(kind, fields):
     """The plan ends at the known end of the route and satisfies its limits."""
@@ -80,7 +80,7 @@ def test_a_user_s_kind_of_route_is_checked_and_planned_and_is_part_of_the_langua
         plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0}, "space": blocked}))
 
 
-def test_a_kind_without_a_plan_is_refused():
+def test_a_kind_of_route_without_a_plan_method_is_refused():
     class RouteWithoutPlan(MissionRoute):
         kind: Literal["without_plan"]
 

@@ -22,12 +22,12 @@ from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, numbered
 
-SENSORS_ON_BOARD = (
+SENSORS_OVERRIDE = (
     "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
     " bias: [{uniform: {min: -0.2, max: 0.2}}, 0.1, 0], noise_density: {uniform: {min: 0.001, max: 0.01}}},"
     " {kind: accelerometer, period: 0.04}]"
 )
-WHOLE_FLIGHT = "metrics={start: 0, end: null}"
+WHOLE_FLIGHT_OVERRIDE = "metrics={start: 0, end: null}"
 
 
 class Altitude(NamedTuple):
@@ -63,12 +63,12 @@ class AltimeterSettings(SensorSettings):
 
 @pytest.fixture
 def altimeter():
-    """Return a user's kind of sensor, which is registered during a test."""
+    """Register a user's kind of sensor during a test, and return it."""
     return SENSORS.member(AltimeterSettings)
 
 
 def check_member(kind, name):
-    """Assert that the system of a sensor has the ports and the noise that the model states."""
+    """Assert that the system of a sensor has the ports and the noise that its settings declare."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
     imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
@@ -107,24 +107,24 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ],
     ids=["vehicle", "response"],
 )
-def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
-    """Parameters are random. One sensor has a shorter period than the control, the other a longer one."""
-    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE_FLIGHT, "duration=0.5")
+def test_sensor_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
+    """The parameters are random. One sensor has a shorter period than the control, the other one a longer period."""
+    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_OVERRIDE, WHOLE_FLIGHT_OVERRIDE, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
     (alone,) = simulate_samples(drawn, [2])
     for name, values in alone.items():
         np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
     assert np.ptp(flights[2]["accelerometer"], axis=0).min() > 0.01
-    # The second sensor takes a sample at every other tick.
+    # The second sensor has a period of two ticks.
     second = flights[2]["accelerometer_2"]
     np.testing.assert_array_equal(second[1:-1:2], second[2::2])
     assert (second[2:-1:2] != second[3::2]).all()
 
 
 @pytest.mark.slow
-def test_readings_have_the_same_bits_wired_and_compiled():
-    """The initial readings are not compared, since their formulas use the elementary functions of NumPy."""
-    drawn = load_scenario("figure_eight", [SENSORS_ON_BOARD, "duration=0.5"])
+def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
+    """The initial readings are not compared, since they are computed with the elementary functions of NumPy."""
+    drawn = load_scenario("figure_eight", [SENSORS_OVERRIDE, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
     for flight, expected in zip(compiled, wired, strict=True):
         for name in ("state", *drawn.laboratory.named_sensors):
@@ -133,9 +133,9 @@ def test_readings_have_the_same_bits_wired_and_compiled():
 
 @pytest.mark.slow
 def test_sensors_do_not_change_the_flight(asymmetric):
-    """Motion and random numbers agree to the bit. The file of a scenario without sensors does not mention sensors."""
+    """Motion and random numbers are bit-identical. The file of a scenario without sensors does not mention them."""
     plain, sensing = (
-        simulate(asymmetric("pid", WHOLE_FLIGHT, "duration=0.3", f"laboratory.sensors={sensors}"))
+        simulate(asymmetric("pid", WHOLE_FLIGHT_OVERRIDE, "duration=0.3", f"laboratory.sensors={sensors}"))
         for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
     )
     assert sensing.signals.keys() - plain.signals.keys() == {"accelerometer"}
@@ -148,7 +148,7 @@ def test_sensors_do_not_change_the_flight(asymmetric):
 
 def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
     """The position is relative to the true centre of mass. The noise follows from the density and the period."""
-    scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
+    scenario = asymmetric("pid", SENSORS_OVERRIDE, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
     batch = Batch.draw(scenario, range(4))
     recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
     first, second = recipes["sensors.accelerometer"], recipes["sensors.accelerometer_2"]
@@ -168,7 +168,7 @@ def test_an_accelerometer_has_the_parameters_of_its_scenario(asymmetric):
     assert (parameters.bias.y, parameters.gravity) == (0.1, 9.7)
     assert second.structure["longest_latency"] == 0
     assert second.parameters.noise == pytest.approx(0.003 / 0.2)
-    noiseless = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
+    noiseless = Batch.draw(asymmetric("pid", SENSORS_OVERRIDE), range(4))
     with_noise = noiseless.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
     for batch, noisy in ((noiseless, False), (with_noise, True)):
         recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
@@ -190,7 +190,7 @@ def test_readings_of_a_user_s_sensor_are_recorded_and_read(altimeter, tmp_path):
     flights = assert_flown_alike(Batch.draw(scenario, range(3)))
     heights = flights[0].record("state").z
     np.testing.assert_allclose(flights[0].record("altimeter").height, heights - 0.05 * 4.0, atol=1e-12)
-    # The noises of two vehicles are not proportional to each other.
+    # The noise of one vehicle is not a multiple of another vehicle's noise.
     errors = [flight.record("altimeter_2").height - heights + 0.2 for flight in flights[:2]]
     assert abs(np.corrcoef(*errors)[0, 1]) < 0.9
     flights[0].save(tmp_path)
@@ -257,21 +257,21 @@ def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
         ("latency_samples: 0.5", "laboratory.sensors.0.latency_samples is 0.5, but must be a whole number"),
     ],
 )
-def test_an_impossible_sensor_is_refused(sensor, words):
+def test_a_sensor_with_invalid_settings_is_refused(sensor, words):
     with pytest.raises(InputError, match=words):
         load_scenario("hover", [f"laboratory.sensors=[{{kind: accelerometer, {sensor}}}]"])
 
 
 @pytest.mark.slow
 def test_sensors_do_not_change_linear_models():
-    """No control of the language reads sensors, and slow sensors do not lengthen the period of a linear model."""
+    """No built-in control reads sensors, and slow sensors do not lengthen the period of a linear model."""
     plain, sensing = closed_loop(hover()).system, closed_loop(hover({"kind": "accelerometer", "period": 0.08})).system
     np.testing.assert_array_equal(sensing.A, plain.A)
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
 class SpecificForceControl(LeafSystem):
-    """Control of only the thrust, which keeps the specific force equal to gravity."""
+    """Controller of the thrust alone, which keeps the specific force equal to gravity."""
 
     def __init__(self):
         super().__init__()

@@ -6,15 +6,15 @@ import pytest
 from drake_quad import InputError, load_mission, plan_route
 from drake_quad.reference.polynomial_path import evaluate
 
-ROUTE = "route={kind: setpoints, setpoints: %s, last_hold: 0.5}"
+ROUTE_OVERRIDE = "route={kind: setpoints, setpoints: %s, last_hold: 0.5}"
 SETPOINTS = [[0.0, 0.1, 0.2, 1.0, 0.3], [1.0, 0.7, -0.2, 1.1, -0.4], [1.5, 0.0, 0.0, 0.9, 0.2]]
 
 
 def plan_of(setpoints):
-    return plan_route(load_mission("vehicles/paper", [ROUTE % setpoints]))
+    return plan_route(load_mission("vehicles/paper", [ROUTE_OVERRIDE % setpoints]))
 
 
-def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
+def test_each_setpoint_is_held_until_the_next_one():
     plan = plan_of(SETPOINTS)
     assert plan.duration == 2.0
     times = np.array([-1.0, 0.0, 0.999, 1.0, 1.499, 1.5, 1.999, 9.0])
@@ -43,4 +43,4 @@ def test_setpoints_have_no_feedforward():
 )
 def test_invalid_setpoints_are_refused(setpoints, message):
     with pytest.raises(InputError, match=message):
-        load_mission("vehicles/paper", [ROUTE % setpoints])
+        load_mission("vehicles/paper", [ROUTE_OVERRIDE % setpoints])

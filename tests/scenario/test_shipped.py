@@ -8,7 +8,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_file, shipped_folder, shipped_names, shipped_scenarios
 
 
-def test_a_name_has_the_same_meaning_in_every_working_directory(diagrams, tmp_path, monkeypatch):
+def test_shipped_names_do_not_depend_on_the_working_directory(diagrams, tmp_path, monkeypatch):
     expected = load_scenario(diagrams / "laboratory.yaml:high_wind")
     monkeypatch.chdir(tmp_path)
     assert load_scenario("laboratory:high_wind") == expected
@@ -36,7 +36,7 @@ def test_a_file_can_extend_a_shipped_scenario(tmp_path):
     )
     layered = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
     assert load_scenario(tmp_path / "mine.yaml:a").control == layered.control
-    # A name without a file is a scenario of the same file, if that contains one.
+    # A name without a file refers to the same file if it contains such a scenario.
     assert load_scenario(tmp_path / "mine.yaml:hover").route == layered.route
     (tmp_path / "other.yaml").write_text(
         "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"
@@ -75,13 +75,13 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_a_shipped_scenario(tmp_
         ("hover.yml", "hover.yml: cannot be read: no such file"),
     ],
 )
-def test_a_missing_scenario_is_explained(spec, words):
+def test_the_error_for_a_missing_scenario_suggests_similar_names(spec, words):
     with pytest.raises(InputError, match=words):
         load_scenario(spec)
 
 
 @pytest.mark.parametrize("base", ["laboratry:nominal", "vehicles/race", "laboratory:windy"])
-def test_a_missing_scenario_in_extends_is_explained(tmp_path, base):
+def test_the_error_for_a_missing_scenario_in_extends_gives_its_line(tmp_path, base):
     path = tmp_path / "mine.yaml"
     path.write_text(f"a: {{extends: '{base}'}}\n")
     with pytest.raises(InputError, match=rf"mine.yaml:1: .*{base.split(':')[-1]}"):

@@ -12,7 +12,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.space.shapes import transformed_points
 
-ROOM = """
+ROOM_SCENARIO = """
 room:
   extends: figure_eight
   space:
@@ -28,34 +28,37 @@ smaller:
   space: {radius: 0.2, obstacles: {ball: {radius: 0.1}, new: {kind: sphere, centre: [0, 3, 1], radius: 0.3}}}
 other_kind: {extends: room, space: {obstacles: {ball: {kind: box, centre: [0, 0, 1], size: [1, 1, 1]}}}}
 """
-CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-TRIANGLES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+TETRAHEDRON_CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+TETRAHEDRON_TRIANGLES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
 
 def obj_mesh():
     inside = "v 0.1 0.1 0.1 1.0\n"
-    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in TETRAHEDRON_CORNERS)
     return f"# a rock\n{vertices}{inside}vn 9 9 9\nf 1/1/1 2/2/2 3/3/3\n".encode()
 
 
 def binary_stl_mesh():
-    rows = [struct.pack("<12fH", 0, 0, 0, *np.ravel([CORNERS[i] for i in each]), 0) for each in TRIANGLES]
+    rows = [
+        struct.pack("<12fH", 0, 0, 0, *np.ravel([TETRAHEDRON_CORNERS[i] for i in each]), 0)
+        for each in TETRAHEDRON_TRIANGLES
+    ]
     return b"solid".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows)
 
 
 def text_stl_mesh():
     facets = (
         "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {} {} {}\n".format(*CORNERS[i]) for i in each)
+        + "".join("vertex {} {} {}\n".format(*TETRAHEDRON_CORNERS[i]) for i in each)
         + "endloop\nendfacet\n"
-        for each in TRIANGLES
+        for each in TETRAHEDRON_TRIANGLES
     )
     return f"solid rock\n{''.join(facets)}endsolid rock\n".encode()
 
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "rooms.yaml").write_text(ROOM)
+    (tmp_path / "rooms.yaml").write_text(ROOM_SCENARIO)
     (tmp_path / "rock.obj").write_bytes(obj_mesh())
     return tmp_path
 
@@ -91,11 +94,13 @@ def test_obstacles_are_merged_by_name(folder):
 @pytest.mark.parametrize(
     ("name", "data"), [("rock.obj", obj_mesh()), ("binary.stl", binary_stl_mesh()), ("text.STL", text_stl_mesh())]
 )
-def test_meshes_give_the_corners_of_their_hull(folder, name, data):
+def test_the_corners_of_a_mesh_hull_become_the_obstacle(folder, name, data):
     (folder / name).write_bytes(data)
     path = folder / "rooms.yaml"
-    path.write_text(ROOM.replace("rock.obj", name))
-    assert sorted(map(list, load_scenario(f"{path}:room").space.obstacles["rock"].points)) == sorted(CORNERS)
+    path.write_text(ROOM_SCENARIO.replace("rock.obj", name))
+    assert sorted(map(list, load_scenario(f"{path}:room").space.obstacles["rock"].points)) == sorted(
+        TETRAHEDRON_CORNERS
+    )
 
 
 def test_a_saved_scenario_does_not_need_the_mesh(folder, tmp_path):
@@ -126,7 +131,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.ball.radius={uniform: {min: 1, max: 2}}", "must be a valid number"),
         ("obstacles.beam.size=[1, -1, 1]", "obstacles.beam.size.1 is -1"),
         ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
-        # The corners are so far away that they are equal after rounding.
+        # The corners are so far from the origin that rounding makes them equal.
         (
             "obstacles.rock={kind: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],"
             " centre: [1e8, 1e8, 1e8], scale: 1e-9}",
@@ -144,7 +149,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("walls=3", "space.walls is unknown"),
     ],
 )
-def test_an_error_is_reported_with_its_place(folder, monkeypatch, override, words):
+def test_errors_in_obstacles_give_file_line_and_field(folder, monkeypatch, override, words):
     monkeypatch.chdir(folder)
     (folder / "rock.ply").touch()
     with pytest.raises(InputError, match="space|obj|ply") as error:
@@ -197,7 +202,7 @@ def test_a_comment_in_a_mesh_may_name_other_formats(folder):
 )
 def test_files_of_other_formats_are_refused_with_their_names(folder, name, words):
     (folder / name).write_bytes(b"anything")
-    (folder / "rooms.yaml").write_text(ROOM.replace("rock.obj", name))
+    (folder / "rooms.yaml").write_text(ROOM_SCENARIO.replace("rock.obj", name))
     with pytest.raises(InputError) as error:
         load_scenario(folder / "rooms.yaml:room")
     assert f"{name}: {words}" in str(error.value)
@@ -206,12 +211,12 @@ def test_files_of_other_formats_are_refused_with_their_names(folder, name, words
 MANY_CORNERS = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
-def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
-    """The mesh may be a file or a list of points. A saved hull is loaded again without a change."""
+def test_a_mesh_with_many_corners_is_replaced_by_a_simpler_enclosing_hull(folder):
+    """The mesh may be a file or a list of points. A saved hull is loaded again unchanged."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in MANY_CORNERS))
     with pytest.warns(
         InputWarning,
-        match=r"rock.obj: its convex hull with 200 corners is replaced by a hull with 100 corners around it",
+        match=r"rock.obj: its convex hull with 200 corners is replaced by an enclosing hull with 100 corners",
     ):
         rock = load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"]
     assert len(rock.points) == 100
@@ -239,8 +244,8 @@ def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):
         load_scenario(path)
 
 
-def test_a_mesh_of_too_many_bytes_is_refused(folder):
+def test_a_mesh_file_that_is_too_large_is_refused(folder):
     with (folder / "rock.obj").open("r+b") as file:
-        file.truncate(50_000_001)  # The file is sparse and takes no space on the disk.
+        file.truncate(50_000_001)  # creates a sparse file, which needs no disk space
     with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have at most 50,000,000 bytes"):
         load_scenario(folder / "rooms.yaml:room")

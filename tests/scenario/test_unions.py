@@ -1,4 +1,4 @@
-"""Tests that attributes of every member of every open union, including a user's members, agree with the systems."""
+"""Tests that the declared attributes of every registered kind, including users' kinds, agree with the systems."""
 
 import pickle
 from importlib import import_module
@@ -32,8 +32,8 @@ from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
-ROOT = Path(__file__).parent.parent.parent
-EXAMPLE = ROOT / "scripts" / "sliding_mode_in_yaml.py"
+REPOSITORY = Path(__file__).parent.parent.parent
+EXAMPLE_SCRIPT = REPOSITORY / "scripts" / "sliding_mode_in_yaml.py"
 
 
 TESTED_CONTROLS = [
@@ -48,7 +48,7 @@ TESTED_CONTROLS = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return a member in which all required values are one, and each part has the first kind."""
+    """Return an instance of a model in which all required numbers are one, and each part has its first kind."""
     fields = {name: value_for(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 
@@ -66,7 +66,7 @@ def value_for(field: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def settings():
-    """Return the settings of controls without and with an autopilot, by the name of the scenario."""
+    """Return control settings without and with an autopilot, by the name of the scenario."""
     return {name: setting_of(load_scenario(name)) for name in ("figure_eight", "onboard")}
 
 
@@ -208,15 +208,15 @@ def test_every_kind_of_control_is_tested():
 
 @pytest.fixture
 def sliding_mode(monkeypatch):
-    """Return the position controller of the example, which is registered during a test."""
-    monkeypatch.syspath_prepend(EXAMPLE.parent)
-    return POSITION_CONTROLLERS.member(import_module(EXAMPLE.stem).SlidingPosition)
+    """Register the position controller of the example during a test, and return it."""
+    monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
+    return POSITION_CONTROLLERS.member(import_module(EXAMPLE_SCRIPT.stem).SlidingPosition)
 
 
-SLIDING = {"kind": "sliding_mode", "slope": [1.5, 1.4, 2.0], "gain": [2.0, 2.1, 4.0], "width": [0.9, 0.8, 1.0]}
+SLIDING_MODE = {"kind": "sliding_mode", "slope": [1.5, 1.4, 2.0], "gain": [2.0, 2.1, 4.0], "width": [0.9, 0.8, 1.0]}
 
 
-def figure_eight_with(position=SLIDING, **changes):
+def figure_eight_with(position=SLIDING_MODE, **changes):
     return load_scenario("figure_eight", {"control.position": position, "duration": 2.0, **changes})
 
 
@@ -225,27 +225,27 @@ def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding_mode
 
 
 @pytest.mark.slow
-def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
-    """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
-    slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
+def test_the_sliding_mode_controller_is_a_pd_within_its_boundary_layer(sliding_mode):
+    """There its command K (ė + λ e) / φ + λ ė is that of a PD with k_P = K λ / φ and k_D = λ + K / φ."""
+    slope, gain, width = (np.array(SLIDING_MODE[name]) for name in ("slope", "gain", "width"))
     pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
-    sliding_flight, pd_flight = (simulate(figure_eight_with(position)) for position in (SLIDING, pd))
+    sliding_flight, pd_flight = (simulate(figure_eight_with(position)) for position in (SLIDING_MODE, pd))
     np.testing.assert_allclose(sliding_flight["state"], pd_flight["state"], rtol=0.0, atol=1e-12)
-    loops = [closed_loop(at_rest(figure_eight_with(position))).system.A for position in (SLIDING, pd)]
+    loops = [closed_loop(at_rest(figure_eight_with(position))).system.A for position in (SLIDING_MODE, pd)]
     np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
 
 
-def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding_mode):
-    position = SLIDING | {"width": [1e-6] * 3}
+def test_the_sliding_mode_command_is_limited_outside_its_boundary_layer(sliding_mode):
+    position = SLIDING_MODE | {"width": [1e-6] * 3}
     flight = simulate(figure_eight_with(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
     command, reference = flight.record("acceleration_command"), flight.record("reference")
     measurement = flight.record("measurement")
-    switching_term = command.z - reference.a_z - SLIDING["slope"][2] * (reference.v_z - measurement.v_z)
-    np.testing.assert_allclose(np.abs(switching_term[2:]), SLIDING["gain"][2], rtol=1e-9)
+    switching_term = command.z - reference.a_z - SLIDING_MODE["slope"][2] * (reference.v_z - measurement.v_z)
+    np.testing.assert_allclose(np.abs(switching_term[2:]), SLIDING_MODE["gain"][2], rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding_mode):
+def test_a_user_s_position_controller_flies_wired_and_in_compiled_fleets(sliding_mode):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
     assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
@@ -255,7 +255,7 @@ def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()
     with pytest.raises(InputError, match=r"control.position.slope.0 is -1.0, but must be larger than 0"):
-        figure_eight_with(SLIDING | {"slope": [-1.0, 1.0, 1.0]})
+        figure_eight_with(SLIDING_MODE | {"slope": [-1.0, 1.0, 1.0]})
     network = {"kind": "type_1", "learning": {"kind": "gradient"}}
     with pytest.raises(InputError, match="position controller of kind sliding_mode takes no correction"):
         figure_eight_with(**{"control.network": network})
@@ -286,21 +286,21 @@ class OwnControl(PolicyControl):
     kind: Literal["own_control"]
 
 
-ATTITUDE = {"kind": "pd", "k_p": [9.0, 8.0, 3.0], "k_d": [4.0, 4.0, 2.0]}
-POLICY = {"kind": "policy", "action": {"kind": "acceleration"}, "attitude": ATTITUDE}
+ATTITUDE_CONTROLLER = {"kind": "pd", "k_p": [9.0, 8.0, 3.0], "k_d": [4.0, 4.0, 2.0]}
+POLICY_CONTROL = {"kind": "policy", "action": {"kind": "acceleration"}, "attitude": ATTITUDE_CONTROLLER}
 
 
 @pytest.mark.parametrize(
     ("union", "kind", "base", "changes", "path"),
     [
         (AUTOPILOTS, OwnAutopilot, "onboard", {}, "laboratory.autopilot"),
-        (ACTIONS, OwnAction, "figure_eight", {"control": POLICY}, "control.action"),
+        (ACTIONS, OwnAction, "figure_eight", {"control": POLICY_CONTROL}, "control.action"),
         (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {}, "control.attitude"),
-        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {"control": POLICY}, "control.attitude"),
-        (CONTROLS, OwnControl, "figure_eight", {"control": POLICY}, "control"),
+        (ATTITUDE_CONTROLLERS, OwnAttitude, "figure_eight", {"control": POLICY_CONTROL}, "control.attitude"),
+        (CONTROLS, OwnControl, "figure_eight", {"control": POLICY_CONTROL}, "control"),
     ],
 )
-def test_a_user_s_member_flies_like_the_member_that_it_extends(union, kind, base, changes, path):
+def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, changes, path):
     union.member(kind)
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
@@ -317,7 +317,9 @@ def test_a_user_s_member_flies_like_the_member_that_it_extends(union, kind, base
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_command_imports_a_user_s_position_controller(run, tmp_path):
-    position = f"control.position={{kind: sliding_mode, slope: {SLIDING['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
+    position = (
+        f"control.position={{kind: sliding_mode, slope: {SLIDING_MODE['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"
+    )
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.7}}"
     study = [
         "study",
@@ -328,5 +330,5 @@ def test_a_command_imports_a_user_s_position_controller(run, tmp_path):
         "2",
         *(part for field in ("duration=0.5", mass, position) for part in ("--set", field)),
     ]
-    result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
+    result = run(*study, "--output", tmp_path, "--import", EXAMPLE_SCRIPT)
     assert (result.returncode, result.stderr) == (0, "")

@@ -36,12 +36,12 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.trim_force import TrimForce
 
-EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
-PAPER = QuadrotorParameters()
-HEIGHT = 0.3
+EXAMPLE_SCRIPT = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
+PAPER_VEHICLE = QuadrotorParameters()
+INITIAL_HEIGHT = 0.3  # m, near the ground
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
-# Effects without an entry have 0.1 in all required fields.
-FIELDS = {
+# Field values of the tested effects. In all other effects, required fields are 0.1.
+EFFECT_FIELDS = {
     "body_drag": {"linear": [0.1, 0.2, 0.3], "quadratic": [0.03, 0.01, 0.02], "centre_of_pressure": [0.01, 0.0, 0.03]},
     "rotor_aerodynamics": {"lift": 0.02, "climb": -0.1, "drag": 1e-4, "inflow": 2e-4},
     "ground_effect": {"rotor_radius": 0.2},
@@ -53,36 +53,36 @@ FIELDS = {
 }
 
 
-def test_a_payload_that_is_dropped_later_stays_in_hover():
+def test_the_hover_state_includes_a_payload_that_is_dropped_later():
     """The vehicle is trimmed with the payload, unless the payload is dropped at time zero."""
-    dropped = {**FIELDS["payload"], "event": "dropped"}
+    dropped = {**EFFECT_FIELDS["payload"], "event": "dropped"}
     payload = EFFECTS.members["payload"](**dropped)
     assert has_constant_acceleration("payload", payload.in_hover())
     assert payload.model_copy(update={"time": 0.0}).in_hover() is None
 
 
-def test_a_vehicle_leans_against_its_trim_force():
-    """The thrust and the trim force together cancel the weight."""
+def test_a_hovering_vehicle_tilts_against_its_trim_force():
+    """In hover, the thrust and the trim force together cancel the weight."""
     force = TrimForce(0.3, -0.2, 0.1)
-    trim = find_trim(PAPER, effects=Effects(loads=(force,)))
-    weight = PAPER.mass * PAPER.gravity
+    trim = find_trim(PAPER_VEHICLE, effects=Effects(loads=(force,)))
+    weight = PAPER_VEHICLE.mass * PAPER_VEHICLE.gravity
     roll, pitch = trim.state[3:5]
     assert pitch == pytest.approx(-math.asin(force.x / weight), abs=1e-9)
     assert roll == pytest.approx(math.asin(force.y / (weight * math.cos(pitch))), abs=1e-9)
-    thrust = rotor_action(RotorSpeed(*trim.rotor_speed), PAPER).wrench.thrust
+    thrust = rotor_action(RotorSpeed(*trim.rotor_speed), PAPER_VEHICLE).wrench.thrust
     assert thrust + force.z == pytest.approx(weight * math.cos(roll) * math.cos(pitch), rel=1e-9)
 
 
 @pytest.fixture
 def ceiling_effect(monkeypatch):
-    """Return the effect of the example, which is registered during a test."""
-    monkeypatch.syspath_prepend(EXAMPLE.parent)
-    return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
+    """Register the effect of the example during a test, and return it."""
+    monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
+    return EFFECTS.member(import_module(EXAMPLE_SCRIPT.stem).CeilingEffect)
 
 
 def example(name, kind):
     required = {name: 0.1 for name, field in kind.model_fields.items() if field.is_required()}
-    return kind.model_validate(FIELDS.get(name, required))
+    return kind.model_validate(EFFECT_FIELDS.get(name, required))
 
 
 def with_effect(name, effect):
@@ -93,11 +93,11 @@ def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
     """Return the paper's vehicle in hover with an effect, in a context that holds the initial rotor speeds."""
     effects = with_effect(name, effect).effect_parameters()
     faults = effect.parameters() if name == "rotor_failure" else RotorFaults()
-    place = HoverPose(0.0, 0.0, HEIGHT, 0.0)
+    place = HoverPose(0.0, 0.0, INITIAL_HEIGHT, 0.0)
     structure = {"effects": effects.names, "faulty": name == "rotor_failure", "time_step": time_step}
-    vehicle = Quadrotor(**structure, parameters=QuadrotorConfig(PAPER, faults, place, effects))
+    vehicle = Quadrotor(**structure, parameters=QuadrotorConfig(PAPER_VEHICLE, faults, place, effects))
     context = vehicle.CreateDefaultContext()
-    speeds = hover_rotor_speeds(hover_equivalent(PAPER, effects, HEIGHT))
+    speeds = hover_rotor_speeds(hover_equivalent(PAPER_VEHICLE, effects, INITIAL_HEIGHT))
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.array(speeds))
     if speed:
         state = context.get_discrete_state(0).CopyToVector()
@@ -107,15 +107,15 @@ def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
 
 
 def state_after(name, effect, speed=0.0, until=0.4):
-    """Return the state after a flight that begins at a speed, with the rotor speeds of hover as commands."""
+    """Return the state after a flight with a given initial speed, in which hover rotor speeds are commanded."""
     vehicle, context = vehicle_in_hover(name, effect, speed)
     simulator = Simulator(vehicle, context)
-    simulator.AdvanceTo(until + 1e-9)  # The end is just beyond the last update.
+    simulator.AdvanceTo(until + 1e-9)  # just after the last update
     return vehicle.GetOutputPort("state").Eval(context)
 
 
 def has_constant_acceleration(name, effect):
-    """Return whether the acceleration is constant. It is zero unless the vehicle must tilt against the effect."""
+    """Return whether the acceleration is constant."""
     start, half, whole = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
     return np.abs(whole - 2.0 * half + start).max() < 1e-9
 
@@ -126,10 +126,14 @@ def rotates_body(name, effect):
 
 def slopes_along_axes_of(effect):
     """Return the derivatives of the force along each axis with respect to the airspeed along it, up to 5 m/s, N s/m."""
-    rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
+    rotors, wrench = RotorSpeed(*[PAPER_VEHICLE.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):
-        return np.array(effect.parameters().load(Flow(Vector(*air), Vector(*air), rotors, wrench, HEIGHT, PAPER)).force)
+        return np.array(
+            effect.parameters()
+            .load(Flow(Vector(*air), Vector(*air), rotors, wrench, INITIAL_HEIGHT, PAPER_VEHICLE))
+            .force
+        )
 
     intervals = [(s - 1e-5, s) for s in np.linspace(-4.99, 5.0, 31)]
     return [abs((force(b * e) - force(a * e)) @ e) / (b - a) for e in np.eye(3) for a, b in intervals]
@@ -160,11 +164,11 @@ def check_member(name, kind):
 
 
 def check_response(name, kind):
-    """Assert that an identified response models exactly the effects that the language allows with it."""
+    """Assert that the language allows an effect with an identified response only if the response models the effect."""
     vehicle = with_effect(name, example(name, kind))
     effects = vehicle.effect_parameters()
     response = AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
-    config = AttitudeResponseConfig(QuadrotorConfig(PAPER, effects=effects), response)
+    config = AttitudeResponseConfig(QuadrotorConfig(PAPER_VEHICLE, effects=effects), response)
     allowed = name not in vehicle.without_response()
     try:
         AttitudeResponseQuadrotor(effects=effects.names, parameters=config)
@@ -177,7 +181,7 @@ def check_response(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
 def test_every_effect_agrees_with_the_motion(name, kind):
-    """The attributes state whether the vehicle stays in hover, couples its axes and oscillates."""
+    """The attributes declare whether the vehicle stays in hover, couples its axes, and oscillates."""
     check_member(name, kind)
     check_response(name, kind)
 
@@ -188,13 +192,13 @@ def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling_effect):
 
 
 def test_forces_that_depend_on_the_height_change_within_a_step(ceiling_effect):
-    """The height of a rising vehicle agrees with an integration with error control."""
+    """The height of a rising vehicle agrees with that of an integrator with error control."""
     effect, rows_at_the_end = ceiling_effect(rotor_radius=0.3, height=0.8), []
     for time_step in (0.01, 0.0):
         vehicle, context = vehicle_in_hover("ceiling", effect, time_step=time_step)
         simulator = Simulator(vehicle, context)
         simulator.get_mutable_integrator().set_target_accuracy(1e-11)
-        simulator.AdvanceTo(0.3 + 1e-9)  # The end is just beyond the last update.
+        simulator.AdvanceTo(0.3 + 1e-9)  # just after the last update
         rows_at_the_end.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
     assert rows_at_the_end[0][1] > 0.05
     np.testing.assert_allclose(*rows_at_the_end, rtol=1e-7)

@@ -1,4 +1,4 @@
-"""Tests of tables of waypoints."""
+"""Tests of CSV tables with waypoints."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def points(mission):
     return [waypoint.point for waypoint in mission.route.waypoints]
 
 
-def test_three_columns_need_no_names(write):
+def test_a_waypoint_table_with_three_columns_needs_no_header(write):
     mission = load_mission(write("0,0,1\n\n# a comment\n 1.5 , -2 ,1e0\n"))
     assert mission.name == "course"
     assert points(mission) == [(0.0, 0.0, 1.0), (1.5, -2.0, 1.0)]
@@ -51,7 +51,7 @@ def test_an_override_can_change_an_item_of_a_list(write):
         load_mission(path, ["route.top_speed="])
 
 
-def test_times_may_be_the_name_of_a_method(write):
+def test_times_may_name_a_timing_method(write):
     mission = load_mission(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
     assert mission.route.times.kind == "heuristic"
 
@@ -80,12 +80,12 @@ def test_a_scenario_can_extend_a_table(write, diagrams):
         ("x,y,z,time\n0,0,1,1\n1,0,1,1\n", "course.csv:1: route.times is .* must increase"),
     ],
 )
-def test_wrong_tables_are_explained(write, text, words):
+def test_errors_for_invalid_waypoint_tables_give_the_reason(write, text, words):
     with pytest.raises(InputError, match=words):
         load_mission(write(text))
 
 
-def test_a_file_that_is_not_text_is_explained(tmp_path):
+def test_the_error_for_a_binary_file_gives_the_reason(tmp_path):
     path = tmp_path / "course.csv"
     path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
     with pytest.raises(InputError, match="is not UTF-8 text"):
@@ -94,6 +94,6 @@ def test_a_file_that_is_not_text_is_explained(tmp_path):
         load_mission(tmp_path / "none.csv")
 
 
-def test_a_very_long_cell_is_explained(write):
+def test_a_table_with_a_very_long_cell_is_refused(write):
     with pytest.raises(InputError, match=r"course\.csv: is not a CSV file"):
         load_mission(write("0,0,1\n" + "1" * 200_000 + ",0,1\n"))

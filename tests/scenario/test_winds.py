@@ -20,14 +20,14 @@ from drake_quad.scenario.winds.gust import GustSource
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, steady_wind
 from drake_quad.signals import Wind
 
-ROOT = Path(__file__).parent.parent.parent
-EXAMPLE = ROOT / "scripts" / "wind_shear.py"
+REPOSITORY = Path(__file__).parent.parent.parent
+EXAMPLE_SCRIPT = REPOSITORY / "scripts" / "wind_shear.py"
 POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
 SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a wind source of the given kind near `POSITIONS`; all other required fields are one."""
+    """Return a wind source of a kind, located near `POSITIONS`. All other required fields are one."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -63,9 +63,9 @@ def mean_wind(source: WindSource) -> np.ndarray:
 
 @pytest.fixture
 def shear_wind(monkeypatch):
-    """Return the kind of wind of the example script, which is registered during a test."""
-    monkeypatch.syspath_prepend(EXAMPLE.parent)
-    return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
+    """Register the kind of wind in the example script during a test, and return it."""
+    monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
+    return WINDS.member(import_module(EXAMPLE_SCRIPT.stem).ShearSource)
 
 
 def check_member(kind):
@@ -85,7 +85,7 @@ def check_member(kind):
 
 @pytest.mark.parametrize("kind", WINDS.members.values(), ids=lambda kind: kind.__name__)
 def test_every_kind_of_wind_agrees_with_its_system(kind):
-    """The wind depends on position and time as the source states, and does not exceed the stated largest speed."""
+    """The wind depends on position and time as the source declares, and does not exceed the declared largest speed."""
     check_member(kind)
 
 
@@ -116,8 +116,8 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
         np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
 
 
-def test_checks_and_analyses_include_a_user_s_wind(shear_wind):
-    """Too strong a wind is refused, linear models keep the wind, and errors of hovers depend on the height."""
+def test_checks_linear_models_and_hover_errors_include_a_user_s_wind(shear_wind):
+    """A wind that is too strong is refused, linear models include the wind, and hover errors depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
@@ -187,7 +187,7 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
     changes = (part for field in ("duration=0.5", "vehicle.linear_drag=0.1", wind) for part in ("--set", field))
     study = ["study", "hover", "--samples", "4", "--workers", "2", *changes]
-    result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
+    result = run(*study, "--output", tmp_path, "--import", EXAMPLE_SCRIPT)
     assert (result.returncode, result.stderr) == (0, "")
     commands = re.findall(
         r"drake-quad (\S+) .* --sample 0 --import scripts/wind_shear.py$", result.stdout, re.MULTILINE

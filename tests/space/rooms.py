@@ -1,6 +1,6 @@
 """Random rooms, and an independent search for routes through them.
 
-The search computes distances by clipping in the frames of the solids. All hulls have the corners of a box.
+The search computes distances by clipping coordinates in the frame of each solid. All hulls are boxes.
 """
 
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, convex_hull
 from drake_quad.space.space import Obstacle, Space
 
-SPACING = 0.05
+SPACING = 0.05  # m
 
 
 class Room(NamedTuple):
@@ -52,7 +52,7 @@ def random_room(seed):
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
         places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
-        # The end points are on different sides of the wall, or of its position in rooms without a wall.
+        # Start and end are on different sides of the wall, or of its position in rooms without a wall.
         apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
         if apart and least_distances(space, places).min() > clearance + 0.02:
             return Room(space, bounds, places)
@@ -132,7 +132,7 @@ class Search:
                 yield one[fits], other[fits]
 
     def _surely_free(self, one, other):
-        """Return which steps are covered by free balls around both of their ends."""
+        """Return a mask of the steps that free balls around both ends cover completely."""
         length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
         return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)
@@ -160,7 +160,7 @@ class Search:
         return np.array(way[::-1])
 
     def _next_to(self, place):
-        """Return the indices of the points to which a straight line from a position is certainly free."""
+        """Return the indices of the grid points to which the straight line from a position is certainly free."""
         away = np.linalg.norm(self.points - place, axis=1)
         (distance,) = least_distances(self.room.space, place[None])
         return np.flatnonzero(
@@ -170,14 +170,14 @@ class Search:
         )
 
     def is_surely_blocked(self):
-        """Return whether the end points are disconnected even if the clearance is reduced by half a cell's diagonal."""
+        """Return whether start and end are disconnected even with a clearance reduced by half a cell diagonal."""
         reach = 0.5 * np.sqrt(3.0) * self.spacing
         near = self.distances >= self.clearance - reach
         pairs = list(self._edges(lambda one, other: near[one] & near[other]))
         rows, columns = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         rooms = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)[1]
-        # A grid that begins at one bound may end up to a step before the other bound.
+        # A grid that begins at one bound may end up to one step before the other bound.
         begin, end = (
             set(rooms[near & (np.linalg.norm(self.points - place, axis=1) <= 2.0 * self.spacing)].tolist())
             for place in self.room.places

@@ -1,4 +1,4 @@
-"""Tests of planning around obstacles: possible routes, their corridors, and the selection of a route."""
+"""Tests of planning around obstacles: candidate routes, their corridors, and the choice of a route."""
 
 import math
 
@@ -37,7 +37,7 @@ def space_of(*shapes, radius=0.2):
     return Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=radius)
 
 
-def test_bounds_affect_only_the_corridors():
+def test_adding_bounds_to_a_problem_changes_only_its_corridors():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
     problem = PathProblem([START, END, START], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
@@ -63,7 +63,7 @@ def test_corridors_and_waypoints_outside_the_bounds_are_rejected():
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
     check_waypoint_clearance(space, PathProblem([START, END]))
-    # A waypoint region is passed where it is free.
+    # The path passes a waypoint's region at a free point.
     check_waypoint_clearance(space, PathProblem([START, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
@@ -104,7 +104,7 @@ def detour(*corners):
 
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
-TIMINGS = {
+TIMINGS_AND_LIMITS = {
     "heuristic": (HeuristicTiming(), LIMITS),
     "shortest": (MinimumTimeTiming(), LIMITS),
     "least snap": (MinimumSnapTiming(4.0), LIMITS),
@@ -114,14 +114,14 @@ TIMINGS = {
 }
 
 
-@pytest.mark.parametrize(("timing", "limits"), TIMINGS.values(), ids=TIMINGS)
+@pytest.mark.parametrize(("timing", "limits"), TIMINGS_AND_LIMITS.values(), ids=TIMINGS_AND_LIMITS)
 def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
     ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
     path, way = plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
-    # Without the best route, the next best is selected, regardless of its position in the list.
+    # If the best route is removed, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
@@ -140,7 +140,7 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times follow from constant speed along a polyline whose segments are lengthened by one millimetre."""
+    """The times are those of a constant speed along a polyline whose segments are one millimetre longer."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, FixedTimes((1.0, 3.0, 6.0)))
@@ -160,8 +160,8 @@ GATES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
-def test_a_gate_is_passed_where_it_is_free(gate):
-    """A wall closes the gate except for a gap on the left, in which the centre of mass has 20 cm."""
+def test_the_path_passes_a_gate_at_a_free_point(gate):
+    """A wall closes the gate except for a gap on the left, which leaves 20 cm for the centre of mass."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([START, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, HeuristicTiming())
@@ -187,7 +187,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
 
 
 @pytest.mark.slow
-def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
+def test_a_path_passes_divided_gates_on_one_side_of_the_wall():
     """The shortest routes to and from the gate end on different sides of the wall, so the path leads around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
@@ -210,7 +210,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
 
 
 class RecordingRegions(Regions):
-    """Regions that record all instances, all seeds, and the seeds that a region already contained."""
+    """Regions that record all instances, all seeds, and seeds that an existing region already contains."""
 
     made = []  # noqa: RUF012
 
@@ -243,8 +243,8 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
     assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
 
 
-def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
-    """Routes start from both ends of a leg. Without a corridor, the routes from a waypoint are used for both legs."""
+def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeypatch):
+    """Routes start from both ends of a leg. Legs without a corridor share the routes from their common waypoint."""
     recorded = []
 
     def lengths_from(grid, places, clearance, inside=None):
@@ -267,13 +267,13 @@ def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(mon
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
-    """Therefore, routes are compared by their snap for the same duration."""
+    """Routes are therefore compared by their snap for the same duration."""
     path = plan_path(PathProblem([START, END], limits=LIMITS), HeuristicTiming())
     slower = plan_path(PathProblem([START, END]), FixedTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
-def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
+def test_a_waypoint_must_keep_the_clearance_plus_the_slack_of_regions():
     """Regions are 10 µm farther from obstacles than the clearance, and a waypoint must be in one of them."""
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
@@ -285,7 +285,7 @@ def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
 
 
 def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
-    """The diagonal is the diagonal of a cell; the 21 points along each axis are the corners of 20 cells."""
+    """The 21 points along each axis are the corners of 20 cells."""
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
@@ -302,7 +302,7 @@ def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
 
 
 def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
-    """A ball fills one side of a sphere. The free points keep the clearance and are in the sphere and the bounds."""
+    """A ball blocks one side of a spherical waypoint. The free points keep the clearance, the sphere and the bounds."""
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
@@ -335,13 +335,13 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
     sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
-    # The right side is shorter.
+    # The route on the right side is shorter.
     assert not sides[0]
     assert any(sides)
 
 
-def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """The gap leaves 1 cm for the centre of mass, between points of the first grid, around one of the second grid.
+def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
+    """The gap leaves 1 cm for the centre of mass. It contains no point of the first grid, but one of the second.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """
@@ -362,8 +362,8 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
-    """A route over a point is at least as long as the straight lines between the point and both ends."""
+def test_candidate_routes_keep_the_clearance_plus_the_slack_of_regions(monkeypatch):
+    """A route through a point is at least as long as the two straight lines from the point to both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from
 
@@ -388,7 +388,7 @@ def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatc
     assert (lengths <= 2.5 * straight).all()
 
 
-def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_its_points():
+def test_the_message_distinguishes_blocked_waypoints_from_gaps_between_grid_points():
     """The points in a gate of 1 m have a spacing of 5 cm, so free space may be hidden between two of them."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
@@ -397,7 +397,7 @@ def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_it
             around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
-def test_free_points_keep_the_slack_beyond_the_clearance():
+def test_free_points_keep_the_clearance_plus_the_slack_of_regions():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         problem = PathProblem([START, END])

@@ -1,4 +1,4 @@
-"""Tests of the explanation why there is no route: waypoints that are not connected, and blocking obstacles."""
+"""Tests of the message that explains a missing route: unconnected waypoints and blocking obstacles."""
 
 import pytest
 
@@ -10,10 +10,10 @@ from drake_quad.space.space import Obstacle, Space
 
 # The room is 2 m by 1 m by 1 m. Its bounds keep the clearance of 0.1 m from its walls.
 BOUNDS = Box([0.1, 0.1, 0.1], [1.9, 0.9, 0.9])
-CLEARANCE = r"with a clearance of 0\.1 m"
-LEFT = Box.point([0.3, 0.5, 0.5])
-MIDDLE = Box.point([1.0, 0.5, 0.5])
-RIGHT = Box.point([1.7, 0.5, 0.5])
+CLEARANCE_PATTERN = r"with a clearance of 0\.1 m"
+LEFT_WAYPOINT = Box.point([0.3, 0.5, 0.5])
+MIDDLE_WAYPOINT = Box.point([1.0, 0.5, 0.5])
+RIGHT_WAYPOINT = Box.point([1.7, 0.5, 0.5])
 
 
 def wall(x, low=0.0, high=1.0):
@@ -21,51 +21,51 @@ def wall(x, low=0.0, high=1.0):
     return Cuboid((x, 0.5 * (low + high), 0.5), size=(0.06, high - low, 1.0))
 
 
-def explanation_of(walls, places=(LEFT, RIGHT), corridors=None, bounds=BOUNDS):
+def explanation_of(walls, places=(LEFT_WAYPOINT, RIGHT_WAYPOINT), corridors=None, bounds=BOUNDS):
     """Return the explanation for a room with some named walls."""
     space = Space(tuple(Obstacle(name, shape) for name, shape in walls.items()), radius=0.07, margin=0.03)
     return explain_blockage(space, bounds, PathProblem(places, corridors=corridors))
 
 
-WALLS = {
-    "one wall": ({"a": wall(1.0)}, "without a, there would be a way"),
+BLOCKED_ROOMS = {
+    "one wall": ({"a": wall(1.0)}, "without a, there would be a route"),
     "one of two, of which one leaves a way": ({"a": wall(0.7, high=0.3), "b": wall(1.3)}, "without b, there would be"),
-    "both of two": ({"a": wall(0.7), "b": wall(1.3)}, "without a and b, there would be a way"),
+    "both of two": ({"a": wall(0.7), "b": wall(1.3)}, "without a and b, there would be a route"),
     "all of three": (
         {"a": wall(0.6), "b": wall(1.0), "c": wall(1.4)},
-        "without a, b and c, there would be a way",
+        "without a, b and c, there would be a route",
     ),
     "either half": (
         {"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)},
-        "without a, or without b, there would be a way",
+        "without a, or without b, there would be a route",
     ),
     "two walls and one of two halves": (
         {"a": wall(0.5), "b": wall(0.9), "c": wall(1.3, high=0.45), "d": wall(1.3, low=0.55)},
-        "without a, b and d, there would be a way",
+        "without a, b and d, there would be a route",
     ),
     "a wall and either half of another": (
         {"a": wall(0.7), "b": wall(1.3, high=0.45), "c": wall(1.3, low=0.55)},
-        "without a and b, or without a and c, there would be a way",
+        "without a and b, or without a and c, there would be a route",
     ),
 }
 
 
-@pytest.mark.parametrize(("walls", "expected"), WALLS.values(), ids=WALLS)
+@pytest.mark.parametrize(("walls", "expected"), BLOCKED_ROOMS.values(), ids=BLOCKED_ROOMS)
 def test_the_smallest_sets_of_obstacles_that_block_all_routes_are_named(walls, expected):
-    """All sets of one or of two obstacles are named, but only one larger set."""
+    """All sets of one or two obstacles are named. If only larger sets block the routes, one of them is named."""
     said = explanation_of(walls)
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m (radius 0.07 + ")
+    assert said.startswith("there is no route from waypoint 0 to waypoint 1 with a clearance of 0.1 m (radius 0.07 + ")
     assert expected in said
 
 
 def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
-    """Without the first wall, the remaining gap is 5 cm wide, the spacing of the grid, so a route is not certain."""
+    """Removal of the first wall leaves a gap as wide as the grid spacing, 5 cm, so a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explanation_of({"a": wall(0.7), **sides})
-    assert said.endswith("without a and left, or without a and right, there would be a way")
-    # With a gap of 30 cm, a route is certain.
+    assert said.endswith("without a and left, or without a and right, there would be a route")
+    # A gap of 30 cm certainly allows a route.
     sides = {"left": wall(1.3, high=0.25), "right": wall(1.3, low=0.75)}
-    assert explanation_of({"a": wall(0.7), **sides}).endswith("without a, there would be a way")
+    assert explanation_of({"a": wall(0.7), **sides}).endswith("without a, there would be a route")
 
 
 def test_a_corridor_between_grid_points_may_contain_a_route():
@@ -73,35 +73,37 @@ def test_a_corridor_between_grid_points_may_contain_a_route():
     for low, would in ((0.51, "may"), (0.49, "would")):
         corridor = Box([0.0, low, 0.0], [2.0, low + 0.02, 1.0])
         said = explanation_of({"a": wall(1.0)}, [Box.point([x, low + 0.01, 0.5]) for x in (0.3, 1.7)], [corridor])
-        assert said.endswith(f"without a, there {would} be a way")
+        assert said.endswith(f"without a, there {would} be a route")
 
 
 def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     """The gap is 1 mm wide, and the diagonal of a cell of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explanation_of(gap)
-    assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a way may exist")
+    assert said.startswith(
+        "no route was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a route may exist"
+    )
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
-    # Gaps that are 1 mm too narrow are not always recognised as closed, in contrast to gaps that are 5 cm too narrow.
-    assert "there is no way" in explanation_of({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
+    # A gap that is 5 cm too narrow is always recognised as closed. A gap that is 1 mm too narrow is not.
+    assert "there is no route" in explanation_of({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
 
 
 def test_the_blocked_leg_is_named():
-    said = explanation_of({"a": wall(1.4)}, (LEFT, MIDDLE, RIGHT))
-    assert said.startswith("there is no way from waypoint 1 to waypoint 2 with a clearance of")
-    said = explanation_of({"a": wall(0.7)}, (LEFT, MIDDLE, RIGHT))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of")
+    said = explanation_of({"a": wall(1.4)}, (LEFT_WAYPOINT, MIDDLE_WAYPOINT, RIGHT_WAYPOINT))
+    assert said.startswith("there is no route from waypoint 1 to waypoint 2 with a clearance of")
+    said = explanation_of({"a": wall(0.7)}, (LEFT_WAYPOINT, MIDDLE_WAYPOINT, RIGHT_WAYPOINT))
+    assert said.startswith("there is no route from waypoint 0 to waypoint 1 with a clearance of")
 
 
-def test_legs_that_are_open_separately_can_be_blocked_together():
-    """A wall divides the waypoint between the legs. One leg ends in one part, and the next begins in the other part."""
+def test_legs_that_are_open_separately_can_be_blocked_in_combination():
+    """A wall divides the waypoint between two legs. The first leg ends in one part, the second begins in the other."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
     said = explanation_of({"a": across}, (below, gate, above))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 2 with a clearance of")
-    assert "without a, there would be a way" in said
-    assert "no way was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
+    assert said.startswith("there is no route from waypoint 0 to waypoint 2 with a clearance of")
+    assert "without a, there would be a route" in said
+    assert "no route was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
 
 def test_a_corridor_is_named_only_for_its_own_segment():
@@ -109,19 +111,19 @@ def test_a_corridor_is_named_only_for_its_own_segment():
     walls = {"a": wall(1.0, high=0.5)}
     corridor = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0])
     places = (Box.point([0.3, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5]), Box.point([0.3, 0.3, 0.5]))
-    assert "no way was found" in explanation_of(walls, places)
+    assert "no route was found" in explanation_of(walls, places)
     said = explanation_of(walls, places, [None, corridor])
     assert said.startswith(
-        "there is no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance of 0.1 m"
+        "there is no route from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance of 0.1 m"
     )
-    assert said.endswith("without a, there would be a way")
+    assert said.endswith("without a, there would be a route")
     said = explanation_of(walls, places, [corridor, None])
     assert said.startswith(
-        "there is no way from waypoint 0 to waypoint 1 in the corridor of segment 0 with a clearance of 0.1 m"
+        "there is no route from waypoint 0 to waypoint 1 in the corridor of segment 0 with a clearance of 0.1 m"
     )
 
 
-def test_corridors_that_are_blocked_together_are_both_named():
+def test_the_message_names_both_corridors_that_are_blocked_in_combination():
     """The middle waypoint can only be reached on one side of a wall, and only be left on the other side."""
     across = Cuboid((1.0, 0.5, 0.5), size=(1.0, 0.06, 1.0))
     gate = Box([1.0, 0.2, 0.5], [1.0, 0.8, 0.5])
@@ -129,15 +131,17 @@ def test_corridors_that_are_blocked_together_are_both_named():
     places = (Box.point([0.3, 0.2, 0.5]), gate, Box.point([1.7, 0.8, 0.5]))
     said = explanation_of({"a": across}, places, [lower, upper])
     assert said.startswith(
-        "there is no way from waypoint 0 to waypoint 2 in the corridors of segments 0 and 1 with a clearance of"
+        "there is no route from waypoint 0 to waypoint 2 in the corridors of segments 0 and 1 with a clearance of"
     )
-    assert "without a, there would be a way" in said
+    assert "without a, there would be a route" in said
 
 
-def test_bounds_can_block_all_routes_without_obstacles():
-    """The bounds end before the second waypoint, regardless of the obstacles."""
-    said = explanation_of({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
-    assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
+def test_the_message_names_the_bounds_if_they_alone_block_all_routes():
+    """The second waypoint is outside the bounds, so no obstacle is named."""
+    said = explanation_of(
+        {"a": wall(1.0)}, (LEFT_WAYPOINT, RIGHT_WAYPOINT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9])
+    )
+    assert said.startswith("there is no route from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
     assert said.endswith("within the bounds of the space")
 
 
@@ -150,11 +154,11 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
     if backwards:
         places, corridors = places[::-1], corridors[::-1]
     said = explanation_of({"a": wall(1.0, high=0.5)}, places, corridors)
-    assert said.startswith("no way was found")
+    assert said.startswith("no route was found")
 
 
-def test_of_many_obstacles_only_the_blocking_one_is_named():
+def test_the_message_names_only_the_blocking_one_of_many_obstacles():
     """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explanation_of({**beside, "a": wall(1.0)})
-    assert said.endswith("without a, there would be a way")
+    assert said.endswith("without a, there would be a route")

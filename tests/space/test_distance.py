@@ -12,7 +12,7 @@ from drake_quad.space.space import Obstacle, Space
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_no_point_between_samples_is_nearer(seed):
+def test_the_nearest_approach_also_considers_points_between_samples(seed):
     random = np.random.default_rng(seed)
     waypoints = random.uniform(-2.0, 2.0, (5, 3))
     path = minimum_snap(waypoints, np.cumsum([0.0, *random.uniform(0.5, 2.0, 4)]))
@@ -31,7 +31,7 @@ def test_no_point_between_samples_is_nearer(seed):
     np.testing.assert_allclose(evaluate(path, [actual.time])[:, 0], actual.position, atol=1e-9)
 
 
-def test_without_obstacles_there_is_no_approach():
+def test_there_is_no_nearest_approach_if_there_are_no_obstacles():
     path = minimum_snap(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([0.0, 1.0]))
     assert nearest_approach(path, Space((), radius=0.1)) is None
 
@@ -43,10 +43,10 @@ def rest_to_rest(length, duration):
 
 @pytest.mark.parametrize("fraction", [0.1, 0.3, 0.5, 0.7, 0.9])
 def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(fraction):
-    """The end of a piece is farthest from the middle of the piece where the path is fastest.
+    """The ends of a piece are farthest from its middle where the path is fastest.
 
-    The path is first cut at the multiples of 1/32 of its duration, so its middle is the end of two pieces. One small
-    ball is there. Another ball is near another piece, and closer to the middle of this piece than the first ball is to
+    The algorithm first cuts the path at multiples of 1/32 of its duration, so two pieces meet in the middle of the
+    path. One small ball is at this point. Another ball is closer to the middle of its piece than the first ball is to
     the middle of any piece.
     """
     path = rest_to_rest(8.0, 4.0)
@@ -76,14 +76,14 @@ def test_the_nearest_of_many_small_obstacles_is_found(seed):
     assert actual.obstacle == str(number)
 
 
-def test_an_approach_is_printed_in_one_line():
+def test_a_nearest_approach_is_printed_on_one_line():
     approach = NearestApproach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
     assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
     assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")
 
 
 def test_the_distance_of_a_path_at_rest_is_the_distance_of_its_position():
-    """On a path at rest, the middle of a piece is its nearest point."""
+    """On a path at rest, all points of a piece coincide."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     actual = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert actual.distance == pytest.approx(0.75)

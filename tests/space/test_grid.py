@@ -38,7 +38,7 @@ def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
     np.testing.assert_allclose(grid.steps, (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1))
     assert grid.spacing == max(grid.steps)
-    # A grid is either as fine as allowed, or has nearly as many points as allowed.
+    # A grid has the smallest allowed spacing, or nearly the largest allowed number of points.
     finest = tuple(np.ceil((UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / 0.05).astype(int) + 1)
     assert grid.shape == finest or len(grid.points) > 0.5 * most
     assert grid.spacing <= 0.05 or grid.shape != finest
@@ -88,8 +88,8 @@ def step_lengths(grid, start):
 
 
 @pytest.mark.parametrize("most", [400, 3000])
-def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
+def test_the_length_of_a_route_without_obstacles_is_the_sum_of_its_steps(most):
+    """A starting point is connected to all grid points within 1.8 spacings. From these, routes consist of steps."""
     grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -107,7 +107,7 @@ def tunnel(room):
     """Return a grid along a straight tunnel with a square section, and the indices of its middle row.
 
     Args:
-        room: distance of the middle row from the walls beyond the clearance, m.
+        room: distance from the middle row to the walls, less the clearance, m.
     """
     clearance = 0.2
     spacing = 0.1
@@ -121,7 +121,7 @@ def tunnel(room):
 
 
 @pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
-def test_the_cost_of_a_route_decreases_from_twice_its_length_with_its_clearance(room, factor):
+def test_the_cost_of_a_route_falls_with_clearance_from_twice_its_length(room, factor):
     """Only the middle row is free, so all steps of the route have the same clearance."""
     grid, row = tunnel(room)
     clearance = grid.space.clearance
@@ -147,8 +147,8 @@ def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
 def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
     """The thickness of the wall is 1 cm, the spacing 5 cm, and the clearance 1 cm.
 
-    For some offsets, neighbouring points on both sides keep the clearance, so only a check between them detects the
-    wall.
+    Depending on the offset, neighbouring points on both sides of the wall keep the clearance, so only a check between
+    the points detects the wall.
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)
@@ -190,7 +190,7 @@ def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
-def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start():
+def test_a_route_ends_via_the_best_grid_point_and_begins_at_the_nearest_start():
     """No other grid point near the end has a smaller sum of its route length and its distance to the end."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, max_points=20_000, min_spacing=0.08)
@@ -212,7 +212,7 @@ def test_a_route_ends_over_the_best_grid_point_and_begins_at_the_nearest_start()
     assert used == {0, 1, 2}
 
 
-def test_every_leg_on_a_grid_has_the_lengths_of_a_new_grid():
+def test_route_lengths_do_not_depend_on_earlier_legs_on_the_same_grid():
     """The legs have different corridors and clearances."""
     space, bounds = wall_at(0.5, 0.1, radius=0.1), Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
     grid = Grid.of(space, bounds, max_points=10_000, min_spacing=0.1)
@@ -227,7 +227,7 @@ def test_every_leg_on_a_grid_has_the_lengths_of_a_new_grid():
         assert inside is None or (lengths[~inside] == np.inf).all()
 
 
-def test_a_starting_point_is_connected_only_to_near_free_grid_points():
+def test_a_starting_point_is_connected_only_to_free_grid_points_nearby():
     space = wall_at(0.5, 0.3, radius=0.1)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.1)
     inside, beside = np.array([[0.5, 0.5, 0.5]]), np.array([[0.1, 0.5, 0.5]])
@@ -237,7 +237,7 @@ def test_a_starting_point_is_connected_only_to_near_free_grid_points():
     assert grid.shortest_route(lengths, before, beside, inside) is None
 
 
-def test_components_are_those_of_the_graph_of_free_points():
+def test_connected_components_agree_with_a_graph_of_free_points():
     random = np.random.default_rng(3)
     grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), max_points=1000, min_spacing=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
@@ -267,10 +267,10 @@ REGIONS = {
 
 @pytest.mark.parametrize("place", REGIONS.values(), ids=REGIONS)
 @pytest.mark.parametrize("distance", [0.0, 0.17])
-def test_points_near_a_region_are_within_a_distance(place, distance):
+def test_is_near_selects_the_points_within_a_distance_of_a_region(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Near edges, where the shifted planes intersect, some additional points are included.
+        # Near edges, some points beyond the distance are included, since the faces are shifted outwards.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

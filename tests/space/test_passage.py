@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them, compared with an enumeration in small mazes of boxes."""
+"""Tests of region chains and passages, by comparison with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -12,12 +12,12 @@ from drake_quad.space.passage import candidate_regions, find_passage, other_pass
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
-# m, cost of a transition from one region to the next
+# Cost of a transition from one region to the next, m.
 TRANSITION_COST = 0.1
 
 
 class Boxes(Regions):
-    """Regions that are boxes. Growing a region adds a box around the seed."""
+    """Substitute for `Regions` whose regions are boxes. Growing a region adds a box around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -29,7 +29,7 @@ class Boxes(Regions):
 
 
 def shortest_polyline(regions, legs, places, corridors):
-    """Return the length (m) of the shortest polyline with one straight piece in each region of each leg, or None."""
+    """Return the length (m) of the shortest polyline with one straight piece in each region, or None."""
     program = MathematicalProgram()
     corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
     numbers = [number for leg in legs for number in leg]
@@ -71,7 +71,7 @@ def costs_of_all(regions, places, corridors, longest=4):
     for legs in itertools.product(*possible):
         length = shortest_polyline(regions, legs, places, corridors)
         if length is not None:
-            # A leg has transitions from its waypoint to a region, between regions, and to the next waypoint.
+            # Each leg has transitions from its waypoint to a region, between regions, and to the next waypoint.
             costs[legs] = length + TRANSITION_COST * sum(len(leg) + 1 for leg in legs)
     return costs
 
@@ -135,7 +135,7 @@ def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridor
 
 
 def test_a_passage_uses_only_candidates():
-    """Without the bottom box, the route leads along the top, which is longer. Without both boxes there is no route."""
+    """If the bottom box is excluded, the route leads along the longer top. If both are excluded, there is no route."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     assert find_passage(regions, [[0, 1, 2, 3]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
     assert find_passage(regions, [[3, 1, 2]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
@@ -143,7 +143,7 @@ def test_a_passage_uses_only_candidates():
 
 
 def test_regions_that_hardly_overlap_are_not_connected():
-    """The intersection of two regions must contain a ball of 1 mm, and so must the part of it inside a corridor."""
+    """The intersection of two regions, and its part inside a corridor, must contain a ball with a radius of 1 mm."""
     for overlap, leads in ((0.0015, False), (0.0025, True)):
         regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
         places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
@@ -171,19 +171,20 @@ def test_random_passages_are_feasible(places):
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
-    """Both routes around a square have the same length. If one of them becomes longer, only the other one is drawn."""
+    """Two routes around a square are equally long, and both are drawn. If one becomes longer, only one is drawn."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the route through it is 40 m long; along the top it is 5 m.
+    # The centre of the bottom box is so far away that the route through it is 40 m long. The route along the top has 5
+    # m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
-def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
-    """Two large boxes contain both ends. The distances from the end to their centres determine which one is used."""
+def test_passage_lengths_include_the_distance_from_a_waypoint_to_its_region_s_centre():
+    """Two large boxes each contain both ends. The distances from an end to the centres determine which box is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
@@ -192,7 +193,7 @@ def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
 
-def test_a_chain_uses_the_box_that_covers_the_route_longest():
+def test_a_chain_uses_the_box_that_covers_the_longest_part_of_the_route():
     regions = Boxes(
         ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
     )
@@ -217,7 +218,7 @@ def test_a_chain_grows_regions_in_gaps():
     assert regions.containing(way, actual).any(axis=0).all()
 
 
-def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
+def test_candidate_regions_are_the_chain_and_then_regions_on_the_shortest_routes():
     boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
     regions = Boxes(*boxes)
     points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
@@ -227,14 +228,14 @@ def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
     chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
-    # No route leads through the other boxes.
+    # The shortest route does not lead through the other boxes.
     lengths[4:] = np.inf
     assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
     assert candidate_regions(regions, list(range(12)), points, lengths) == list(range(12))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_random_factors_random_passages_are_the_shortest_between_centres(monkeypatch, seed):
+def test_passages_drawn_without_random_factors_are_the_shortest_between_centres(monkeypatch, seed):
     """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])

@@ -1,7 +1,8 @@
-"""The planner's regions and passage, compared with the best of many random ones.
+"""Comparison of the planner's regions and passage with the best of many random ones.
 
-The random regions grow around random points instead of the points with the largest clearance, and the passages are
-drawn with random factors of lengths. The planner computes the fastest path through each passage.
+Random regions grow around random points instead of the points with the largest clearance. Random passages are the
+shortest ones after lengths have been multiplied by random factors. The planner computes the fastest path through each
+passage.
 """
 
 import os
@@ -20,8 +21,8 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred restarts in ten rooms. In the other rooms there is no route, or random regions do not
-# connect the ends.
+# `make passages` tries a hundred restarts in ten rooms. The omitted rooms have no route, or random regions do not
+# connect start and end.
 NUM_RESTARTS = int(os.environ.get("RESTARTS", "10"))
 ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if NUM_RESTARTS >= 100 else 1]
 # Number of passages that are drawn through the same regions.
@@ -52,7 +53,7 @@ def durations_of_restarts(room, problem, count):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
-def test_no_restart_is_much_faster(seed):
+def test_no_random_restart_finds_a_much_faster_path(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)

@@ -1,4 +1,4 @@
-"""Tests that random rooms are planned, or are blocked according to an independent search."""
+"""Tests in random rooms: the planner finds a path, or an independent search confirms that there is none."""
 
 import hashlib
 import os
@@ -18,7 +18,8 @@ from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred rooms. Room 4 is blocked, and room 1 is planned with minimum snap.
+# `make rooms` plans a hundred rooms. By default, room 4 is one that has no route, and room 1 is planned with minimum
+# snap.
 ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
@@ -37,16 +38,16 @@ def keeps_clear(room, path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
-def test_a_room_is_planned_or_blocked(seed):
+def test_random_rooms_are_planned_unless_they_are_blocked(seed):
     room = random_room(seed)
     timing = (HeuristicTiming(), MinimumSnapTiming(12.0), *[HeuristicTiming()] * 7, MinimumTimeTiming())[seed % 10]
     try:
         path = plan(room, timing)
     except InputError as error:
-        assert "no way" in str(error)
+        assert "no route" in str(error)
         search = Search(room)
         assert search.shortest() is None
-        if "a way may exist" not in str(error):
+        if "a route may exist" not in str(error):
             assert search.is_surely_blocked() or Search(room, 0.02).is_surely_blocked()
     else:
         assert keeps_clear(room, path)
@@ -54,14 +55,15 @@ def test_a_room_is_planned_or_blocked(seed):
 
 
 def walled(*solids):
-    """Return a room that is divided by a wall of cuboids, given by centre and size."""
+    """Return a room that a wall divides. The wall consists of cuboids, given by centre and size."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
     return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))
 
 
-# The wall in the middle is 10 cm thick. Each case is named after its opening and the grid's route through it.
-PASSAGES = {
+# Parts (centre and size) of a 10 cm thick wall in the middle of a room. Each case is named after the opening in the
+# wall and the route through it.
+WALLS_WITH_OPENINGS = {
     "a door on the left": [((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))],
     "a door on the right": [((2.0, 1.8, 1.0), (0.1, 2.4, 2.0))],
     "over a beam": [((2.0, 1.5, 0.7), (0.1, 3.0, 1.4))],
@@ -78,7 +80,7 @@ PASSAGES = {
 
 # All passages are planned with the fastest timing, and one of them also with each of the other timings.
 PASSAGE_TIMINGS = [
-    *((name, HeuristicTiming()) for name in PASSAGES),
+    *((name, HeuristicTiming()) for name in WALLS_WITH_OPENINGS),
     ("over a beam", MinimumTimeTiming()),
     ("a door on the left", MinimumSnapTiming(8.0)),
 ]
@@ -88,8 +90,8 @@ PASSAGE_TIMINGS = [
 @pytest.mark.parametrize(
     ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
-def test_the_only_best_passage_is_selected(name, timing):
-    room = walled(*PASSAGES[name])
+def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
+    room = walled(*WALLS_WITH_OPENINGS[name])
     path = plan(room, timing)
     assert keeps_clear(room, path)
     for order, limit in LIMITS.by_order.items():
@@ -103,7 +105,7 @@ def test_the_only_best_passage_is_selected(name, timing):
     assert least_distances(room.space, between).min() > 0.0
 
 
-def test_the_same_room_gives_the_same_plan_in_another_process():
+def test_a_room_has_the_same_plan_in_another_process():
     path = plan(random_room(2), HeuristicTiming())
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
     text = (

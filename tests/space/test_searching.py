@@ -16,7 +16,7 @@ from drake_quad.space.regions import MIN_COMMON_RADIUS, SLACK, Regions
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
+WALL_WITH_DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
 
 
 def grid_of(room):
@@ -43,7 +43,7 @@ def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
     grid = grid_of(shut)
     lengths, before = grid.lengths_from(begin, shut.space.clearance)
     assert grid.shortest_route(lengths, before, begin, end) is None
-    door = walled(DOOR)
+    door = walled(WALL_WITH_DOOR)
     grid = grid_of(door)
     lengths, before = grid.lengths_from(begin, door.space.clearance)
     way = grid.shortest_route(lengths, before, begin, end)
@@ -72,7 +72,7 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
 
 
 def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
-    room = walled(DOOR)
+    room = walled(WALL_WITH_DOOR)
     grid, (begin, end) = grid_of(room), room.places[:, None]
     lengths, before = grid.lengths_from(begin, room.space.clearance)
     onward, _ = grid.lengths_from(end, room.space.clearance)
@@ -94,21 +94,21 @@ def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
     assert find_passage(regions, [looked_at], places, [shut]) is None
 
 
-def test_all_obstacles_that_must_be_removed_are_named():
+def test_the_message_names_all_obstacles_that_must_be_removed():
     """Only the removal of all three consecutive walls opens a route. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
     room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
         plan(room, HeuristicTiming())
     message = str(refusal.value)
-    assert "no way" in message
-    assert "without wall_0, wall_1 and wall_2, there would be a way" in message
+    assert "no route" in message
+    assert "without wall_0, wall_1 and wall_2, there would be a route" in message
 
 
 def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
-    """Faces are shifted outward and inward by the clearance, and rounding errors can move them inside the bounds.
+    """Faces are shifted outwards and inwards by the clearance. Rounding errors can move them inside the bounds.
 
-    If a region did not contain its seed, the search would grow regions around it indefinitely.
+    If a region did not contain its seed, the search would grow regions around this seed indefinitely.
     """
     random = np.random.default_rng(0)
     for _ in range(20):
@@ -132,7 +132,7 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
 
 
 def test_a_free_seed_is_always_in_its_region():
-    """Later iterations of IRIS can lose a seed in a corner between obstacles. Then only one iteration is used."""
+    """Later IRIS iterations can lose a seed in a corner between obstacles. In this case only one iteration is used."""
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
@@ -157,7 +157,7 @@ class SmallRegions(Regions):
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
 def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
-    """Growth ends when at most 5 % of the points, if there are at least 20, are uncovered, or with 40 regions."""
+    """Growth ends at 40 regions, or when at most 5 % of the points are uncovered, for 20 points or more."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
     regions = SmallRegions()

@@ -16,14 +16,14 @@ from drake_quad.space.space import Obstacle, Space
 
 CENTRE = (0.3, -0.7, 1.1)
 ROTATION = (0.4, -0.9, 2.0)
-POINTS = np.random.default_rng(5).normal(size=(30, 3))
+HULL_POINTS = np.random.default_rng(5).normal(size=(30, 3))
 SHAPES = {
     "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),
     "upright cuboid": Cuboid(CENTRE, size=(0.4, 1.2, 2.1)),
     "cylinder": Cylinder(CENTRE, ROTATION, 0.3, 1.7),
     "upright cylinder": Cylinder(CENTRE, radius=0.7, height=0.4),
     "ball": Ball(CENTRE, radius=0.6),
-    "hull": convex_hull(POINTS),
+    "hull": convex_hull(HULL_POINTS),
     "tetrahedron": convex_hull([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.2, 0.3, 3.0]]),
     "hull of a box": convex_hull(Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)).corners()),
     "sliver": convex_hull([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, 1.0, 0.01]]),
@@ -60,8 +60,8 @@ def test_the_distance_outside_is_the_distance_to_the_projection(shape):
 
 
 @each_shape
-def test_inside_the_largest_ball_touches_the_surface(shape):
-    """The expected distance follows from the support function of the corners along the normals of the triangles."""
+def test_the_distance_inside_is_the_radius_of_the_largest_ball_within_the_solid(shape):
+    """The expected distance is computed from the support function of the corners along the triangle normals."""
     corners = shape.triangles().reshape(-1, 3)
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -83,12 +83,12 @@ def test_a_distance_changes_no_faster_than_the_point_moves(shape):
 
 
 @each_shape
-def test_the_distance_at_a_corner_is_zero(shape):
+def test_the_distance_from_a_solid_to_its_corner_is_zero(shape):
     np.testing.assert_allclose(shape.distances(shape.triangles().reshape(-1, 3)), 0.0, atol=1e-8)
 
 
 @each_shape
-def test_floats_and_machine_code_agree_with_arrays(shape):
+def test_distances_for_floats_and_in_machine_code_agree_with_arrays(shape):
     points = np.vstack([points_around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
     expected = shape.distances(points)
     np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
@@ -99,7 +99,7 @@ def test_floats_and_machine_code_agree_with_arrays(shape):
 
 
 @each_shape
-def test_distances_are_not_below_their_lower_bound(shape):
+def test_distances_are_at_least_their_lower_bound(shape):
     points = np.vstack([points_around(shape, 2000), shape.triangles().reshape(-1, 3)])
     bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
@@ -120,7 +120,7 @@ def test_a_shape_is_within_its_extent_and_touches_it(shape):
 
 
 @each_shape
-def test_triangles_close_a_surface_that_faces_outward(shape):
+def test_triangles_form_a_closed_surface_that_faces_outwards(shape):
     a, b, c = shape.triangles().transpose(1, 0, 2)
     volume = np.sum(np.cross(b - a, c - a) * (a - np.array(shape.centre))) / 6.0
     assert volume > 0.0
@@ -144,7 +144,7 @@ def test_a_hull_of_a_box_has_its_faces_and_edges():
     np.testing.assert_allclose(hull.distances(points), SHAPES["cuboid"].distances(points), atol=1e-8)
 
 
-def test_rotation_is_roll_pitch_yaw():
+def test_the_rotation_of_a_solid_is_given_as_roll_pitch_and_yaw():
     half = RollPitchYaw(np.array(ROTATION)).ToRotationMatrix().matrix() @ [0.2, 0.6, 1.05]
     assert SHAPES["cuboid"].distances([np.array(CENTRE) + half]) == pytest.approx(0.0, abs=1e-12)
     tip = RollPitchYaw(np.array(ROTATION)).ToRotationMatrix().matrix() @ [0.0, 0.0, 2.0]
@@ -166,8 +166,8 @@ def test_transformed_points_are_scaled_rotated_and_moved():
         (lambda: Cylinder(CENTRE, radius=-1.0), "the radius of a solid is -1 m"),
         (lambda: Cylinder(CENTRE, height=math.inf), "the height of a solid is inf m"),
         (lambda: Ball((0.0, math.nan, 0.0)), "the centre of a solid must be three finite numbers"),
-        (lambda: convex_hull(POINTS[:3]), "at least 4 points"),
-        (lambda: convex_hull(POINTS * [1.0, 1.0, 0.0]), "in a plane"),
+        (lambda: convex_hull(HULL_POINTS[:3]), "at least 4 points"),
+        (lambda: convex_hull(HULL_POINTS * [1.0, 1.0, 0.0]), "in a plane"),
         (lambda: convex_hull([[0.0, 0.0, math.inf]] * 4), "finite"),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_failure_of_qhull_is_reported(monkeypatch):
 
     monkeypatch.setattr(scipy.spatial, "ConvexHull", fail)
     with pytest.raises(InputError, match="no hull of 30 points was found"):
-        convex_hull(POINTS)
+        convex_hull(HULL_POINTS)
 
 
 def test_a_space_finds_the_nearest_obstacle():
@@ -224,8 +224,8 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
 
 
 @pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
-def test_a_hull_is_the_same_far_from_the_origin(away):
-    """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
+def test_a_hull_has_the_same_faces_far_from_the_origin(away):
+    """At a distance of 10,000 km from the origin, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
     points = points_around(hull, 300)
     far = convex_hull(np.array(hull.corners) + away)
@@ -233,14 +233,14 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
 
 
-def test_points_in_a_plane_have_no_hull():
-    flat = POINTS * [1.0, 1.0, 0.0]
+def test_points_in_a_plane_are_rejected_as_a_hull():
+    flat = HULL_POINTS * [1.0, 1.0, 0.0]
     for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):
             convex_hull(points)
 
 
-def test_transformed_points_keep_their_size_by_default():
+def test_transformed_points_are_not_scaled_by_default():
     corners = SHAPES["cuboid"].corners()
     np.testing.assert_array_equal(transformed_points(corners), corners)
     np.testing.assert_allclose(transformed_points(corners, scale=3.0), 3.0 * corners)

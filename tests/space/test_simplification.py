@@ -21,11 +21,11 @@ def sphere(count, seed=0):
 
 
 def drone(corners_per_disc, more=0):
-    """Return the points of a frame with four rotor guards and a dome.
+    """Return the vertices of a drone: a frame with four rotor guards and a dome.
 
     Args:
         corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
-        more: number of corners of the dome.
+        more: number of vertices on the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
     arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
@@ -75,7 +75,7 @@ def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_
     assert simple.distances(points).max() <= 0.0
     normals, offsets = np.array(simple.normals), np.array(simple.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
-    # The growth is the largest distance of the new hull from the original hull, which occurs at a corner.
+    # The growth is the largest distance between the two hulls, which occurs at a corner of the new hull.
     assert actual.growth == pytest.approx(original.distances(actual.corners).max(), rel=1e-9)
     assert actual.growth <= most_growth * size <= MAX_GROWTH * size
     weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
@@ -95,11 +95,11 @@ def test_units_do_not_change_the_simplified_hull():
 def test_a_failure_of_the_solver_is_reported(monkeypatch):
     failed = scipy.optimize.OptimizeResult(x=None, status=4)
     monkeypatch.setattr(scipy.optimize, "linprog", lambda *_, **__: failed)
-    with pytest.raises(InputError, match=r"^no hull with 100 corners was found around the convex hull with 103"):
+    with pytest.raises(InputError, match=r"^no enclosing hull with 100 corners was found for the convex hull with 103"):
         simplified_hull(sphere(103, 10), MAX_CORNERS)
 
 
-def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
+def test_drone_meshes_of_the_tests_have_as_many_corners_as_real_meshes():
     for name, count in (("drone of 104 corners", 104), ("drone of 213 corners", 213)):
         assert len(convex_hull(MESHES[name][0]).corners) == count
 
@@ -117,7 +117,7 @@ def test_the_growth_is_a_distance_to_drake_s_convex_set():
     assert actual.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
 
 
-def test_a_hull_of_few_corners_is_unchanged():
+def test_a_hull_with_few_corners_is_not_simplified():
     points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
     actual = simplified_hull(points, MAX_CORNERS)
     assert (actual.growth, actual.is_simpler) == (0.0, False)
@@ -126,32 +126,32 @@ def test_a_hull_of_few_corners_is_unchanged():
 
 def test_a_hull_that_would_grow_too_much_is_rejected():
     with pytest.raises(
-        InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
+        InputError, match=r"has 300 corners, and an enclosing hull with 8 corners would be larger by \d+ % of"
     ):
         simplified_hull(sphere(300), 8)
     with pytest.raises(InputError, match="in a plane"):
         simplified_hull(sphere(300) * [1.0, 1.0, 0.0], MAX_CORNERS)
 
 
-def test_a_replacement_is_described_in_a_sentence():
+def test_the_replacement_of_a_hull_is_described_in_one_sentence():
     actual = simplified_hull(drone(13), MAX_CORNERS)
     fraction = 100.0 * actual.growth / 0.37
     assert str(actual) == (
-        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, larger by at most"
+        f"its convex hull with 104 corners is replaced by an enclosing hull with 100 corners, larger by at most"
         f" {actual.growth:.3g}, {fraction:.2g} % of its size"
     )
 
 
 @pytest.mark.parametrize("count", [8, 9, 100])
-def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
+def test_a_hull_with_the_allowed_number_of_corners_is_not_simplified(count):
     points = sphere(count)
     actual = simplified_hull(points, count)
     assert (actual.growth, actual.is_simpler, actual.replaced) == (0.0, False, count)
     np.testing.assert_array_equal(actual.corners, convex_hull(points).corners)
 
 
-def test_directions_are_unit_vectors_that_are_spread_evenly():
-    """If n points are spread evenly, each has an area of 4 π / n, and none is far from its neighbours."""
+def test_directions_are_evenly_spread_unit_vectors():
+    """For n evenly spread points, each covers an area of 4 π / n, and none is far from its neighbours."""
     for count in (50, 500):
         directions = simplification._directions(count)
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
@@ -162,8 +162,8 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
         assert gaps.max() < side
 
 
-def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_to_their_span():
-    """The distance is right for any size and position."""
+def test_the_distance_from_a_flat_hull_is_measured_from_the_span_of_its_corners():
+    """This holds for any size and position of the corners."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (
@@ -183,7 +183,7 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_the_distance_
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_a_hull_of_few_corners_grows_with_its_size(scale):
+def test_a_simplified_hull_grows_in_proportion_to_its_size(scale):
     points = sphere(120)
     actual, larger = simplified_hull(points, MAX_CORNERS), simplified_hull(scale * points, MAX_CORNERS)
     assert larger.growth == pytest.approx(scale * actual.growth, rel=1e-6)

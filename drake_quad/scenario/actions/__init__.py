@@ -1,4 +1,4 @@
-"""Actions of policies in the scenario language, with one module for each kind."""
+"""Policy actions in the scenario language, with one module for each kind."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -1,4 +1,4 @@
-"""Accelerations as actions of a policy."""
+"""Acceleration as a policy action."""
 
 from typing import ClassVar, Literal
 
@@ -17,10 +17,10 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @ACTIONS.member
 class AccelerationAction(Action):
-    """Acceleration, which thrust vectoring converts to thrust and attitude."""
+    """Acceleration action, which thrust vectoring converts to thrust and attitude."""
 
     kind: Literal["acceleration"]
-    # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
+    # The default is several times the acceleration of the figure eight (0.7 m/s²). The reserve is for gusts and for
     # flights that begin off the path.
     max_acceleration: FixedPositives = Field(
         default=(5.0, 5.0, 5.0), description="acceleration that an action of 1 commands (m/s²)"

@@ -1,4 +1,4 @@
-"""Base classes of the actions of policies, and their registry `ACTIONS`.
+"""Base classes of policy actions, and their registry `ACTIONS`.
 
 To add an action, extend `Action` and register the class with `ACTIONS.member`.
 """
@@ -20,10 +20,10 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class Action(Model):
-    """Conversion of the output of a policy, whose rows are between -1 and 1, to a command.
+    """Conversion of a policy's output, whose elements are between -1 and 1, to a command.
 
     Attributes:
-        num_rows: number of rows of an action.
+        num_rows: number of elements of an action.
         commands: type of the command. Without an autopilot, an attitude controller on the ground converts a commanded
             attitude to torques.
         vectors_thrust: True if a `ThrustVectoring` converts the command to thrust and attitude.
@@ -39,7 +39,7 @@ class Action(Model):
         """Return the recipe for the system that converts an action to a command.
 
         Args:
-            setting: properties of the scenario on which the control depends.
+            setting: scenario properties on which the recipe depends.
             turn: angle about z from x_B to the forward direction of the policy, rad.
             attitude: attitude controller on the ground, if any. Its gains may be (N,) arrays.
         """
@@ -73,7 +73,7 @@ AnyAction = Annotated[Action, ACTIONS]
 
 
 class ThrustAction(Action):
-    """Action whose first row is a thrust. The default range is ours; the paper's rotors lift 2.2 times the weight."""
+    """Action whose first element is a thrust. The default range is not from the paper."""
 
     min_thrust: FixedNonNegative = Field(
         default=0.0, description="thrust that an action of -1 commands, relative to the weight (1)"
@@ -90,10 +90,10 @@ class ThrustAction(Action):
         return self
 
     def thrusts(self, nominal: QuadrotorParameters) -> ThrustRange:
-        """Return the thrusts that actions of -1 and 1 command, N."""
+        """Return the thrusts (N) that the action values -1 and 1 command."""
         weight = nominal.mass * nominal.gravity
         return ThrustRange(self.min_thrust * weight, self.max_thrust * weight)
 
     def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the action that commands a thrust equal to the weight, and neither tilt nor rotation."""
+        """Return the action that commands a thrust equal to the weight, no tilt and no rotation."""
         return (2.0 * (1.0 - self.min_thrust) / (self.max_thrust - self.min_thrust) - 1.0, 0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Thrust and attitude as an action of a policy."""
+"""Thrust and attitude as a policy action."""
 
 import math
 from typing import Annotated, ClassVar, Literal
@@ -16,7 +16,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 @ACTIONS.member
 class AttitudeAction(ThrustAction):
-    """Thrust, roll, pitch, and yaw relative to the yaw of the reference."""
+    """Action with thrust, roll, pitch, and yaw relative to the yaw of the reference."""
 
     kind: Literal["attitude"]
     # The default is the tilt limit of the other controllers. The figure eight needs only 4°.

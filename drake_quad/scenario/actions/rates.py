@@ -1,4 +1,4 @@
-"""Thrust and body rates as an action of a policy."""
+"""Thrust and body rates as a policy action."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -20,7 +20,7 @@ from drake_quad.signals import BodyRates
 
 @ACTIONS.member
 class RatesAction(ThrustAction):
-    """Thrust and body rates."""
+    """Action with thrust and body rates."""
 
     kind: Literal["rates"]
     max_rates: Annotated[FixedPositives, PLAUSIBLE_MAX_RATES] = Field(
@@ -28,13 +28,13 @@ class RatesAction(ThrustAction):
     )
     k_rate: Gains | None = Field(
         default=None,
-        description="gain from the error of the body rates to an angular acceleration, without an autopilot (1/s); k_d"
-        " of the attitude controller if not given",
+        description="gain from the body rate error to an angular acceleration if there is no autopilot (1/s); k_d of"
+        " the attitude controller if not given",
     )
     commands: ClassVar = "rates"
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
-        """Return the recipe for a rate loop on the ground, or for the target of the rate loop on board."""
+        """Return the recipe for a rate loop on the ground, or for a system that commands the rate loop on board."""
         on_board = setting.autopilot.controls_attitude
         gains: Any = (0.0, 0.0, 0.0) if on_board else self.k_rate
         if gains is None and attitude is not None:
@@ -44,11 +44,11 @@ class RatesAction(ThrustAction):
         return Recipe(OnboardRateActuation if on_board else OffboardRateActuation, {}, scale)
 
     def needs_attitude(self, autopilot: Autopilot) -> bool:
-        """Return whether the gains of the rate loop must come from an attitude controller on the ground."""
+        """Return whether the rate loop takes its gains from an attitude controller on the ground."""
         return self.k_rate is None and not autopilot.controls_attitude
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the gains of the rate loop are missing, or given but not used."""
+        """Raise a validation error if rate loop gains are missing, or given for a rate loop on board."""
         super().check_fits(scenario)
         autopilot = scenario.laboratory.autopilot
         if scenario.control.attitude is None and self.needs_attitude(autopilot):

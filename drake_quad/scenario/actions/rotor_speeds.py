@@ -1,4 +1,4 @@
-"""Rotor speeds as an action of a policy."""
+"""Rotor speeds as a policy action."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -19,7 +19,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 @ACTIONS.member
 class RotorSpeedsAction(Action):
-    """Speeds of the rotors, from the idle speed to the top speed."""
+    """Action with the speed of each rotor, from the idle speed to the top speed."""
 
     kind: Literal["rotor_speeds"]
     min_rotor_speed: FixedNonNegative | None = Field(
@@ -27,7 +27,7 @@ class RotorSpeedsAction(Action):
         description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
     )
     order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
-        default=(1, 2, 3, 4), description="number of the rotor that each row of the action commands"
+        default=(1, 2, 3, 4), description="number of the rotor that each element of the action commands"
     )
     num_rows: ClassVar = 4
     commands: ClassVar = "wrench"

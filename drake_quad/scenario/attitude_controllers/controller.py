@@ -1,4 +1,4 @@
-"""Base class of the attitude controllers on the ground, and their registry `ATTITUDE_CONTROLLERS`.
+"""Base class of attitude controllers that run on the ground, and their registry `ATTITUDE_CONTROLLERS`.
 
 To add an attitude controller, extend `AttitudeControllerSettings` and register the class with
 `ATTITUDE_CONTROLLERS.member`.
@@ -44,7 +44,7 @@ class AttitudeControllerSettings(Model):
         return {"projects": False}
 
     def without_estimator(self) -> "AttitudeControllerSettings":
-        """Return the controller, without estimates, for which the gains of this controller are designed."""
+        """Return the controller without estimated quantities, for which the gains are designed."""
         return self
 
 

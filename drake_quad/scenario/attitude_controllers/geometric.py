@@ -20,7 +20,7 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.member
 class GeometricAttitude(AttitudeControllerSettings):
-    """PD on the error of the rotation matrix, without a singularity; the thrust is projected on the measured z_B.
+    """PD controller of the rotation matrix error, without a singularity. Thrust is projected on the measured z_B.
 
     With `euler_sequence: zxy`, `integration: backward_euler` and no transport term, it is the Lee controller of the
     Crazyflie's firmware.
@@ -43,12 +43,12 @@ class GeometricAttitude(AttitudeControllerSettings):
     )
     transport_term: bool = Field(
         default=True,
-        description="whether the law has the term -Ω̂ Rᵀ R_d Ω_d, as in Lee et al. (2010); the Crazyflie's firmware"
+        description="whether the law has the term -Ω̂ Rᵀ R_d Ω_d, as in Lee et al. (2010); the Crazyflie firmware"
         " omits it",
     )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
-        """Return the recipe for the controller, with its integral if it has one."""
+        """Return the recipe for the controller, including its integral term if it has one."""
         structure: dict[str, Any] = {"transports": self.transport_term}
         if self.k_i is None:
             return Recipe(GeometricAttitudeController, structure, self.parameters(inertia))
@@ -57,5 +57,5 @@ class GeometricAttitude(AttitudeControllerSettings):
         return Recipe(IntegratingAttitudeController, structure, parameters)
 
     def vectoring(self) -> dict[str, Any]:
-        """Return the structure of a `ThrustVectoring` with projection and with the sequence of Euler angles."""
+        """Return the structure of a `ThrustVectoring` with projection and with this controller's Euler sequence."""
         return {"projects": True, "sequence": self.euler_sequence}

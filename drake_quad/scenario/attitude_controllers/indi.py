@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import Inertia
 
 @ATTITUDE_CONTROLLERS.member
 class IndiAttitude(AttitudeControllerSettings):
-    """PD with incremental nonlinear dynamic inversion of the angular acceleration."""
+    """PD controller with incremental nonlinear dynamic inversion of the angular acceleration."""
 
     kind: Literal["indi"]
     delay_ticks: Annotated[int, Field(ge=0, le=50), PLAUSIBLE_DELAY] = Field(
@@ -39,5 +39,5 @@ class IndiAttitude(AttitudeControllerSettings):
         return Recipe(IncrementalAttitudeController, {"period": period, "delay_ticks": self.delay_ticks}, parameters)
 
     def without_estimator(self) -> AttitudeControllerSettings:
-        """Return the PD without the estimate."""
+        """Return the PD controller without an estimate of the angular acceleration."""
         return PdAttitude(k_p=self.k_p, k_d=self.k_d)

@@ -38,12 +38,12 @@ from drake_quad.vehicle.autopilot import (
 )
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Uncalibrated gyroscopes have a bias of 20 °/s, 0.35 rad/s, and less noise.
+# Uncalibrated gyroscopes have a bias of up to 20 °/s, or 0.35 rad/s, and less noise.
 _PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 
 
 class NeglectedDragSettings(Model):
-    """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
+    """Drag that the onboard attitude estimator neglects and therefore mistakes for tilt."""
 
     tilt_per_speed: Number = field_of(
         NeglectedDrag, "tilt_per_speed", "tilt error over velocity: drag coefficient over weight"
@@ -54,7 +54,7 @@ class NeglectedDragSettings(Model):
 
 @AUTOPILOTS.member
 class AttitudeAutopilotSettings(Autopilot):
-    """An attitude loop and a rate loop on board; the link carries thrust, attitude and body rates.
+    """Attitude loop and rate loop on board. The command link carries thrust, attitude and body rates.
 
     By default both loops are proportional. With `attitude_terms` and `rate_terms` they can reproduce the loops of PX4
     or of the Crazyflie's firmware.
@@ -62,15 +62,15 @@ class AttitudeAutopilotSettings(Autopilot):
 
     command: ClassVar = "attitude_target"
     accepts: ClassVar = ("attitude", "rates")
-    # The MAVLink message SET_ATTITUDE_TARGET contains body rates, which follow from the jerk, but no angular
-    # accelerations, which would follow from the snap.
+    # The MAVLink message SET_ATTITUDE_TARGET contains body rates, which are computed from the jerk. It does not contain
+    # angular accelerations, which would be computed from the snap.
     feeds_forward: ClassVar = ("none", "acceleration", "jerk")
     noise_free: ClassVar = {"gyroscope_noise": 0.0, "attitude_noise": 0.0}
     bias_free: ClassVar = {"gyroscope_bias": (0.0, 0.0, 0.0)}
     loop_gains: ClassVar = ("k_attitude", "k_rate")
     kind: Literal["attitude"]
     period: Period = Field(  # type: ignore[misc]
-        default=0.0025, description="period of both loops (s); the 400 Hz of PX4's parameter IMU_GYRO_RATEMAX"
+        default=0.0025, description="period of both loops (s); the default is that of PX4's parameter IMU_GYRO_RATEMAX"
     )
     k_attitude: Gains = Field(description="gain from the error of roll, pitch, yaw to a body rate (1/s)")
     k_rate: Gains = Field(description="gain from the error of p, q, r to an angular acceleration (1/s)")
@@ -88,7 +88,7 @@ class AttitudeAutopilotSettings(Autopilot):
     )
     yaw_weight: Annotated[Number, bounds(gt=0.0, le=1.0)] | None = Field(
         default=None,
-        description="weight of the yaw in the error of the rotation, as in PX4 (1); if not given, the loop uses the"
+        description="weight of the yaw in the rotation error, as in PX4 (1); if not given, the loop uses the"
         " errors of roll, pitch and yaw",
     )
     gyroscopic_torque: bool = Field(
@@ -98,20 +98,20 @@ class AttitudeAutopilotSettings(Autopilot):
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
     )
     gyroscope_noise: Annotated[NonNegative, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
-        default=0.0, description="standard deviation of the gyroscope noise in a sample, on each axis (rad/s)"
+        default=0.0, description="standard deviation of the gyroscope noise in one sample, on each axis (rad/s)"
     )
     gyroscope_bias: Annotated[Position, _PLAUSIBLE_GYROSCOPE_ERROR] = Field(
         default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)"
     )
     attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = Field(
-        default=0.0, description="standard deviation of the noise of roll, pitch and yaw estimated on board (rad)"
+        default=0.0, description="standard deviation of the error of roll, pitch and yaw as estimated on board (rad)"
     )
     neglected_drag: NeglectedDragSettings | None = Field(
         default=None, description="drag that the attitude estimator on board neglects; none if not given"
     )
 
     def attitude_response(self) -> SecondOrderResponse:
-        """Return the second-order response of the two proportional loops, without the lag of the rotors."""
+        """Return the second-order response of the two proportional loops, neglecting the rotor lag."""
         k_attitude, k_rate = (float(gains[0]) for gains in (self.k_attitude, self.k_rate))
         omega = math.sqrt(k_attitude * k_rate)
         return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
@@ -119,7 +119,8 @@ class AttitudeAutopilotSettings(Autopilot):
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.
 
-        If only body rates are commanded, the attitude loop has no effect, as with the type mask of SET_ATTITUDE_TARGET.
+        If only body rates are commanded, the attitude loop has no effect. This corresponds to ignoring the attitude by
+        the type mask of the MAVLink message SET_ATTITUDE_TARGET.
         """
         structure = {
             "period": self.period,

@@ -1,4 +1,4 @@
-"""Base class of the autopilots, and their registry `AUTOPILOTS`.
+"""Base class of autopilots, and their registry `AUTOPILOTS`.
 
 To add an autopilot, extend `Autopilot` and register the class with `AUTOPILOTS.member`.
 """
@@ -21,16 +21,16 @@ Commanded = Literal["attitude", "rates", "wrench"]
 
 
 class Autopilot(Model):
-    """Autopilot on board. In the scenario of a fleet, values that a study draws are (N,) arrays.
+    """Autopilot on board. In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
         period: period of the loops on board, s; None if there are no loops.
         command: name of the signal that the command link carries.
-        accepts: types of commands that a control may compute.
-        feeds_forward: allowed values for the highest derivative of the reference that a control feeds forward.
-        noise_free: values of the noise fields that remove the noise.
-        bias_free: values of the bias fields that remove the bias.
-        loop_gains: names of the fields with the gains of the attitude and the rate loop; None if no gains can be
+        accepts: types of commands that the autopilot accepts from a control on the ground.
+        feeds_forward: allowed values of a control's field `feed_forward`, the highest fed-forward reference derivative.
+        noise_free: field values that remove the measurement noise.
+        bias_free: field values that remove the measurement bias.
+        loop_gains: names of the two fields that contain the attitude and rate loop gains; None if no gains can be
             designed.
         models_vehicle: True if the autopilot describes the response of autopilot and vehicle as a whole, which was
             identified with one vehicle.
@@ -58,11 +58,12 @@ class Autopilot(Model):
 
     @abstractmethod
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for the system `autopilot` between link and allocation; empty without such a system.
+        """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system.
 
         Args:
             nominal: parameters of the nominal vehicle.
-            settings: autopilot of the scenario itself, whose distributions determine which imperfections are modelled.
+            settings: autopilot as in the scenario, with its distributions, which determine which imperfections are
+                modelled.
             follows_attitude: False if body rates are commanded without an attitude.
         """
 
@@ -71,7 +72,7 @@ class Autopilot(Model):
         return Recipe(Quadrotor, structure, config)
 
     def fastest_decay(self) -> AngleRate:
-        """Return the rate of the fastest decay in the autopilot's model of the vehicle, 1/s; 0 if it has no model."""
+        """Return the fastest decay rate in the autopilot's vehicle model, 1/s; 0 if there is no vehicle model."""
         return 0.0
 
     def without_noise(self) -> "Autopilot":

@@ -1,4 +1,4 @@
-"""Identified response of autopilot and vehicle, in the scenario language."""
+"""Identified joint response of autopilot and vehicle, in the scenario language."""
 
 from collections.abc import Iterator
 from typing import Any, ClassVar, Literal
@@ -29,7 +29,7 @@ _ATTITUDE_FIELDS = ("inertia", "rotor_inertia", "drag_factor", "arm_length", "la
 
 @AUTOPILOTS.member
 class AttitudeResponseSettings(Autopilot):
-    """Second-order response of each angle to its command, identified from flights of autopilot and vehicle together."""
+    """Second-order response of each angle to its command, identified in flights of the vehicle with its autopilot."""
 
     period: ClassVar = None
     command: ClassVar = "attitude_target"
@@ -45,7 +45,7 @@ class AttitudeResponseSettings(Autopilot):
         return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
     def recipes(self, nominal: QuadrotorParameters, *, settings: Any, follows_attitude: bool) -> dict[str, Recipe]:
-        """Return the recipe for a system that passes the thrust through; the vehicle model follows the attitude."""
+        """Return the recipe for a system that passes the thrust through. The vehicle model follows the attitude."""
         return {"autopilot": Recipe(ThrustOnly, {}, None)}
 
     def vehicle_recipe(self, structure: dict[str, Any], config: QuadrotorConfig) -> Recipe:
@@ -56,7 +56,7 @@ class AttitudeResponseSettings(Autopilot):
         return Recipe(AttitudeResponseQuadrotor, structure, AttitudeResponseConfig(config, response))
 
     def fastest_decay(self) -> AngleRate:
-        """Return the rate of the fastest decay of roll, pitch and yaw, 1/s."""
+        """Return the fastest decay rate of the roll, pitch and yaw responses, 1/s."""
         pairs: Any = zip(self.natural_frequency, self.damping, strict=True)
         return max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
 

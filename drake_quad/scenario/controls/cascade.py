@@ -34,14 +34,14 @@ class CascadeControl(Control):
     thrust_vectoring: ThrustVectoringSettings = ThrustVectoringSettings()
     attitude: AnyAttitudeController | None = Field(
         default=None,
-        description="attitude controller on the ground; required without an autopilot, and to be left out, or null,"
-        " with an autopilot",
+        description="attitude controller on the ground; required if there is no autopilot; otherwise it must be"
+        " omitted or null",
     )
     user_system_paths: ClassVar = {"position_controller": ("position", "network.")}
 
     @model_validator(mode="after")
     def _fits_its_network(self) -> "CascadeControl":
-        """Raise an error if the network needs a port that the position controller does not have."""
+        """Raise a validation error if the network needs a port that the position controller does not have."""
         if self.network is None:
             return self
         if not self.position.takes_correction:
@@ -55,8 +55,8 @@ class CascadeControl(Control):
     def check_fits(self, scenario: Any) -> None:
         """Raise a validation error if the cascade does not fit the autopilot.
 
-        Attitude must be controlled either on the ground or on board, and the autopilot must take the fed-forward
-        derivatives.
+        Attitude must be controlled either on the ground or on board, and the autopilot must accept the derivatives that
+        the cascade feeds forward.
         """
         check_attitude_control(scenario)
         autopilot = scenario.laboratory.autopilot
@@ -76,7 +76,7 @@ class CascadeControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the cascade; there is no network around a user's `position_controller`."""
+        """Return the diagram of the cascade. A user's `position_controller` has no network around it."""
         position, network = user_systems.get("position_controller"), None
         if position is None:
             network = None if self.network is None else self.network.build(systems)
@@ -108,7 +108,7 @@ class CascadeControl(Control):
         return [self.position.kind, *network, *attitude]
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return the limits of thrust vectoring and the attitude control."""
+        """Return the fields for thrust vectoring and attitude control."""
         return {"thrust_vectoring": self.thrust_vectoring, "attitude": self.attitude}
 
 

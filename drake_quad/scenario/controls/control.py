@@ -1,4 +1,4 @@
-"""Base class of the controls, and their registry `CONTROLS`.
+"""Base class of controls (the controllers on the ground), and their registry `CONTROLS`.
 
 To add a control, extend `Control` and register the class with `CONTROLS.member`.
 """
@@ -19,12 +19,11 @@ from drake_quad.scenario.unions import OpenUnion
 
 
 class Control(Model):
-    """Control on the ground. In the scenario of a fleet, values that a study draws are (N,) arrays.
+    """Controller on the ground. In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
         network: fuzzy network around the controller; None without a network.
-        user_system_paths: prefixes of the paths of the systems that a user's system replaces, by the name of the user's
-            system.
+        user_system_paths: path prefixes of the systems that a user's system replaces, by the name of the user's system.
     """
 
     kind: str
@@ -34,11 +33,11 @@ class Control(Model):
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the systems of the control, by their paths in its diagram."""
+        """Return the recipes for all systems of the control, by their paths in the diagram."""
 
     @abstractmethod
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram `control`, which computes the command over the link from `measurement` and `reference`.
+        """Build the diagram `control`, which computes the command for the link from `measurement` and `reference`.
 
         Args:
             systems: systems built from the recipes, by their paths.
@@ -53,7 +52,7 @@ class Control(Model):
         """Raise a validation error if the control does not fit the other parts of its `Scenario`."""
 
     def loop_period(self, tick: float) -> float:
-        """Return the longest period of the loops of the control, s, given the period of a tick, s."""
+        """Return the longest loop period of the control, s, given the tick period (s)."""
         return tick
 
     def commands_rates_only(self) -> bool:
@@ -69,7 +68,7 @@ class Control(Model):
         return [self.kind]
 
     def ahead(self) -> tuple[float, ...]:
-        """Return the times after the present at which the control uses the reference, s."""
+        """Return the preview times, s after the present, at which the control uses the reference."""
         return ()
 
     def contains_user_system(self) -> bool:
@@ -77,7 +76,7 @@ class Control(Model):
         return False
 
     def policy_rows(self) -> dict[str, int]:
-        """Return the number of rows of `observation` and `action` of a policy; empty for a control without a policy."""
+        """Return the size of a policy's `observation` and `action`; empty for a control without a policy."""
         return {}
 
     def lacks_policy(self) -> bool:

@@ -55,12 +55,12 @@ class ColouredNoise(Model):
     time: FixedSpan = Field(description="time constant T of the lag (s)")
 
     def noise(self) -> ChainNoise:
-        """Return the noise as a record for the models of the design."""
+        """Return the noise parameters for the design model."""
         return ChainNoise(self.deviation, self.time)
 
 
 class Axis(Model):
-    """Common fields of the vertical and the lateral axis."""
+    """Fields that the vertical and the lateral axis share."""
 
     name: ClassVar[str]
 
@@ -72,8 +72,8 @@ class Axis(Model):
     )
     command_noise: FixedNonNegative = Field(
         default=0.0,
-        description="spectral density of white noise on the command, for robustness to model errors (unit of the"
-        " command times √s)",
+        description="spectral density of white noise on the command, which makes the design robust to model errors"
+        " (unit of the command times √s)",
     )
     position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(
         description="standard deviation of the position in a frame (m)"
@@ -88,20 +88,21 @@ class Axis(Model):
         """Return the model of the axis."""
 
     def loop(self, times: Timing, gravity: float) -> AxisLoop:
-        """Return the filter and the regulator of the axis.
+        """Design the Kalman filter and the regulator of the axis.
 
         Raises:
-            InputError: if the design fails numerically, since times or magnitudes of the axis differ too much.
+            InputError: if the design fails numerically because the axis has very different time constants or
+                magnitudes.
         """
         try:
-            # A warning of SciPy either precedes an error or does not matter.
+            # SciPy's warnings are ignored. A serious one is followed by an error.
             with np.errstate(all="ignore"), without_warnings():
                 noise = np.array(self._noise(gravity))
                 return axis_loop(self.model(), times, noise=noise, command_weight=self.command_weight)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise InputError(
-                f"control.{self.name}: no filter or regulator can be computed; choose times, deviations and weights of"
-                " more similar magnitude"
+                f"control.{self.name}: no Kalman filter or regulator can be computed; choose times, deviations and"
+                " weights of more similar magnitude"
             ) from error
 
     def _noise(self, gravity: float) -> list[float]:
@@ -112,7 +113,7 @@ class Axis(Model):
 
 
 class VerticalAxis(Axis):
-    """Design model from the command to the height, with its weights."""
+    """Design model of the response from command to height, with the weights of filter and regulator."""
 
     lag: Annotated[FixedSpan, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
     name: ClassVar = "vertical"
@@ -123,12 +124,12 @@ class VerticalAxis(Axis):
 
 
 class LateralAxis(Axis):
-    """Design model from the command to x and to y, with its weights."""
+    """Design model of the response from command to x and y, with the weights of filter and regulator."""
 
     lag: Annotated[FixedSpan | None, PLAUSIBLE_LAG] = Field(
         default=None,
-        description="time constant of the rotors (s); required without an autopilot; with an autopilot, none if the"
-        " attitude response includes it",
+        description="time constant of the rotors (s); required if there is no autopilot; otherwise to be omitted if"
+        " the attitude response includes it",
     )
     natural_frequency: FixedPositive | None = Field(
         default=None, description="natural frequency ω of the attitude response (rad/s); required with an autopilot"
@@ -163,10 +164,12 @@ class YawPd(Model):
 
 @CONTROLS.member
 class LqgControl(Control):
-    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade, designed with `nominal`."""
+    """A Kalman filter and a linear-quadratic regulator that replace the whole cascade. The design uses `nominal`."""
 
     kind: Literal["lqg"]
-    delay_ticks: ModelledDelay = Field(description="modelled delay from a tick to the effect of its command, in ticks")
+    delay_ticks: ModelledDelay = Field(
+        description="modelled delay from a tick to the effect of its command, in control ticks",
+    )
     lateral: LateralAxis
     vertical: VerticalAxis
     network: Network | None = Field(  # type: ignore[misc]
@@ -174,7 +177,7 @@ class LqgControl(Control):
     )
     yaw: YawPd | None = Field(
         default=None,
-        description="yaw controller; required without an autopilot, and to be left out, or null, otherwise",
+        description="yaw controller; required if there is no autopilot; otherwise it must be omitted or null",
     )
     max_tilt: Tilt = Field(
         default=0.6, description="tilt in hover that corresponds to the largest commanded horizontal acceleration (rad)"
@@ -186,11 +189,11 @@ class LqgControl(Control):
     )
     # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
-    # Names of fields that apply only to torques over the link.
+    # Names of fields that have an effect only if the link carries torques.
     torque_fields: ClassVar[tuple[str, ...]] = ("max_snap",)
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as limits for torques over the link if an autopilot takes attitudes."""
+        """Yield settings without effect, such as limits on torques if an autopilot controls the attitude."""
         yield from super().inactive_settings(flight, path)
         autopilot = flight.scenario.laboratory.autopilot
         for name in self.torque_fields if autopilot.controls_attitude else ():
@@ -198,10 +201,10 @@ class LqgControl(Control):
                 yield InactiveSetting(f"{path}.{name}", f"laboratory.autopilot.kind is {autopilot.kind}")
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the design model or the periods do not fit the laboratory.
+        """Raise a validation error if the design model or the periods are incompatible with the laboratory.
 
-        Without an autopilot the model needs the lag of the rotors and a yaw controller, and with an autopilot it needs
-        the attitude response. Frames must not be slower than ticks.
+        If there is no autopilot, the model needs the rotor lag and a yaw controller. Otherwise it needs the attitude
+        response. The frame period must not be longer than the tick period.
         """
         laboratory, autopilot = scenario.laboratory, scenario.laboratory.autopilot
         frame, tick = laboratory.motion_capture.period, laboratory.command_link.period
@@ -219,7 +222,7 @@ class LqgControl(Control):
                 raise scenario.field_error(demand, "control", *path)
 
     def timing(self, frame: float, tick: float) -> Timing:
-        """Return the periods of frames and ticks, s, together with the delay of the model."""
+        """Return the frame and tick periods, s, together with the delay of the design model."""
         return Timing(frame, tick, self.delay_ticks)
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
@@ -239,7 +242,7 @@ class LqgControl(Control):
 
     def _parameters(self, setting: ControlSetting) -> LqgParameters:
         times, nominal = self.timing(setting.frame, setting.tick), setting.nominal
-        # A command acts for one tick. The feed-forward is computed for the middle of this tick.
+        # A command acts for one tick, so the feed-forward is computed for the middle of the tick.
         lead = (times.delay_ticks + 0.5) * times.tick
         limits = self.limits().thrust_limits(nominal)
         thrust = ThrustParameters(nominal.mass, nominal.gravity, *limits, lead + self.vertical.lag)
@@ -257,7 +260,7 @@ class LqgControl(Control):
         return LqgParameters(loops[0], loops[1], thrust, torques, target)
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram of the controller, with a network and a quadratic programme if the controller has them."""
+        """Return the diagram of the controller, including its network and its quadratic programme if it has them."""
         network = None if self.network is None else self.network.build(systems)
         return build_lqg_control(systems["regulator"], network, systems.get("programme"))
 

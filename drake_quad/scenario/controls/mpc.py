@@ -32,7 +32,7 @@ _NO_WALLS = (None, None, None)
 
 
 class _Corridor(Model):
-    """Common fields of the corridors of both kinds."""
+    """Fields that both kinds of corridor share."""
 
     weight: FixedPositive = Field(
         default=10.0,
@@ -41,7 +41,7 @@ class _Corridor(Model):
 
     @abstractmethod
     def walls(self) -> constraints.Corridor:
-        """Return the walls as constraints of the programme."""
+        """Return the walls as constraints of the quadratic programme."""
 
 
 class Tube(_Corridor):
@@ -62,8 +62,14 @@ class Room(_Corridor):
     """Walls at fixed positions in W."""
 
     kind: Literal["room"]
-    lower: Walls = Field(default=_NO_WALLS, description="smallest X, Y, Z of the position (m), or null for no wall")
-    upper: Walls = Field(default=_NO_WALLS, description="largest X, Y, Z of the position (m), or null for no wall")
+    lower: Walls = Field(
+        default=_NO_WALLS,
+        description="lowest allowed X, Y, Z of the position (m), or null for no wall",
+    )
+    upper: Walls = Field(
+        default=_NO_WALLS,
+        description="highest allowed X, Y, Z of the position (m), or null for no wall",
+    )
 
     @model_validator(mode="after")
     def _has_room(self) -> "Room":
@@ -84,7 +90,7 @@ def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
 
 @CONTROLS.member
 class MpcControl(LqgControl):
-    """A Kalman filter and a regulator with constraints over a horizon, the same for all vehicles of a fleet."""
+    """A Kalman filter and a regulator with constraints over a horizon. All vehicles of a fleet share one regulator."""
 
     kind: Literal["mpc"]  # type: ignore[assignment]
     horizon: Annotated[float, Field(gt=0.0, le=4.0)] = Field(
@@ -103,7 +109,7 @@ class MpcControl(LqgControl):
 
     @model_validator(mode="after")
     def _has_no_distributions(self) -> "MpcControl":
-        """Raise an error if a field is a distribution, since the vehicles of a fleet share one programme."""
+        """Raise an error if a field is a distribution, since all vehicles of a fleet share one quadratic programme."""
         for path in distributions_in(self):
             if not path.startswith("network."):
                 demand = "must be a number with control.kind mpc, not a distribution"
@@ -111,7 +117,7 @@ class MpcControl(LqgControl):
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the regulator, the programme, and a network if there is one."""
+        """Return the recipes for the regulator, the quadratic programme, and the network if there is one."""
         (path, regulator), *others = super().recipes(setting).items()
         return {path: regulator, "programme": self._programme(setting, regulator.parameters), **dict(others)}
 
@@ -139,7 +145,7 @@ class _ReferenceSample(NamedTuple):
 
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
-    """Return the reference at each tick from time zero until it rests; the last entry is valid for all later ticks."""
+    """Return the reference at each tick from time zero until it rests. The last entry holds for all later ticks."""
     layout = layout_of(_ReferenceSample)
     rows = plan.reference().vector_values(tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2))
     samples = [layout.build(row) for row in rows.T.tolist()]

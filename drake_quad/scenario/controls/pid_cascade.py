@@ -26,7 +26,7 @@ from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive,
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import ForceB
 
-# Tolerance for rounding errors on the quotient of two periods, which must be a whole number.
+# Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
 _ROUNDING = 1e-9
 
 
@@ -56,7 +56,7 @@ class _CommandKind(Model):
 
 
 class TiltCommand(_CommandKind):
-    """Roll and pitch in axes along the heading, as in the Crazyflie's firmware, limited by `velocity.limit`."""
+    """Roll and pitch relative to the heading, limited by `velocity.limit`, as in the Crazyflie firmware."""
 
     kind: Literal["tilt"]
     has_limits: ClassVar = False
@@ -70,7 +70,7 @@ class TiltCommand(_CommandKind):
 
 
 class AccelerationCommand(_CommandKind):
-    """Acceleration in W, from which thrust and attitude follow, as in PX4."""
+    """Acceleration in W, which is converted to thrust and attitude, as in PX4."""
 
     kind: Literal["acceleration"]
     has_limits: ClassVar = True
@@ -78,7 +78,7 @@ class AccelerationCommand(_CommandKind):
     max_speed: Positive = Field(default=12.0, description="largest commanded horizontal velocity (m/s)")
     max_ascent: Positive = Field(default=3.0, description="largest commanded upward velocity (m/s)")
     max_descent: Positive = Field(default=1.5, description="largest commanded downward velocity (m/s)")
-    max_tilt: Tilt = Field(default=0.785, description="largest angle between thrust and vertical (rad)")
+    max_tilt: Tilt = Field(default=0.785, description="largest angle between thrust and the vertical (rad)")
     horizontal_margin: NonNegative = Field(
         default=0.6,
         description="horizontal thrust reserved when the vertical thrust saturates, relative to the nominal weight (1)",
@@ -103,7 +103,7 @@ class AccelerationCommand(_CommandKind):
 
 @CONTROLS.member
 class PidCascadeControl(Control):
-    """PID loops on position and velocity, as in common firmware; attitude and body rates are controlled on board."""
+    """PID loops on position and velocity, as in common firmware. Attitude and body rates are controlled on board."""
 
     kind: Literal["pid_cascade"]
     period: Period | None = Field(
@@ -134,7 +134,7 @@ class PidCascadeControl(Control):
         return self
 
     def num_ticks(self, tick: float) -> int:
-        """Return the number of ticks in a period of the loops, given the period of a tick, s."""
+        """Return the number of ticks per loop period, given the tick period (s)."""
         return 1 if self.period is None else round(self.period / tick)
 
     def check_fits(self, scenario: Any) -> None:
@@ -182,7 +182,7 @@ class PidCascadeControl(Control):
         return build_pid_cascade(systems["cascade"])
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the limits of tilt and thrust, with default values for limits that the control does not have."""
+        """Return the tilt and thrust limits, with defaults for limits that the control does not have."""
         command = self.command
         limits: dict[str, Any] = {"min_thrust": command.min_thrust, "max_thrust": command.max_thrust}
         if isinstance(command, AccelerationCommand):

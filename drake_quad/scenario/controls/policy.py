@@ -38,14 +38,15 @@ class PolicyControl(Control):
     )
     attitude: AnyAttitudeController | None = Field(
         default=None,
-        description="attitude controller on the ground; required without an autopilot for accelerations and attitudes",
+        description="attitude controller on the ground; required for actions that are accelerations or attitudes if"
+        " there is no autopilot",
     )
     network: ClassVar = None
     user_system_paths: ClassVar = {"policy": ("policy",)}
 
     @model_validator(mode="after")
     def _has_rows(self) -> "PolicyControl":
-        """Raise an error if inputs and outputs of the network do not match the rows of observation and action."""
+        """Raise an error if the network's inputs and outputs do not match the sizes of observation and action."""
         if self.policy is None:
             return self
         last = len(self.policy.layers) - 1
@@ -64,7 +65,7 @@ class PolicyControl(Control):
             raise scenario.field_error(demand, "control", "observation", "signals")
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield settings without effect, such as limits of thrust vectoring if actions are not accelerations."""
+        """Yield settings without effect, such as thrust vectoring limits if actions are not accelerations."""
         yield from super().inactive_settings(flight, path)
         if is_set(self, "thrust_vectoring") and not self.action.vectors_thrust:
             yield InactiveSetting(f"{path}.thrust_vectoring", f"{path}.action.kind is {self.action.kind}")
@@ -92,7 +93,7 @@ class PolicyControl(Control):
         return recipes
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return the diagram with the policy, which may be a user's system."""
+        """Return the diagram that contains the policy, which may be a user's system."""
         return policies.build_policy_control(
             observation=systems["observation"],
             policy=systems.get("policy", user_systems.get("policy")),
@@ -107,24 +108,24 @@ class PolicyControl(Control):
         return self.thrust_vectoring
 
     def commands_rates_only(self) -> bool:
-        """Return whether actions are body rates."""
+        """Return whether the actions are body rates."""
         return self.action.commands == "rates"
 
     def ahead(self) -> tuple[float, ...]:
-        """Return the times after the present at which the reference is observed, s."""
+        """Return the preview times, s after the present, at which the policy observes the reference."""
         return self.observation.ahead
 
     def policy_rows(self) -> dict[str, int]:
-        """Return the number of rows of `observation` and `action`."""
+        """Return the number of elements of `observation` and `action`."""
         rows = self.action.num_rows
         return {"observation": self.observation.num_rows(rows), "action": rows}
 
     def lacks_policy(self) -> bool:
-        """Return whether the scenario has no network."""
+        """Return whether the scenario contains no network for the policy."""
         return self.policy is None
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return all fields except the network."""
+        """Return all fields of the policy except its network."""
         return {name: getattr(self, name) for name in ("action", "observation", "thrust_vectoring", "attitude")}
 
 

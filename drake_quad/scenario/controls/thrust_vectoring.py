@@ -20,14 +20,14 @@ MaxThrust = Annotated[Number, bounds(gt=1.0), not_in_percent(upper=30.0)]
 
 
 class ThrustVectoringSettings(Model):
-    """Limits of the tilt and the thrust that eq (7) may command."""
+    """Limits on the tilt and the thrust that thrust vectoring, eq (7), may command."""
 
-    max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and vertical (rad)")
+    max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and the vertical (rad)")
     min_thrust: MinThrust = Field(default=0.3, description="smallest vertical thrust, relative to the weight (1)")
     max_thrust: MaxThrust = Field(default=1.8, description="largest thrust, relative to the weight (1)")
 
     def thrust_limits(self, nominal: QuadrotorParameters) -> ThrustLimits:
-        """Return the limits for the nominal vehicle."""
+        """Return the limits for the nominal vehicle, with thrusts in N."""
         weight = nominal.mass * nominal.gravity
         return ThrustLimits(np.tan(self.max_tilt), self.min_thrust * weight, self.max_thrust * weight)
 

@@ -1,4 +1,4 @@
-"""Effects on the vehicle that the paper's equations do not contain, with one module each."""
+"""Physical effects on the vehicle that the paper's equations do not contain, with one module for each effect."""
 
 from drake_quad.scenario.unions import import_members
 

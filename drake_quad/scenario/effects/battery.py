@@ -9,7 +9,8 @@ from drake_quad.scenario.plausible import Plausible
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds, extremes, field_of
 from drake_quad.vehicle.battery import Battery
 
-# Vehicles of 20 kg have at most 14 cells in series, 59 V, and 100 A h. A cell of a 20 g vehicle has 0.3 Ω.
+# Vehicles of 20 kg have at most 14 cells in series (59 V) and 100 A h. A cell of a 20 g vehicle has a resistance of 0.3
+# Ω.
 _PLAUSIBLE_VOLTAGE = Plausible("V", "mV", 1e-3, upper=120.0)
 _PLAUSIBLE_CAPACITY = Plausible("A h", "mA h", 1e-3, upper=200.0)
 _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
@@ -17,7 +18,7 @@ _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
 
 @EFFECTS.member
 class BatteryEffect(VehicleEffect):
-    """A battery that the rotors discharge. Its voltage falls with its charge and with the current."""
+    """A battery that the rotors discharge. Its voltage falls as it discharges, and with the current."""
 
     voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
         Battery, "voltage", "open-circuit voltage of the full battery"

@@ -31,10 +31,10 @@ class BodyDragEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def symmetric(self) -> VehicleEffect:
-        """Return the drag with the centre of mass as the point at which it acts."""
+        """Return the same drag, acting at the centre of mass."""
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the derivative of the drag with respect to the speed, N s/m, on the axis on which it is largest."""
+        """Return the derivative of drag with respect to speed, N s/m, for the axis with the largest derivative."""
         pairs = zip(self.linear, self.quadratic, strict=True)
         return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

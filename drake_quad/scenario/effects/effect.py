@@ -1,4 +1,4 @@
-"""Base classes of the effects on the vehicle, and their registry `EFFECTS`.
+"""Base classes of physical effects on the vehicle, and their registry `EFFECTS`.
 
 To add an effect, extend `AirLoadEffect` and register the class with `EFFECTS.member`.
 """
@@ -21,16 +21,17 @@ NO_OFFSET = (0.0, 0.0, 0.0)
 class VehicleEffect(Model):
     """Effect on the vehicle that the paper's equations do not contain.
 
-    In the scenario of a fleet, values that a study draws are (N,) arrays.
+    In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
-        field: name of the field of a vehicle that contains the effect.
-        description: description of this field.
+        field: name of the vehicle field that contains the effect.
+        description: description of the vehicle field.
         record: class of `drake_quad.vehicle` whose formulas compute the effect.
         is_nominal: True if the ground station knows the effect, so that controllers are designed with it.
         depends_on_time: True if the effect changes while a vehicle hovers.
-        couples_axes: True if the effect can couple the axes of a vehicle that is symmetric without it.
-        belongs_to_airframe: True if a description of another vehicle replaces the effect.
+        couples_axes: True if the effect can couple the axes of an otherwise symmetric vehicle.
+        belongs_to_airframe: True if the effect is part of the airframe, so that the description of another vehicle
+            replaces it.
         depends_on_wind: True if wind changes the forces of the effect.
     """
 
@@ -60,12 +61,12 @@ class VehicleEffect(Model):
 
         Args:
             vehicle: vehicle of a `Batch.fleet_scenario`.
-            airspeed: largest known airspeed, m/s.
+            airspeed: largest airspeed of a hovering vehicle in the mean wind, m/s.
         """
         return 0.0
 
     def natural_frequency(self, vehicle: Any) -> Row:
-        """Return the angular frequency in hover of an oscillator that the effect adds, rad/s; 0 if it adds none."""
+        """Return the hover frequency of the oscillator that the effect adds, rad/s, or 0 if it adds none."""
         return 0.0
 
     def event_times(self) -> tuple[Row, ...]:
@@ -78,7 +79,7 @@ EFFECTS = OpenFields(VehicleEffect)
 
 
 class AirLoadEffect(VehicleEffect):
-    """Force and torque that depend on airspeed and rotor speeds; the record of the effect has a method `load`."""
+    """Effect whose force and torque depend on airspeed and rotor speeds. The record's method `load` computes them."""
 
     depends_on_wind: ClassVar = True
 

@@ -33,7 +33,7 @@ class PayloadEffect(VehicleEffect):
     )
     time: Moment = Field(description="time of the event (s)")
     event: Literal["picked_up", "dropped"] = Field(
-        description="event at this time; the vehicle carries the payload after picked_up or before dropped"
+        description="event at this time; the vehicle carries the payload after picked_up, or until dropped"
     )
     field: ClassVar = "payload"
     description: ClassVar = "mass fixed to the vehicle for a part of the flight; none if not given"
@@ -63,7 +63,7 @@ class PayloadEffect(VehicleEffect):
         return self.model_copy(update={"time": 0.0, "event": "picked_up"})
 
     def symmetric(self) -> VehicleEffect:
-        """Return the payload moved onto the z axis of the vehicle."""
+        """Return the same payload, attached on the z axis of the vehicle."""
         return self.model_copy(update={"position": (0.0, 0.0, self.position[2])})
 
     def event_times(self) -> tuple[Row, ...]:

@@ -11,7 +11,7 @@ from drake_quad.scenario.quantities import Number, Positive, bounds, field_of
 from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
-# Cables are tens of metres long at most.
+# Cables are at most tens of metres long.
 _PLAUSIBLE_LENGTH = not_in_millimetres(upper=100.0)
 
 

@@ -10,7 +10,7 @@ from drake_quad.vehicle.trim_force import TrimForce
 
 @EFFECTS.member
 class TrimForceEffect(AirLoadEffect):
-    """Force at the centre of mass, constant in the axes of the vehicle, that planner and controllers do not know."""
+    """Force at the centre of mass that is constant in body axes and unknown to planner and controllers."""
 
     x: Number = field_of(TrimForce, "x", "force along x of B")
     y: Number = field_of(TrimForce, "y", "force along y of B")
@@ -26,7 +26,7 @@ class TrimForceEffect(AirLoadEffect):
     depends_on_wind: ClassVar = False
 
     def symmetric(self) -> VehicleEffect:
-        """Return the component along z, with which the vehicle hovers without tilt."""
+        """Return the z component of the force, which does not tilt the hovering vehicle."""
         return self.model_copy(update={"x": 0.0, "y": 0.0})
 
     def max_damping(self, vehicle: Any, airspeed: Row) -> Row:

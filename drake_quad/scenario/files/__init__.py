@@ -1,1 +1,1 @@
-"""Readers of scenario files, and of the files that they name."""
+"""Readers of scenario files and of the files to which they refer."""

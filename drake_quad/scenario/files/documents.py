@@ -15,7 +15,7 @@ from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
-_SCALARS = ("float", "int", "bool", "null", "str")
+_SCALAR_TYPES = ("float", "int", "bool", "null", "str")
 
 
 @functools.lru_cache(maxsize=4096)
@@ -25,8 +25,8 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
     Args:
         text: text of the document.
         source: name of the document in error messages.
-        numbered: True if marks have line numbers.
-        max_nodes: largest number of names and values.
+        numbered: True to add line numbers to the marks.
+        max_nodes: largest number of YAML nodes (keys and values) that is accepted.
 
     Raises:
         InputError: if the text is not YAML, is too large or nested too deeply, or contains a duplicate key, a key that
@@ -57,8 +57,8 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
 class _Reader(Composer):
     """Reader of one document, which converts text to nodes, and nodes to trees.
 
-    Reading stops at the first name or value beyond a limit, and the rest of the text is not parsed. The content of an
-    alias counts each time that the alias occurs, since it may contain further aliases, or itself.
+    Reading stops at the first node beyond a limit, and the rest of the text is not parsed. The content of an alias
+    counts each time that the alias occurs, since the content may include further aliases or the alias itself.
     """
 
     def __init__(self, source: str, numbered: bool, max_nodes: int) -> None:
@@ -79,7 +79,7 @@ class _Reader(Composer):
         if self._count > self._max_nodes:
             raise InputError(
                 f"{self._mark(position)}: is too large: a scenario and all that it extends may have at most"
-                f" {MAX_NODES:,} names and values"
+                f" {MAX_NODES:,} keys and values"
             )
         if self._level > MAX_LEVELS:
             raise InputError(
@@ -91,7 +91,7 @@ class _Reader(Composer):
         self._enter(event.start_mark)
         if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a name or value may have at"
+                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a key or value may have at"
                 f" most {MAX_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
@@ -125,13 +125,13 @@ class _Reader(Composer):
             if key in seen:
                 raise InputError(f"{mark}: {short_repr(key)} is already given at {seen[key]}")
             seen[key] = mark
-            # Messages about a field refer to the line of its name, not to the first line of its value.
+            # Messages about a field refer to the line of its key, not to the first line of its value.
             yield key, Tree(self._tree(value_node).value, mark)
 
     def _scalar(self, node: Any) -> Any:
         mark = self._mark(node.start_mark)
         kind = str(node.tag).rpartition(":")[2]
-        if not isinstance(node, ScalarNode) or kind not in _SCALARS:
+        if not isinstance(node, ScalarNode) or kind not in _SCALAR_TYPES:
             raise InputError(
                 f"{mark}: the tag {shorten_text(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )

@@ -1,7 +1,8 @@
-"""Merging of scenarios that are layered over each other.
+"""Merging of scenarios, where one scenario is layered over another.
 
 Mappings are merged field by field, and any other value is replaced. Three parts are replaced as a whole, because a
-mixture of two of them makes no sense: the vehicle, the control, and the route with the fields that belong to it.
+mixture of two vehicles, controls or routes makes no sense: the vehicle, the control, and the route together with its
+duration and metric window.
 """
 
 from drake_quad.errors import InputError, join_names, shorten_text
@@ -22,29 +23,30 @@ from drake_quad.scenario.paths import is_item, join_path
 
 DEFAULT_VEHICLE = "default_vehicle"
 """Key of the vehicle that flies if no layer describes a vehicle."""
-# Kinds of mappings that do not state their kind, by the name of the field.
+# Kind that is assumed for a mapping without `kind`, by the name of its field.
 _DEFAULT_KINDS = {"control": CONTROLS.default_kind}
 _ROTOR_POSITION_FIELDS = ("layout", "arm_length")
-# Fields that remain when a layer describes a new vehicle, since they do not belong to the airframe: gravity and the
-# integration of the motion.
+# Fields that remain when a layer describes a new vehicle, since gravity and the integration settings do not belong to
+# the airframe.
 _FLIGHT_FIELDS = {"nominal": ("gravity",), "vehicle": ("time_step", "attitude_kinematics")}
-# Fields of `nominal` that describe an airframe, together with one of the fields that give the positions of the rotors.
+# Fields of `nominal` that describe an airframe. A description also needs one of the fields that give the rotor
+# positions.
 _AIRFRAME_FIELDS = Airframe.model_fields.keys() - {*_ROTOR_POSITION_FIELDS, *_FLIGHT_FIELDS["nominal"]}
 # A new route replaces all of these fields, since the duration and the metric window belong to the route.
 _ROUTE_FIELDS = ("route", "metrics", "duration")
 
 
 def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
-    """Return a deep merge: mappings are merged by key, and any other value of the extension replaces the base.
+    """Return a deep merge: mappings are merged by key, and any other value of the extension replaces that of the base.
 
-    A mapping with another `kind`, or a distribution, is replaced as a whole, because its fields have another meaning.
-    A mapping of the extension without `kind` has the kind of the base. A relative distribution keeps the value of the
-    base, to which it applies.
+    If the two mappings have different kinds, or one is a distribution, the extension replaces the whole mapping,
+    because the fields have different meanings. A mapping of the extension without `kind` has the kind of the base. A
+    relative distribution is stored together with the base value to which it applies.
 
     Args:
         base: lower layer.
         extension: upper layer.
-        default_kind: kind of a base that does not state its kind; None if it has no default kind.
+        default_kind: kind that is assumed for a base without `kind`; None if there is no default.
     """
     old, new = base.value, extension.value
     if is_relative(extension):
@@ -62,7 +64,7 @@ def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
 
 
 def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
-    """Return an override in which whole lists replace items that are given by index.
+    """Expand an override: where it gives single list items by index, insert the whole list.
 
     Args:
         tree: part of the scenario to which the override applies.
@@ -70,7 +72,7 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
         path: path of this part in the scenario.
 
     Raises:
-        InputError: if the override has an index that is outside the list.
+        InputError: if an index in the override is outside its list.
     """
     old, new = tree.value, override.value
     if isinstance(old, dict) and isinstance(new, dict):
@@ -116,10 +118,9 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     """Return a scenario with another scenario layered over it.
 
     - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base then apply to the
-      new vehicle. If the autopilot of the base is a response that was identified with the old vehicle, the autopilot
-      and the control that depends on it are removed.
-    - A control with a kind replaces the control of the base.
-    - A route with a kind replaces the route of the base, together with the duration and the metric window.
+    new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
+    control that depends on it are removed. - A control with a kind replaces the control of the base. - A route with a
+    kind replaces the route of the base, together with the duration and the metric window.
     """
     base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
@@ -131,8 +132,8 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     result = with_override(base._replace(value=base_fields), layer)
     if not new_vehicle:
         return result
-    # Relative distributions apply to the new vehicle, so they are merged last. The distributions of the layer are
-    # merged after the distributions of the base, so that they take precedence.
+    # Relative distributions apply to the new vehicle, so they are merged last. Those of the layer take precedence over
+    # those of the base, so they are merged after them.
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:
@@ -141,7 +142,7 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
 
 
 def describes_vehicle(tree: Tree) -> bool:
-    """Return whether a scenario describes a vehicle, with all fields of an airframe in its `nominal`."""
+    """Return whether a scenario describes a vehicle, which means that its `nominal` has all fields of an airframe."""
     nominal = tree.value.get("nominal")
     return nominal is not None and isinstance(nominal.value, dict) and not _missing(nominal)
 
@@ -149,8 +150,9 @@ def describes_vehicle(tree: Tree) -> bool:
 def check_description(tree: Tree) -> None:
     """Raise InputError if a scenario without `extends` describes a vehicle incompletely.
 
-    The defaults of missing fields belong to the paper's vehicle, which has a mass of 0.68 kg. A scenario with a few
-    fields of `nominal` changes that vehicle; one with a mass and an inertia, or with most fields, describes another.
+    The defaults of missing fields belong to the paper's vehicle, which has a mass of 0.68 kg. A scenario with few
+    fields in `nominal` modifies that vehicle. A scenario with mass and inertia, or with most fields, describes a
+    different vehicle.
     """
     nominal = tree.value.get("nominal")
     if nominal is None or not isinstance(nominal.value, dict):
@@ -164,7 +166,7 @@ def check_description(tree: Tree) -> None:
 
 
 def with_default_vehicle(tree: Tree) -> Tree:
-    """Return a scenario layered over its default vehicle, or unchanged if the scenario describes a vehicle."""
+    """Layer a scenario over its default vehicle, unless the scenario itself describes a vehicle."""
     default = tree.value.get(DEFAULT_VEHICLE)
     if default is None:
         return tree
@@ -173,13 +175,13 @@ def with_default_vehicle(tree: Tree) -> Tree:
 
 
 def _missing(nominal: Tree) -> list[str]:
-    """Return the fields of an airframe that `nominal` does not have."""
+    """Return the airframe fields that are missing in `nominal`."""
     missing = [name for name in Airframe.model_fields if name in _AIRFRAME_FIELDS - nominal.value.keys()]
     return missing if any(name in nominal.value for name in _ROTOR_POSITION_FIELDS) else ["layout", *missing]
 
 
 def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
-    """Return the fields of a scenario without its airframe; relative distributions of the airframe remain."""
+    """Return a scenario without its airframe, but with the relative distributions of the airframe."""
     kept = dict(fields)
     for section, names in _FLIGHT_FIELDS.items():
         if section in kept and isinstance(kept[section].value, dict):
@@ -201,7 +203,7 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
 
 
 def _is_identified(laboratory: Tree) -> bool:
-    """Return whether the autopilot of a laboratory was identified with one vehicle."""
+    """Return whether the laboratory's autopilot is a response that was identified with one particular vehicle."""
     autopilot = laboratory.value.get("autopilot")
     kind = autopilot.value.get("kind") if autopilot is not None and isinstance(autopilot.value, dict) else None
     model = None if kind is None else AUTOPILOTS.get(kind.value)

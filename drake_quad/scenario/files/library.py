@@ -30,11 +30,11 @@ class Library:
         """Find a scenario and layer it over the scenarios that it extends.
 
         Args:
-            spec: FILE, or FILE:NAME if the file contains several scenarios; or the name of a shipped scenario, see
-                `shipped`.
+            spec: FILE, FILE:NAME if the file contains several scenarios, or the name of a shipped scenario (see
+                `shipped`).
 
         Returns:
-            The name and the tree of the scenario, without `extends`.
+            The name of the scenario, and its tree without `extends`.
 
         Raises:
             InputError: if a file or name does not exist, a scenario extends itself, or the scenario exceeds a limit.
@@ -43,7 +43,7 @@ class Library:
         return self._resolve(path, name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
-        """Read a file that contains a single mapping of fields, not scenarios.
+        """Read a file that contains a single mapping of fields instead of scenarios.
 
         Raises:
             InputError: if the file cannot be read or contains something else.
@@ -54,7 +54,7 @@ class Library:
         return tree
 
     def pieces(self, path: Path) -> Tree:
-        """Read a file with the pieces of a trajectory, see `parse_piece_table`.
+        """Read a file of trajectory pieces; see `parse_piece_table`.
 
         Raises:
             InputError: if the file cannot be read or has another format.
@@ -64,13 +64,13 @@ class Library:
         return parse_piece_table(text, path)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
-        """Parse YAML text that counts towards the limits of the scenario; see `parse_document`."""
+        """Parse YAML text with `parse_document`, and count its size towards the limits of the scenario."""
         if len(text) > self._bytes:
             raise InputError(
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        tree = parse_document(text, source, numbered=numbered)  # with the default limit, a cached result can be used
+        tree = parse_document(text, source, numbered=numbered)  # the default limit allows a cached result
         if tree.size() > self._nodes:
             tree = parse_document(text, source, numbered=numbered, max_nodes=self._nodes)
         self._bytes -= len(text)
@@ -78,16 +78,16 @@ class Library:
         return tree
 
     def count(self, mark: Mark) -> None:
-        """Count a name or value that does not come from YAML towards the limits of the scenario.
+        """Count a key or value that does not come from YAML towards the limits of the scenario.
 
         Raises:
-            InputError: if the scenario has too many names and values.
+            InputError: if the scenario has too many keys and values.
         """
         self._nodes -= 1
         if self._nodes < 0:
             raise InputError(
                 f"{mark}: is too large: a scenario and all that it extends may have at most {MAX_NODES:,}"
-                " names and values"
+                " keys and values"
             )
 
     def _document(self, path: Path) -> Tree:
@@ -107,11 +107,11 @@ class Library:
         scenarios = self._document(path).value
         file = Mark(str(path), 0)
         if not isinstance(scenarios, dict) or not scenarios:
-            raise InputError(f"{file}: contains no scenario; the first level of the file must be names of scenarios")
+            raise InputError(f"{file}: contains no scenario; the top-level keys of the file must be names of scenarios")
         if name is None:
             if len(scenarios) > 1:
                 origin = "" if asked_by == file else f"{asked_by}: "
-                # `asked_by` may be the short name of a shipped scenario.
+                # `asked_by` may be the short name of a shipped scenario instead of a path.
                 called = file if stack else str(asked_by).removesuffix(":")
                 names = join_names([*scenarios])
                 raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
@@ -130,7 +130,7 @@ class Library:
         return name, self._resolved[identity]
 
     def _with_bases(self, path: Path, name: str, tree: Tree, stack: tuple[str, ...]) -> Tree:
-        """Return a scenario of a file, layered over the scenarios that it extends."""
+        """Return one scenario of a file, layered over the scenarios that it extends."""
         if not isinstance(tree.value, dict):
             raise InputError(f"{tree.mark}: scenario {shorten_text(name)} must be a mapping of fields")
         document = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
@@ -146,7 +146,7 @@ class Library:
         return document if result is None else with_layer(result, document)
 
     def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
-        """Yield the scenarios that a scenario of a file extends."""
+        """Yield the scenarios that one scenario of a file extends."""
         for spec in _bases(names):
             self._bases -= 1
             if self._bases < 0:
@@ -156,15 +156,15 @@ class Library:
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
-    """Return the file and the name of a scenario that is extended.
+    """Return the file and the name of a scenario that another scenario extends.
 
-    FILE is relative to the folder of the file that extends it. A name without suffix is a scenario of the same file, or
-    else a shipped scenario.
+    FILE is relative to the folder of the file with `extends`. A name without suffix is a scenario in the same file or,
+    if there is none, a shipped scenario.
 
     Args:
         spec: text in `extends` that names the scenario.
         path: path of the file with `extends`.
-        document: content of this file.
+        document: content of the file with `extends`.
     """
     file, name = split_spec(spec.value)
     if file.endswith(_SUFFIXES):
@@ -183,7 +183,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
 
 
 def _parse_trajectory(text: str, path: Path) -> Tree:
-    """Parse a table of pieces as a document with one scenario, named after the file, which contains only a route."""
+    """Convert a table of pieces to a document with one scenario, which is named after the file and has only a route."""
     pieces = parse_piece_table(text, path)
     route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
     scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)
@@ -191,10 +191,11 @@ def _parse_trajectory(text: str, path: Path) -> Tree:
 
 
 def locate(spec: str) -> tuple[Path, str | None]:
-    """Return the path of a file or a shipped scenario, and the name of the scenario in it if the spec has one.
+    """Return the path of the file that a spec names, and the name of the scenario in the file if the spec has one.
 
     Raises:
-        InputError: if the spec names neither a file nor a shipped scenario, or a robot file in another format.
+        InputError: if the spec names neither a scenario file nor a shipped scenario, or names a robot file such as a
+            URDF.
     """
     file, name = split_spec(spec)
     if flaw := robot_file_error(file):
@@ -221,7 +222,7 @@ def _shipped(spec: str) -> tuple[Path, str | None] | None:
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:
-    """Return the file of FILE or FILE:NAME, and the name, which is None for FILE."""
+    """Split FILE or FILE:NAME into the file and the name, which is None for FILE."""
     path, separator, name = spec.rpartition(":")
     if separator and path.endswith(_SUFFIXES):
         return path, name

@@ -25,13 +25,13 @@ from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import is_item, join_path, steps_of
 from drake_quad.scenario.unions import alternatives
 
-# Tags of the alternatives of a quantity, which pydantic adds to the paths of its errors.
+# Tags for the alternatives of a quantity, which pydantic adds to the paths of its errors.
 _TAGS = ("number", *DISTRIBUTIONS)
-# Kinds of mappings that do not state their kind, which pydantic also adds to the paths of its errors.
+# Default kinds of mappings without `kind`, which pydantic also adds to the paths of its errors.
 _DEFAULT_KINDS = (CONTROLS.default_kind, ATTITUDE_CONTROLLERS.default_kind)
-# Largest number of characters of an override or a field's path in a message. The longest path has seventy characters.
+# Largest number of characters that a message shows of an override or a path. The longest path has seventy characters.
 _MAX_PATH_CHARACTERS = 80
-# Types of validation errors that mean that a field is missing.
+# Types of validation errors about a missing field.
 _MISSING_TYPES = ("missing", "distances")
 _AnyModel = TypeVar("_AnyModel", bound=Model)
 
@@ -49,11 +49,11 @@ class Override(NamedTuple):
 
     @classmethod
     def of(cls, override: "str | Override") -> "Override":
-        """Return the override with a given assignment; an `Override` is returned unchanged."""
+        """Return an override for a given assignment. An `Override` is returned unchanged."""
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
-# One override, or a sequence of overrides. Note that `Override` itself is a tuple.
+# One override or a sequence of overrides. `Override` itself is a tuple.
 Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mapping[str, Any]]
 
 
@@ -66,8 +66,8 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
             such as `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, whose
             mappings are merged with the mappings of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"`
             with the value in YAML; or a list of either, in which later items take precedence.
-        layers: further scenarios, as FILE:NAME, that are layered over the scenario one after the other, as if a
-            scenario extended all of them.
+        layers: further scenarios, as FILE:NAME, that are layered over the scenario in the given order, as if a scenario
+            extended all of them.
 
     Raises:
         InputError: if the file or an override is wrong; the message names the file, line, field, value and the allowed
@@ -77,11 +77,11 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
 
 
 def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
-    """Return a scenario in which some fields of the first level are replaced completely.
+    """Return a scenario in which some top-level fields are replaced completely.
 
     Args:
         scenario: scenario to change.
-        fields: new values of fields by name, as mappings and numbers.
+        fields: new values of top-level fields by name, as mappings and numbers.
 
     Raises:
         InputError: an error of `load_scenario`.
@@ -91,15 +91,15 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
 
 
 def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
-    """Return a model with the fields that overrides give, and with the defaults of all other fields.
+    """Return a model with default values, except for the fields that overrides give.
 
     Raises:
-        InputError: if an override is wrong, see `load_scenario`.
+        InputError: if an override is invalid; see `load_scenario`.
     """
     return validate(model, reduce(merge, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
-# Default route and control of a scenario whose gains are still to be designed. The gains in this text are not used.
+# Default route and control of a scenario for gain design. The gains in this text are placeholders that are never used.
 _UNDESIGNED_DEFAULTS = """
 route: {kind: figure_eight}
 control:
@@ -109,10 +109,10 @@ control:
 
 
 def load_undesigned(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
-    """Load a scenario for the design of its gains, such as a vehicle without route and control.
+    """Load a scenario for gain design. The scenario may lack a route and a control.
 
     The default route is the paper's figure eight, and the default position controller is a PD with feed-forward. If the
-    scenario has an autopilot, its cascade leaves attitude control to the autopilot.
+    scenario has an autopilot, the default cascade leaves attitude control to it.
 
     Args:
         spec: FILE, or FILE:NAME if the file contains several scenarios.
@@ -141,13 +141,13 @@ def _with_attitude_on_board(tree: Tree) -> Tree:
 
 
 def _text_at(tree: Tree, *path: str) -> Any:
-    """Return the text at a path; None if there is no text at the path."""
+    """Return the text at a path, or None if the path does not exist or its value is not text."""
     part, depth = tree.at(path)
     return part.value if depth == len(path) and isinstance(part.value, str) else None
 
 
 def has_control(spec: str | Path) -> bool:
-    """Return whether the files of a scenario contain a control. The file of a vehicle, for example, does not.
+    """Return whether the files of a scenario contain a control. A vehicle file, for example, contains none.
 
     Raises:
         InputError: if the file or the scenario does not exist, or the file is not YAML.
@@ -156,14 +156,14 @@ def has_control(spec: str | Path) -> bool:
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
-    """Load a mission from a scenario, whose other fields are ignored, or from a table of waypoints.
+    """Load a mission from a scenario, ignoring its other fields, or from a table of waypoints.
 
     Args:
-        spec: FILE, or FILE:NAME if the file contains several scenarios; or a CSV file, see `waypoint_table`.
+        spec: FILE, FILE:NAME if the file contains several scenarios, or a CSV file (see `waypoint_table`).
         overrides: overrides for `load_scenario`.
 
     Raises:
-        InputError: an error of `load_scenario`, or an override of a field that a mission does not have.
+        InputError: as for `load_scenario`, or if an override names a field that a mission does not have.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     tree = _loaded(spec, overrides, foreign=others)
@@ -178,14 +178,14 @@ def _loaded(
     defaults_text: str = "",
     foreign: Set[str] = frozenset(),
 ) -> Tree:
-    """Return the tree of a scenario, with its layers and overrides.
+    """Return the tree of a scenario after merging its layers and overrides.
 
     Args:
         spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: overrides for `load_scenario`.
         layers: layers for `load_scenario`.
-        defaults_text: YAML text of default fields below the scenario.
-        foreign: names of fields that must not be overridden.
+        defaults_text: YAML text with defaults for fields that the scenario does not have.
+        foreign: names of fields that no override may name.
 
     Raises:
         InputError: if the scenario cannot be read, or an override names a foreign field.
@@ -209,7 +209,7 @@ def _loaded(
 
 
 def _without_relatives(tree: Tree) -> Tree:
-    """Return a scenario with ordinary instead of relative distributions.
+    """Replace the relative distributions of a scenario by ordinary distributions.
 
     If `nominal` is invalid, the scenario is returned unchanged, so that validation reports the error.
     """
@@ -226,7 +226,7 @@ def _without_relatives(tree: Tree) -> Tree:
 
 
 def _refuse_needed(dropped: Mapping[str, Tree], tree: Tree) -> None:
-    """Raise InputError if a vehicle requires a field whose relative distribution was dropped."""
+    """Raise InputError if a field that the vehicle requires had only a relative distribution, which was dropped."""
     data = tree.value["vehicle"].to_python()
     try:
         Vehicle.model_validate(data)
@@ -245,7 +245,7 @@ def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     """Validate a document and return it as a model.
 
     Raises:
-        InputError: if the document is invalid; the message names the file, line, field, value and the allowed values.
+        InputError: if the document is invalid. The message names file, line, field, value and allowed values.
     """
     data = tree.to_python()
     try:
@@ -253,7 +253,7 @@ def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     except ValidationError as error:
         problems = error.errors(include_url=False)
     paths = [_document_path(problem, data) for problem in problems if _gives_items(problem)]
-    # If only some items of a list are given, by index, the model's defaults supply the other items.
+    # If only some items of a list are given by index, the model's defaults supply the other items.
     rest = reduce(_without_field, paths, tree)
     try:
         defaults = model.model_validate(rest.to_python()).model_dump(mode="json") if paths else {}
@@ -281,13 +281,13 @@ def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
 
 
 def _gives_items(problem: Any) -> bool:
-    """Return whether a problem is a list that was given as single items, as in `vehicle.inertia.0`."""
+    """Return whether a validation problem arises because list items were given by index, as in `vehicle.inertia.0`."""
     value = problem["input"]
     return problem["type"] == "tuple_type" and isinstance(value, dict) and all(map(is_item, value))
 
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
-    """Yield a document for each field that is overridden."""
+    """Yield a separate document for each overridden field."""
     if isinstance(overrides, str | Override | Mapping) or not isinstance(overrides, Iterable):
         overrides = [overrides]
     for override in overrides:
@@ -318,7 +318,7 @@ def _parsed(override: Override, library: Library) -> Tree:
 
 
 def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any) -> str:
-    """Return an error message about the first of several problems, with the number of further problems."""
+    """Return an error message about the first validation problem, with the number of further problems."""
     problem = problems[0]
     context = problem.get("ctx", {})
     missing = {_document_path(each, data) for each in problems if each["type"] in _MISSING_TYPES}
@@ -341,17 +341,18 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
         return f"{node.mark}: {_path_text(path)} {hint}"
     if depth == len(path):
         complaint = _complaint(problem, short_repr(node.to_python()), path, model)
-    else:  # the value is a default, which no file contains
+    else:  # the value is a default, so no file contains it
         default = context.get("value", context.get("tag", problem["input"]))
         complaint = _complaint(problem, f"{short_repr(default)} by default", path, model)
     return f"{node.mark}: {_path_text(path)} {complaint}{more}"
 
 
 def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
-    """Return a clause on the command that registers an unknown kind or effect; empty for other problems.
+    """Return a clause with the command that registers an unknown kind or effect; empty for other problems.
 
-    The file of the scenario names the options if `save_scenario` wrote it. Otherwise, they follow from a kind of the
-    form MODULE.CLASS, as `register_controller` names kinds. A name that is similar to a known one is a mistake.
+    The options come from the scenario file if `save_scenario` wrote it. Otherwise they are derived from a kind of the
+    form MODULE.CLASS, since `register_controller` names kinds so. A name similar to a registered one is assumed to be a
+    spelling mistake, for which no command is suggested.
     """
     context = problem.get("ctx", {})
     match problem["type"]:
@@ -374,7 +375,7 @@ def _registration_hint(problem: Any, node: Tree, path: tuple[Any, ...]) -> str:
 
 
 def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:
-    """Return the description of a problem with the value at a path, including the allowed values."""
+    """Describe a validation problem with the value at a path, including the allowed values."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
@@ -406,7 +407,7 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
 
 
 def _nearest(problem: Any) -> str:
-    """Return a question with the nearest allowed text, for a problem with a misspelt kind or choice."""
+    """Return a "did you mean" question with the most similar allowed text, for a misspelt kind or choice."""
     context = problem.get("ctx", {})
     allowed = re.findall(r"'([^']*)'", str(context.get("expected_tags") or context.get("expected") or ""))
     value = context.get("tag", problem["input"])
@@ -424,7 +425,7 @@ def _nested_paths(model: type[Model], name: str) -> list[str]:
 
 
 def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
-    """Return the path of a problem in the document, without the tags of unions that pydantic adds.
+    """Return the path of a validation problem in the document, without the union tags that pydantic adds.
 
     The path of a missing field or item ends with that field or item.
     """
@@ -434,8 +435,8 @@ def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
         kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _DEFAULT_KINDS
-        # "normal" is the tag of a normal distribution, but also a field of a half-space. It is a tag if pydantic
-        # reports the whole mapping as the input of the problem.
+        # "normal" is the tag of a normal distribution, but also a field of a half-space. It is a tag if the input that
+        # pydantic reports is the whole mapping.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data

@@ -1,11 +1,11 @@
-"""Trees of YAML values. Error messages refer to the location of a value in a file or an override."""
+"""Trees of YAML values with their locations in a file or an override, to which error messages refer."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from drake_quad.errors import shorten_text
 
-# Largest number of characters of a source in a message. Most paths fit, so that an editor can open them.
+# Largest number of characters that a message shows of a source. Most paths are shorter, so they remain complete.
 _MAX_SOURCE_CHARACTERS = 120
 
 
@@ -14,7 +14,7 @@ class Mark(NamedTuple):
 
     Attributes:
         source: path of the file, or text of the override.
-        line: line in the file, from 1 on; 0 for an override or a whole file.
+        line: line in the file, counted from 1; 0 for an override or a whole file.
         remark: text that messages show after the location.
     """
 
@@ -40,7 +40,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, value: Any, mark: Mark) -> "Tree":
-        """Return the tree of a plain value, with the same mark for all its parts."""
+        """Convert a plain value to a tree with the same mark for all its parts."""
         if isinstance(value, Mapping):
             return cls({name: cls.of(part, mark) for name, part in value.items()}, mark)
         if isinstance(value, list | tuple):
@@ -48,7 +48,7 @@ class Tree(NamedTuple):
         return cls(value, mark)
 
     def to_python(self) -> Any:
-        """Return the value without marks."""
+        """Convert the tree to a plain value without marks."""
         if isinstance(self.value, dict):
             return {key: tree.to_python() for key, tree in self.value.items()}
         if isinstance(self.value, list):
@@ -56,7 +56,7 @@ class Tree(NamedTuple):
         return self.value
 
     def size(self) -> int:
-        """Return the number of names and values in the tree."""
+        """Return the number of keys and values in the tree."""
         if isinstance(self.value, dict):
             return 1 + sum(1 + tree.size() for tree in self.value.values())
         if isinstance(self.value, list):
@@ -64,7 +64,7 @@ class Tree(NamedTuple):
         return 1
 
     def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
-        """Return the subtree at a path, and the number of steps to it.
+        """Return the subtree at a path, and the number of path steps that lead to it.
 
         If there is no such subtree, the deepest existing subtree on the path is returned.
         """

@@ -1,4 +1,4 @@
-"""Reading of the corners of a mesh from an .obj or .stl file."""
+"""Reading of mesh vertices from an .obj or .stl file."""
 
 import codecs
 import warnings
@@ -14,13 +14,13 @@ from drake_quad.scenario.files.robot_files import ROBOT_KINDS
 from drake_quad.scenario.limits import MAX_CORNERS
 from drake_quad.space.simplification import simplified_hull
 
-_MAX_MESH_BYTES = 50_000_000
-# Header of a binary .stl file: 80 bytes and the number of triangles. Each triangle has 12 numbers and 2 further bytes.
+_MAX_MESH_BYTES = 50_000_000  # limits the time to read a file
+# Header of a binary .stl file: 80 bytes, then the number of triangles. Each triangle has 12 numbers and 2 more bytes.
 _STL_HEADER_BYTES = 84
 _ROBOT_MESSAGE = "describes a {} and is not a mesh: give the mesh, box, cylinder or sphere of its collision element"
 _CONVERSION_MESSAGE = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
 # Error messages for other common formats, by file suffix.
-_FLAWS_BY_SUFFIX = {
+_ERRORS_BY_SUFFIX = {
     **{suffix: _ROBOT_MESSAGE.format(kind) for suffix, kind in ROBOT_KINDS.items()},
     ".dae": _CONVERSION_MESSAGE.format("Collada mesh"),
     **dict.fromkeys((".gltf", ".glb"), _CONVERSION_MESSAGE.format("glTF mesh")),
@@ -31,25 +31,25 @@ _FLAWS_BY_SUFFIX = {
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
 }
 # Error messages by the first bytes of a file, in lower case.
-_FLAWS_BY_FIRST_BYTES = {
-    b"gltf": _FLAWS_BY_SUFFIX[".gltf"],
-    b"ply\n": _FLAWS_BY_SUFFIX[".ply"],
-    b"ply\r\n": _FLAWS_BY_SUFFIX[".ply"],
+_ERRORS_BY_FIRST_BYTES = {
+    b"gltf": _ERRORS_BY_SUFFIX[".gltf"],
+    b"ply\n": _ERRORS_BY_SUFFIX[".ply"],
+    b"ply\r\n": _ERRORS_BY_SUFFIX[".ply"],
 }
 # Error messages by the root element of an XML file, in lower case.
-_FLAWS_BY_ELEMENT = {
-    b"<robot": _FLAWS_BY_SUFFIX[".urdf"],
-    b"<sdf": _FLAWS_BY_SUFFIX[".sdf"],
-    b"<collada": _FLAWS_BY_SUFFIX[".dae"],
+_ERRORS_BY_XML_ELEMENT = {
+    b"<robot": _ERRORS_BY_SUFFIX[".urdf"],
+    b"<sdf": _ERRORS_BY_SUFFIX[".sdf"],
+    b"<collada": _ERRORS_BY_SUFFIX[".dae"],
 }
 _NUM_SEARCHED_BYTES = 2_000  # enough to find the root element after an XML declaration and comments
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def mesh_points(path: Path) -> Tree:
-    """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the axes and units of the mesh.
+    """Read the vertices of a mesh's convex hull as an obstacle's list `points`, in axes and units of the file.
 
-    A hull with too many corners is replaced by a simpler hull around it, see `simplified_hull`, with a warning.
+    If the hull has too many vertices, a simpler hull that encloses it is used, with a warning; see `simplified_hull`.
 
     Args:
         path: path of a Wavefront .obj file, or of a text or binary .stl file.
@@ -62,10 +62,10 @@ def mesh_points(path: Path) -> Tree:
     suffix = path.suffix.lower()
     read = {".obj": _obj_vertices, ".stl": _stl_vertices}.get(suffix)
     if read is None:
-        flaw = _FLAWS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
+        flaw = _ERRORS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
         raise InputError(f"{mark}: {flaw}")
     data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have at most {_MAX_MESH_BYTES:,} bytes")
-    if flaw := _other_format_flaw(data[:_NUM_SEARCHED_BYTES].lower()):
+    if flaw := _other_format_error(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:
         points = read(data)
@@ -80,11 +80,11 @@ def mesh_points(path: Path) -> Tree:
     return Tree.of(hull.corners.tolist(), mark)
 
 
-def _other_format_flaw(beginning: bytes) -> str:
-    """Return an error message for a file whose first bytes identify another known format; empty otherwise."""
-    flaws = [flaw for start, flaw in _FLAWS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
+def _other_format_error(beginning: bytes) -> str:
+    """Return an error message if the first bytes of a file identify another known format; empty otherwise."""
+    flaws = [flaw for start, flaw in _ERRORS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
-        flaws += [flaw for element, flaw in _FLAWS_BY_ELEMENT.items() if element in beginning]
+        flaws += [flaw for element, flaw in _ERRORS_BY_XML_ELEMENT.items() if element in beginning]
     return flaws[0] if flaws else ""
 
 
@@ -95,7 +95,7 @@ def _obj_vertices(data: bytes) -> np.ndarray:
 
 
 def _stl_vertices(data: bytes) -> np.ndarray:
-    """Return the vertices (n, 3) of a binary or text .stl file; in a text file they follow the keyword `vertex`."""
+    """Return the vertices (n, 3) of a binary .stl file, or of a text file in which they follow the keyword `vertex`."""
     if len(data) >= _STL_HEADER_BYTES and len(data) == _STL_HEADER_BYTES + _STL_TRIANGLE.itemsize * int.from_bytes(
         data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES], "little"
     ):

@@ -1,4 +1,4 @@
-"""Reading of the files whose names a scenario contains in place of their contents."""
+"""Reading of files that a scenario includes by name."""
 
 import os
 from collections.abc import Callable
@@ -28,13 +28,13 @@ _NETWORK_SUFFIX = ".onnx"
 
 
 def with_named_files(tree: Tree, library: Library) -> Tree:
-    """Return a scenario with the contents of files in place of their names.
+    """Replace the file names in a scenario by the contents of the files.
 
     As in `extends`, a file name is relative to the folder of the file that contains it.
 
     Args:
         tree: scenario with file names.
-        library: library that reads the files.
+        library: library that reads the files and enforces the limits on their size.
 
     Raises:
         InputError: if a file does not exist, cannot be read or has another format.
@@ -45,13 +45,13 @@ def with_named_files(tree: Tree, library: Library) -> Tree:
 
 
 def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], parent: str = "") -> Tree:
-    """Return a tree with the contents of a file in place of its name.
+    """Replace one file name in a tree by the contents of the file.
 
     Args:
         tree: scenario, or a part of it.
         path: path of the field within the tree.
-        read: function that reads the file, given its path and, if one is selected, the name of an output.
-        parent: path of the tree within the scenario.
+        read: function that reads the file, given its path and, if the field selects one, the name of an ONNX output.
+        parent: path of the tree itself within the scenario.
 
     Raises:
         InputError: if the file does not exist, or `read` rejects it.
@@ -71,7 +71,7 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], par
 
 
 def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
-    """Return the path of the file that a field names, and the name of an output if the field selects one.
+    """Return the path of the file that a field names, and the name of the ONNX output if the field selects one.
 
     Raises:
         InputError: if the file does not exist.

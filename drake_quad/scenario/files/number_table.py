@@ -1,4 +1,4 @@
-"""Parser of CSV tables of numbers with named columns."""
+"""Parser for CSV tables of numbers with named columns."""
 
 import csv
 import io
@@ -20,11 +20,11 @@ class TableFormat(NamedTuple):
     """Format of a table.
 
     Attributes:
-        content: name of the rows in messages, such as "waypoints".
+        content: word for the rows in error messages, such as "waypoints".
         columns: names of all columns that a table may have.
-        description: text that lists these names in messages.
+        description: text that lists the column names in error messages.
         required: columns that a table must have.
-        default: columns of a table without a row of names.
+        default: columns of a table without a header row.
         optional: columns whose cells may be empty.
     """
 
@@ -67,7 +67,7 @@ def table_rows(text: str, path: Path, table: TableFormat) -> list[Row]:
 
 
 def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Mark, list[str]]]:
-    """Yield the location and the cells of each row that is neither empty nor a comment."""
+    """Yield the location and the cells of each row that is not empty and not a comment."""
     reader = csv.reader(io.StringIO(text, newline=""))
     count = 0
     try:
@@ -108,7 +108,7 @@ def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat)
 
 
 def _number_in(cell: str) -> float | None:
-    """Return the number in a cell; None if the cell does not contain a finite number."""
+    """Return the number in a cell, or None if the cell does not contain a finite number."""
     try:
         number = parse_float(cell)
     except ValueError:

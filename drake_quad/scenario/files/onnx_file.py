@@ -1,8 +1,8 @@
-"""Reading of the network of a policy from an ONNX model, as a chain of nodes from the observation to the action.
+"""Reading of a policy network from an ONNX model, as a chain of nodes from the observation to the action.
 
 Nodes that do not affect the action, such as the value function of an actor-critic network, are ignored. If the model
-has several outputs, the action is the selected output, or else an output named `action` or `actions`, or else the
-first output.
+has several outputs, the action is the selected output. If none is selected, it is the output named `action` or
+`actions`, or the first output if there is no such name.
 """
 
 import math
@@ -18,7 +18,7 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
-# Names of activations by the kind of their ONNX node.
+# Names of activation functions in the scenario language, by ONNX operator.
 _ACTIVATIONS = {
     "Tanh": "tanh",
     "Relu": "relu",
@@ -28,41 +28,42 @@ _ACTIVATIONS = {
     "Swish": "silu",
     "Gelu": "gelu",
 }
-# Names of an output that is the action if there are several outputs.
+# Output names that identify the action if there are several outputs.
 _ACTION_NAMES = ("action", "actions")
-# Domains of the standard operators. Operators of other domains, such as onnxruntime's optimiser, have other meanings.
+# ONNX domains of the standard operators. In other domains, such as that of onnxruntime's optimiser, the same names can
+# have other meanings.
 _STANDARD_DOMAINS = ("", "ai.onnx")
 # Relative rounding error of a constant in single precision.
 _CONSTANT_TOLERANCE = 1e-6
 # Relative rounding error of a product of several such constants.
 _GATE_TOLERANCE = 1e-5
-# Largest depth of the arithmetic that forms a gate.
+# Largest depth of the arithmetic expression that forms a gate.
 _MAX_GATE_DEPTH = 10
 # Largest number of nodes that form a gate.
 _MAX_GATE_NODES = 40
-# Kinds of nodes that do not change the numbers of a single observation.
+# Operators that leave a single observation unchanged.
 _NEUTRAL_NODES = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
-# Kinds of nodes with at most one input that are computed if it is constant.
+# Operators with at most one input whose result is computed in advance if the input is constant.
 _UNARY_NODES = ("Constant", "Neg", "Sqrt", "Reciprocal", *_NEUTRAL_NODES)
-# Kinds of nodes with two inputs that are computed if both are constant.
+# Operators with two inputs whose result is computed in advance if both inputs are constant.
 _BINARY_NODES = ("Add", "Sub", "Mul", "Div")
-# Functions of the arithmetic nodes that may form a gate.
+# Python functions of the arithmetic operators that may form a gate.
 _ARITHMETIC = {"Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide, "Pow": np.power}
-# Smallest bound that means "no bound". Exporters write, for example, the largest number in single precision.
+# Bounds of at least this magnitude mean "no bound". Exporters write, for example, the largest single-precision number.
 _MIN_UNBOUNDED = 3e38
-# Types FLOAT and DOUBLE of ONNX.
+# ONNX type codes of FLOAT and DOUBLE.
 _FLOAT_TYPES = (1, 11)
 
 
 class _GatedActivation(NamedTuple):
-    """Activation x · gate(x) that some exporters write as several nodes.
+    """Activation function x · gate(x), which some exporters write as several nodes.
 
     Attributes:
-        kind: kind of the single node that has the same meaning.
-        attributes: attributes of the single node.
-        slope: coefficient of x in the argument of the gate's function.
-        cube: coefficient of x³ in this argument, divided by `slope`.
-        offset: number that the gate adds to its function.
+        kind: operator of the single node that computes the same activation.
+        attributes: attributes of this single node.
+        slope: coefficient of x in the argument of the function in the gate, such as tanh.
+        cube: coefficient of x³ in the argument, divided by `slope`.
+        offset: constant that the gate adds to the function.
     """
 
     kind: str
@@ -72,7 +73,7 @@ class _GatedActivation(NamedTuple):
     offset: float
 
 
-# Gated activations by the kind of the node that computes the function of their gate.
+# Gated activations, by the operator that computes the function in the gate.
 _GATED_ACTIVATIONS = {
     "Sigmoid": _GatedActivation("Swish", {}, 1.0, 0.0, 0.0),
     "Erf": _GatedActivation("Gelu", {}, math.sqrt(0.5), 0.0, 1.0),
@@ -81,9 +82,9 @@ _GATED_ACTIVATIONS = {
 
 
 def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[TrainedNetwork, str]:
-    """Read the network of a policy from an ONNX model.
+    """Read a policy network from an ONNX model.
 
-    If the model has several outputs and none is selected, a warning names the output that is used as the action.
+    If the model has several outputs and none is selected, a warning states which output is used as the action.
 
     Args:
         data: content of the file.
@@ -91,7 +92,7 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
         output: name of the output that is the action; None if none is selected.
 
     Returns:
-        The network, and a remark for later error messages that names the output of the warning; empty without warning.
+        The network, and a remark for later error messages that names the assumed output; empty if there was no warning.
 
     Raises:
         UnreadableError: if the data are not an ONNX model, or the model lacks the selected output, has branches, or
@@ -127,10 +128,10 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
 
 
 class _Node:
-    """A node of a chain.
+    """Node in a chain of ONNX nodes.
 
     Attributes:
-        kind: kind of the node, such as "Gemm".
+        kind: operator of the node, such as "Gemm".
         constants: constant inputs of the node; None for the output of the previous node in the chain, and for omitted
             inputs.
         chain_index: index of the input that is the output of the previous node.
@@ -203,7 +204,7 @@ class _Graph:
         try:
             results = self._onnx.reference.ReferenceEvaluator(model).run(None, {})
         except Exception as error:  # the evaluator raises exceptions of several types
-            raise UnreadableError(f"has a node {node.op_type} of constants that cannot be computed") from error
+            raise UnreadableError(f"has a node {node.op_type} with constant inputs that cannot be computed") from error
         self._constants |= dict(zip(node.output, results, strict=False))
 
     def chain(self) -> list[_Node]:
@@ -238,7 +239,7 @@ class _Graph:
         return nodes[::-1]
 
     def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
-        """Return the nodes that are equivalent to a product of a value and its gate, and the name of their input.
+        """Return nodes that are equivalent to the product of a value and its gate, and the name of their input.
 
         Exporters write SiLU and GELU as such a product for opsets that have no node for them. With u = s z, the product
         k z (offset + F(slope (u + cube u³))) is (1 + offset) k / s times the activation of u. F is the function of the
@@ -275,12 +276,12 @@ class _Graph:
         return None
 
     def _value(self, name: str, known: Mapping[str, Any], depth: int = _MAX_GATE_DEPTH) -> Any:
-        """Return a value that follows from known values by arithmetic; NaN if it does not.
+        """Compute a graph value from known values by arithmetic, or return NaN if this is not possible.
 
         Args:
             name: name of the value.
             known: known values by name.
-            depth: largest number of successive nodes from the known values to this value.
+            depth: largest number of successive nodes between the known values and this value.
         """
         if name in known:
             return known[name]
@@ -294,19 +295,19 @@ class _Graph:
 
 
 def _stays_small(kind: str, inputs: Sequence[Any]) -> bool:
-    """Return whether the result of a node certainly has no more numbers than its constant inputs."""
+    """Return whether the result of a node is certainly not larger than its constant inputs, in number of elements."""
     if kind in _BINARY_NODES:
         return min(each.size for each in inputs) == 1 or len({each.shape for each in inputs}) == 1
     return kind in _UNARY_NODES
 
 
 def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Add the operation of a node to the layers.
+    """Append the operation of a node to the layers.
 
     Args:
         layers: layers of the preceding nodes.
         node: node to add.
-        is_last: True if no later node changes the numbers.
+        is_last: True if no later node changes the output.
     """
     handler = _NODE_HANDLERS.get(node.kind)
     if handler is not None:
@@ -323,7 +324,7 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
 
 
 def _activation(node: _Node) -> tuple[str, float | None]:
-    """Return the name of an activation, and its parameter alpha; None if alpha is not given."""
+    """Return the name of an activation function and its parameter alpha, which is None if it is not given."""
     name, alpha = _ACTIVATIONS[node.kind], node.attributes.get("alpha")
     if name == "gelu":
         approximated = node.attributes.get("approximate", b"none")
@@ -341,7 +342,7 @@ def _gemm(layers: Layers, node: _Node) -> None:
     attributes = node.attributes
     _, weights, *biases = [*node.constants, None]
     if node.chain_index or weights is None or attributes.get("transA", 0):
-        raise UnreadableError("has a Gemm that is not a product of its input and a constant matrix")
+        raise UnreadableError("has a Gemm that does not multiply its input by a constant matrix")
     weights = _matrix(weights) * attributes.get("alpha", 1.0)
     weights = weights if attributes.get("transB", 0) else weights.T
     summand = np.zeros(1) if biases[0] is None else attributes.get("beta", 1.0) * np.ravel(biases[0])
@@ -380,14 +381,16 @@ def _arithmetic(layers: Layers, node: _Node) -> None:
 
 
 def _gru(layers: Layers, node: _Node) -> None:
-    """Add gated recurrent units, whose gates have the order update, reset, new in ONNX."""
+    """Append gated recurrent units. ONNX stores their gates in the order update, reset, new."""
     attributes = node.attributes
     _, input_gates, hidden_gates, both, lengths, initial = [*node.constants, None, None, None][:6]
     if attributes.get("linear_before_reset", 0) != 1 or attributes.get("direction", b"forward") != b"forward":
         raise UnreadableError("has a GRU that is not forward, or without linear_before_reset, which is not supported")
     activations = [each.decode().lower() for each in attributes.get("activations", [b"sigmoid", b"tanh"])]
     if activations != ["sigmoid", "tanh"] or "clip" in attributes or lengths is not None:
-        raise UnreadableError("has a GRU with other activations, a clip, or sequence lengths, which are not supported")
+        raise UnreadableError(
+            "has a GRU with non-default activations, a clip, or sequence lengths, which are not supported"
+        )
     if (
         node.chain_index
         or input_gates is None
@@ -399,15 +402,15 @@ def _gru(layers: Layers, node: _Node) -> None:
     units = hidden_gates.shape[-1]
     both = np.zeros((1, 6 * units)) if both is None else both
     if input_gates.shape[:2] != (1, 3 * units) or both.shape != (1, 6 * units):
-        raise UnreadableError("has a GRU whose weights and biases have shapes that do not match")
+        raise UnreadableError("has a GRU with weights and biases of inconsistent shapes")
     order = np.r_[units : 2 * units, :units, 2 * units : 3 * units]
     inner, outer = np.split(both[0], 2)
     layers.gru((input_gates[0][order], inner[order]), (hidden_gates[0][order], outer[order]), initial)
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Add a limit. A limit of the action that contains [-1, 1] has no effect, since actions are always within it."""
-    attributes = [node.attributes.get(name) for name in ("min", "max")]  # up to opset 10 the limits are attributes
+    """Append a limit. A limit on the action beyond [-1, 1] has no effect, since actions are never beyond it."""
+    attributes = [node.attributes.get(name) for name in ("min", "max")]  # the limits are attributes up to opset 10
     bounds = attributes if len(node.constants) == 1 else [*node.constants[1:], None][:2]
     if node.chain_index or any(np.size(each) != 1 for each in bounds if each is not None):
         raise UnreadableError("has a Clip whose bounds are not constant numbers")
@@ -426,7 +429,7 @@ def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
         layers.limit_output(low, high)
 
 
-# Functions that add a node to the layers, by the kind of the node.
+# Functions that append a node to the layers, by operator.
 _NODE_HANDLERS: dict[str, Callable[[Layers, _Node], None]] = {
     "Gemm": _gemm,
     "MatMul": _matmul,

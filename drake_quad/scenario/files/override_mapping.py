@@ -1,4 +1,4 @@
-"""Conversion of overrides that are given as Python values, such as mappings, lists, arrays and parts of scenarios."""
+"""Conversion of overrides given as Python values, such as mappings, lists, arrays and parts of scenarios."""
 
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
@@ -13,17 +13,17 @@ from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS
 from drake_quad.scenario.paths import join_path, steps_of
 
-# Largest number of characters of a field's path in a message. The longest path has seventy characters.
+# Largest number of characters that a message shows of a path. The longest path has seventy characters.
 _MAX_PATH_CHARACTERS = 80
 
 
 def override_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
-    """Yield a document for each field of a mapping from paths to values.
+    """Yield a separate document for each item of a mapping from paths to values.
 
     Args:
         fields: values by the path of their field, such as `vehicle.mass`. A value may itself be a mapping from paths to
             values.
-        library: library of the scenario, whose limits include the values.
+        library: library of the scenario, which counts the values towards its size limits.
 
     Raises:
         InputError: if a key is not a path, or a value has a type that a scenario cannot contain.
@@ -37,8 +37,8 @@ class _Values:
     """Converter of Python values to trees.
 
     Args:
-        mark: name of the values in error messages.
-        library: library of the scenario, whose limits include the values.
+        mark: location of the values for error messages.
+        library: library of the scenario, which counts the values towards its size limits.
     """
 
     def __init__(self, mark: Mark, library: Library) -> None:
@@ -50,7 +50,7 @@ class _Values:
         Args:
             value: value of a field.
             path: path of the field.
-            level: number of levels above the value.
+            level: nesting level of the value.
         """
         self._library.count(self._mark)
         if level > MAX_LEVELS:
@@ -72,13 +72,13 @@ class _Values:
             )
         if isinstance(value, str) and len(value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark}: {short_repr(value)} is too long: a name or value may have at most {MAX_CHARACTERS:,}"
+                f"{self._mark}: {short_repr(value)} is too long: a key or value may have at most {MAX_CHARACTERS:,}"
                 " characters"
             )
         return Tree(value, self._mark)
 
     def mapping(self, fields: Mapping[Any, Any], path: str, level: int) -> Tree:
-        """Return the tree of a mapping from paths to values; `path` and `level` are those of the mapping itself."""
+        """Convert a mapping from paths to values to a tree; `path` and `level` are those of the mapping itself."""
         result = Tree({}, self._mark)
         for key, value in fields.items():
             name = str(key) if isinstance(key, int) and not isinstance(key, bool) else key
@@ -99,9 +99,9 @@ class _Values:
 
 
 def _union(one: Tree, other: Tree) -> Tree:
-    """Return the union of two parts of one mapping, in which the second part takes precedence.
+    """Merge two parts of one mapping; the second part takes precedence.
 
-    Unlike `merged`, this function does not replace a mapping of another kind, since both parts belong to one override.
+    Unlike `merge`, this function does not replace a mapping of another kind, since both parts belong to one override.
     """
     if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
         return other

@@ -1,6 +1,6 @@
-"""Reading of the network of a policy from an .npz file of NumPy or from an ONNX file.
+"""Reading of a policy network from a NumPy .npz file or an ONNX file.
 
-For each layer k, counted from 0, an .npz file contains the arrays of one of two kinds:
+An .npz file contains, for each layer k (counted from 0), the arrays of one of two layer types:
 
 - Dense layer: `weights_k` (outputs, inputs) and `biases_k` (outputs,), and optionally the name `activation_k` and its
   parameter `alpha_k`.
@@ -28,9 +28,10 @@ from drake_quad.scenario.limits import MAX_NETWORK_BYTES
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
-# A file may be larger than the network, since it may use double precision and contain other networks, such as a critic.
+# A file may be larger than the policy network, since it may use double precision and contain other networks, such as a
+# critic.
 _MAX_FILE_BYTES = 8 * MAX_NETWORK_BYTES
-# Kinds of layers, which pydantic adds to the paths of its errors.
+# Kinds of layers. Pydantic adds them to the paths of its errors.
 _LAYER_KINDS = ("dense", "gru")
 
 
@@ -51,10 +52,10 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     }
     read = readers.get(path.suffix.lower())
     if read is None:
-        raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
+        raise InputError(f"{mark}: is not a readable network: its name must end in .npz or .onnx")
     data = read_bytes(path, _MAX_FILE_BYTES, f"the file of a network may have at most {_MAX_FILE_BYTES:,} bytes")
     try:
-        # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
+        # Arithmetic on the constants in a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):
             network, remark = read(data)
     except UnreadableError as error:

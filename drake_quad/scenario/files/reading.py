@@ -13,10 +13,10 @@ from drake_quad.scenario.limits import MAX_BYTES
 
 @contextmanager
 def open_source(path: Path) -> Iterator[IO[bytes]]:
-    """Open a regular file for reading, as a context manager. Devices and pipes, which may never end, are rejected.
+    """Open a regular file for reading, as a context manager. Devices and pipes are rejected, since they may never end.
 
     Raises:
-        InputError: if the file cannot be opened, or cannot be read in the context.
+        InputError: if the file cannot be opened, or reading fails inside the context.
     """
     mark = Mark(str(path), 0)
     try:

@@ -1,9 +1,9 @@
 """Distributions relative to a vehicle, such as `{relative: {to: 0.68, normal: {...}}}`.
 
-The numbers of such a distribution apply to a vehicle whose field has the value `to`. For any other vehicle they are
-scaled in proportion. A scenario can therefore describe the variation of vehicles without a specific vehicle. While
-layers are merged, a relative distribution is stored together with the value of the lower layers. When all layers are
-merged, the two become an ordinary distribution.
+The parameters of such a distribution apply to a vehicle whose field has the value `to`. They are scaled in proportion
+for other vehicles, so a scenario can describe a variation that applies to any vehicle. While layers are merged, a
+relative distribution is stored together with the value from the lower layers. When all layers are merged, both are
+converted to an ordinary distribution.
 """
 
 from typing import Any
@@ -18,9 +18,9 @@ from drake_quad.scenario.paths import is_item, join_path
 
 RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
-_BASE_VALUE = "value beneath"
-_REFERENCE_VALUE = "to"
-# Fields whose values are already fractions of a property of the vehicle, so their distributions are not scaled.
+_BASE_VALUE_KEY = "value beneath"
+_REFERENCE_KEY = "to"
+# Fields whose values are already relative to the vehicle. Their distributions are not scaled.
 _FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
 
 
@@ -45,14 +45,14 @@ def _has_relative(tree: Tree) -> bool:
 def with_base_value(base: Tree, distribution: Tree) -> Tree:
     """Return a relative distribution together with the number or distribution to which it applies."""
     if is_relative(base):
-        if _BASE_VALUE not in base.value:
+        if _BASE_VALUE_KEY not in base.value:
             return distribution
-        base = base.value[_BASE_VALUE]
-    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE: base})
+        base = base.value[_BASE_VALUE_KEY]
+    return distribution._replace(value={RELATIVE: distribution.value[RELATIVE], _BASE_VALUE_KEY: base})
 
 
 def with_base_values(base: Tree, distributions: Tree) -> Tree:
-    """Return a list in which each relative distribution is stored with the item to which it applies."""
+    """Return a list in which each relative distribution is stored together with the item to which it applies."""
     if not isinstance(base.value, list) or len(base.value) != len(distributions.value):
         return distributions
     pairs = zip(base.value, distributions.value, strict=True)
@@ -60,9 +60,9 @@ def with_base_values(base: Tree, distributions: Tree) -> Tree:
 
 
 def relative_part(tree: Tree) -> Tree | None:
-    """Return the relative distributions of a tree, without the values to which they apply; None if it has none.
+    """Return the relative distributions in a tree, without the values to which they apply, or None if there are none.
 
-    Distributions of a list are given as a mapping from their indices.
+    If the items of a list have distributions, the result is a mapping from item index to distribution.
     """
     if is_relative(tree):
         return tree._replace(value={RELATIVE: tree.value[RELATIVE]})
@@ -74,14 +74,14 @@ def relative_part(tree: Tree) -> Tree | None:
 
 
 def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tuple[Tree, dict[str, Tree]]:
-    """Return a scenario in which ordinary distributions replace the relative distributions of `vehicle`.
+    """Replace the relative distributions of `vehicle` in a scenario by ordinary distributions.
 
-    A field that is zero or that the vehicle does not have, such as body drag, gets no distribution.
+    A field that is zero or missing in the vehicle, such as body drag, gets no distribution.
 
     Args:
         tree: scenario with all its layers merged.
-        nominal: `Nominal` of the scenario, with the values of fields that `vehicle` leaves out.
-        defaults: `Vehicle` with the defaults of all other fields.
+        nominal: `Nominal` of the scenario, which supplies fields that are missing in `vehicle`.
+        defaults: `Vehicle` that supplies the defaults of all other fields.
 
     Returns:
         The scenario, and the dropped relative distributions by path. A distribution is dropped if the vehicle has no
@@ -109,7 +109,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tupl
 
 
 def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -> Tree | None:
-    """Return a field with ordinary distributions.
+    """Replace the relative distributions in a field by ordinary distributions.
 
     Args:
         tree: value of the field.
@@ -122,7 +122,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
         The field; None if it contains only dropped distributions.
     """
     if is_relative(tree):
-        base = tree.value.get(_BASE_VALUE)
+        base = tree.value.get(_BASE_VALUE_KEY)
         number = reference if base is None else _median(base)
         if path.split(".")[1] in (*_FRACTION_FIELDS, "centre_of_mass"):
             number = reference
@@ -162,10 +162,10 @@ def refuse_dropped(distribution: Tree, path: str) -> None:
 
 
 def _part_of(reference: Any, key: str) -> Any:
-    """Return the field of a model, or the item whose index is the key; None if it does not exist.
+    """Return the field of a model, or the list item with an index, or None if it does not exist.
 
-    A number is returned for every index. For an index beyond the last item, which validation rejects later, the last
-    item is returned.
+    If the value is a single number, it is returned for any index. The last item is returned for an index beyond the
+    end, which validation rejects later.
     """
     if is_item(key) and isinstance(reference, tuple | float):
         return reference if isinstance(reference, float) else reference[min(int(key), len(reference) - 1)]
@@ -173,7 +173,7 @@ def _part_of(reference: Any, key: str) -> Any:
 
 
 def _median(tree: Tree) -> float | None:
-    """Return the number in a tree, or the median of the distribution in it; None if it contains neither."""
+    """Return the number in a tree or the median of its distribution; None if the tree contains neither."""
     plain = tree.to_python()
     if isinstance(plain, dict):
         for name, model in DISTRIBUTIONS.items():
@@ -186,19 +186,19 @@ def _median(tree: Tree) -> float | None:
 
 
 def _scaled(tree: Tree, number: float, path: str) -> Tree:
-    """Return the ordinary distribution of a vehicle whose field has the value `number`."""
+    """Scale a relative distribution for a vehicle whose field has the value `number`."""
     body = tree.value[RELATIVE]
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
-    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_VALUE}:
+    if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE_KEY}:
         raise InputError(
             f"{body.mark}: {path}.relative must be one of the distributions {join_names([*DISTRIBUTIONS])}, and may"
             " also have `to`, the value to which the distribution applies"
         )
     (name,) = names
-    reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
+    reference = body.value[_REFERENCE_KEY].value if _REFERENCE_KEY in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
         raise InputError(
-            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {short_repr(reference)}, but must be positive"
+            f"{body.value[_REFERENCE_KEY].mark}: {path}.relative.to is {short_repr(reference)}, but must be positive"
         )
     if number < 0.0:
         raise InputError(
@@ -224,7 +224,7 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
 
 
 def _times(tree: Tree, factor: float) -> Tree:
-    """Return a number times a factor; other values are returned unchanged, and validation rejects them later."""
+    """Multiply a number by a factor. Other values are returned unchanged, and validation rejects them later."""
     number = tree.value
     return (
         tree._replace(value=number * factor)
@@ -241,7 +241,7 @@ def refuse_outside_vehicle(tree: Tree) -> None:
 
 
 def _refuse(tree: Tree, path: str) -> None:
-    """Raise InputError if a part of a scenario contains a relative distribution."""
+    """Raise InputError if the given part of a scenario contains a relative distribution."""
     if is_relative(tree):
         raise InputError(
             f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` can be relative, since"

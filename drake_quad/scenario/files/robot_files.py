@@ -1,4 +1,4 @@
-"""Error messages for robot files in other formats, from which scenarios cannot be read."""
+"""Error messages for robot files, such as URDF, which are not scenario files."""
 
 from pathlib import PurePath
 

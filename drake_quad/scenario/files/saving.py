@@ -1,4 +1,4 @@
-"""Writing of a scenario as YAML, and the options with which a command reads it again."""
+"""Writing of a scenario as YAML, and the command-line options that are needed to read it again."""
 
 import io
 import re
@@ -10,16 +10,16 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import mappings_in
 
-# First line of a file with a scenario whose kinds are registered by Python files of the user.
+# First line of a saved scenario with kinds that the user's Python files register.
 _HEADER = "# This scenario needs the command-line options {}\n"
 _MAX_HEADER_LENGTH = 1000  # characters
 
 
 def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
-    """Write a scenario, with the values of all fields, as YAML to a path or a stream.
+    """Write a scenario with the values of all its fields as YAML to a path or a stream.
 
-    If the scenario has kinds that the user's Python files register, a comment in the first line names the options of a
-    command that reads the scenario again.
+    If the user's Python files register some kinds of the scenario, a comment in the first line lists the command-line
+    options that are needed to read it again.
     """
     text = io.StringIO()
     if options := registration_options(scenario):
@@ -32,7 +32,7 @@ def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
 
 
 def registration_options(scenario: Scenario) -> str:
-    """Return the command-line options that register all kinds of a scenario; empty if all are of this library."""
+    """Return the command-line options that register the user's kinds in a scenario; empty if there are none."""
     options = (type(mapping).registration_option() for _, mapping in mappings_in(scenario))
     return " ".join(dict.fromkeys(filter(None, options)))
 

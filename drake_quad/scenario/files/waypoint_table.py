@@ -1,4 +1,4 @@
-"""Reading of waypoints from a CSV file, as the document of a scenario that only has a route."""
+"""Reading of a CSV file of waypoints as a scenario that has only a route."""
 
 import re
 from pathlib import Path
@@ -15,11 +15,11 @@ _FORMAT = TableFormat(
 def parse_waypoint_table(text: str, path: Path) -> Tree:
     """Parse a table of waypoints.
 
-    The first row names the columns. x, y and z (m) are required, time (s) and yaw (rad) are optional, and the cell of a
-    free yaw is empty. Without a row of names, the table must have the three columns x, y and z.
+    The first row names the columns. The columns x, y and z (m) are required, time (s) and yaw (rad) are optional. An
+    empty yaw cell leaves the yaw free. If there is no header row, the table must have the three columns x, y and z.
 
     Returns:
-        A document with one scenario that has the name of the file and a route of kind `waypoints`.
+        A document with one scenario, which is named after the file and has a route of kind `waypoints`.
 
     Raises:
         InputError: if the text is not such a table, or has no rows or too many.
@@ -34,7 +34,7 @@ def parse_waypoint_table(text: str, path: Path) -> Tree:
 
 
 def scenario_name(path: Path) -> str:
-    """Return the name of the scenario in a table, which follows from the name of the file."""
+    """Return the name of the scenario in a table, derived from the file name."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.stem)
 
 

@@ -1,4 +1,4 @@
-"""Jerk of the command."""
+"""Metric `command_jerk`: rate of change of the commanded acceleration."""
 
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ class JerkSums(NamedTuple):
 
 
 def _rms(sums: JerkSums, ticks: Any, period: float) -> Any:
-    """Return the root mean square of the changes from tick to tick, divided by the period."""
+    """Return the root mean square of the changes from tick to tick, divided by the tick period."""
     return np.sqrt(sums.squares / np.where(ticks > 1.0, ticks - 1.0, np.nan)) / period
 
 

@@ -1,4 +1,4 @@
-"""Energy of a flight."""
+"""Metric `energy`: energy drawn from the battery."""
 
 from drake_quad.scenario.metrics.metric import metric
 from drake_quad.signals import BatteryLoad, Row

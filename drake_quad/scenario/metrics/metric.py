@@ -65,7 +65,7 @@ AnyMetric = Annotated[MetricSettings, METRICS]
 
 
 class ValueSums(NamedTuple):
-    """Result of a rule that combines the values at the ticks."""
+    """Intermediate result of a rule that combines the values at the ticks."""
 
     value: Row
 
@@ -74,13 +74,13 @@ class Reduction(NamedTuple):
     """Rule that combines the values at the ticks of a flight.
 
     Attributes:
-        initial: result before the first tick.
-        add: formula that returns the result after a tick, given the result before, the value at the tick, and the
-            duration of a tick, s.
-        value: function that computes the metric from the final result and the number of ticks.
+        initial: intermediate result before the first tick.
+        add: formula that returns the intermediate result after a tick, given the result before the tick, the value at
+            the tick, and the tick duration, s.
+        value: function that computes the metric, given the final result and the number of ticks.
         differentiable: True if the metric is a differentiable function of the values.
-        is_nonnegative: True if the metric cannot be negative, whatever the values are.
-        can_exceed_values: True if the metric can be larger than all values.
+        is_nonnegative: True if the metric cannot be negative, even for negative values.
+        can_exceed_values: True if the metric can exceed the largest value.
     """
 
     initial: float
@@ -98,7 +98,7 @@ class Reduction(NamedTuple):
 
 
 def _if_any(result: Any, ticks: Any) -> Any:
-    """Return the result, or NaN if there are no ticks."""
+    """Return the final result, or NaN if there are no ticks."""
     return result * np.where(ticks > 0.0, 1.0, np.nan)
 
 
@@ -126,10 +126,10 @@ def add_reduced(
     rule: str,
     settings: tuple[Any, ...],
 ) -> ValueSums:
-    """Return the result of a rule after a tick.
+    """Return the intermediate result of a rule after a tick.
 
     Args:
-        sums: result before the tick.
+        sums: intermediate result before the tick.
         period: duration of a tick, s.
         signals: signals at the tick.
         formula: formula that computes a value from the signals.
@@ -140,12 +140,12 @@ def add_reduced(
 
 
 def _value_of(rule: str) -> Callable[[ValueSums, Any, float], Any]:
-    """Return the function that computes a metric from the result of a rule."""
+    """Return the function that computes a metric from the final result of a rule."""
     return lambda sums, ticks, _: REDUCTIONS[rule].value(sums.value, ticks)
 
 
-_VALUES = {rule: _value_of(rule) for rule in REDUCTIONS}
-# Formats of metrics in tables, by unit.
+_VALUE_FUNCTIONS = {rule: _value_of(rule) for rule in REDUCTIONS}
+# Default table format of a metric, by its unit.
 _DISPLAYS = {"m": CENTIMETRES, "1": Display("%", 0.01, 1), "rad": Display("°", math.radians(1.0), 1)}
 
 
@@ -155,8 +155,8 @@ class Appearance(NamedTuple):
     Attributes:
         unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         label: label in tables and plots; by default the name of the metric in the scenario.
-        display: format in tables; by default in cm, degrees or per cent for a length, an angle or a fraction, else with
-            three digits.
+        display: format in tables. By default, a length is shown in cm, an angle in degrees, a fraction in per cent, and
+            any other metric with three digits.
         larger_is_better: True if a larger metric is better.
         value_range: range of the metric.
     """
@@ -175,7 +175,7 @@ class Appearance(NamedTuple):
         *,
         differentiable: bool = False,
     ) -> Metric:
-        """Return the definition of the metric with a name in the scenario."""
+        """Return the definition of the metric, given its name in the scenario."""
         return Metric(
             self.unit,
             self.label or name.replace("_", " "),
@@ -196,7 +196,7 @@ def reduced_metric(
     appearance: Appearance,
     settings: tuple[tuple[str, Any], ...] = (),
 ) -> Metric:
-    """Return a metric that combines the values of a formula at the ticks.
+    """Return the definition of a metric that combines the values of a formula at the ticks.
 
     Args:
         name: name of the metric in the scenario.
@@ -210,7 +210,7 @@ def reduced_metric(
     reduction = REDUCTIONS[rule]
     appearance = appearance._replace(value_range=reduction.value_range_of(appearance.value_range))
     accumulator = Accumulator(ValueSums(reduction.initial), add_reduced, ("period", *arguments), constants)
-    return appearance.metric(name, accumulator, _VALUES[rule], differentiable=reduction.differentiable)
+    return appearance.metric(name, accumulator, _VALUE_FUNCTIONS[rule], differentiable=reduction.differentiable)
 
 
 def metric(
@@ -224,15 +224,15 @@ def metric(
     larger_is_better: bool = False,
     value_range: ValueRange = "real",
 ) -> Callable[[_Function], _Function]:
-    """Return a decorator that registers a formula as a kind of metric, under the name of the function.
+    """Return a decorator that registers a formula as a kind of metric, named after the function.
 
     Args:
         unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
         over_time: name of the rule in `REDUCTIONS` that combines the values of the formula.
-        initial: record of the sums before the first tick, if no rule is given. The first argument of the formula is
-            then the record of the sums.
-        value: function that computes the metric from the final sums, the number of ticks, which is NaN instead of 0,
-            and the duration of a tick, s; only with `initial`.
+        initial: record of sums before the first tick, if no rule is given. The first argument of the formula is then
+            this record of sums.
+        value: function that computes the metric, given the final sums, the number of ticks (NaN instead of 0), and the
+            duration of a tick, s. It requires `initial`.
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
@@ -274,8 +274,8 @@ def flight_metric(
 ) -> Callable[[_Function], _Function]:
     """Return a decorator that registers a function of a recorded flight as a kind of metric.
 
-    The function receives a `drake_quad.Flight`, and returns a number. Keyword-only arguments are settings, as for
-    `metric`. Signals are then recorded, so a study needs more time and memory than with a formula.
+    The function receives a `drake_quad.Flight` and returns a number. Keyword-only arguments are settings, as for
+    `metric`. A study must record signals for such a metric, so it needs more time and memory than with a formula.
 
     Args:
         unit: unit of the metric; "1" for a dimensionless metric, which is shown in per cent.
@@ -313,10 +313,10 @@ def _checked_appearance(
 
 
 class FlightFunction(NamedTuple):
-    """Function of a flight with its settings.
+    """Function of a flight, together with its settings.
 
     Attributes:
-        function: function of a flight.
+        function: function that computes a number from a flight.
         settings: keyword arguments of the function, as pairs of name and value.
     """
 
@@ -324,17 +324,17 @@ class FlightFunction(NamedTuple):
     settings: tuple[tuple[str, Any], ...]
 
     def __call__(self, flight: Any) -> Any:
-        """Return the result of the function."""
+        """Call the function with a flight."""
         return self.function(flight, **dict(self.settings))
 
 
 def _settings_values(settings: MetricSettings) -> tuple[tuple[str, Any], ...]:
-    """Return the settings of a metric in a scenario, as pairs of name and value."""
+    """Return the settings that a scenario gives for a metric, as pairs of name and value."""
     return tuple((field, getattr(settings, field)) for field in type(settings).model_fields if field != "kind")
 
 
 def _registered(function: _Function, definition: Callable[..., Metric]) -> _Function:
-    """Register a kind of metric with the name of a function, and return the function."""
+    """Register a kind of metric, named after a function, and return the function."""
     model = create_model(
         "".join(map(str.capitalize, function.__name__.split("_"))),
         __base__=_base_with(definition),
@@ -343,19 +343,19 @@ def _registered(function: _Function, definition: Callable[..., Metric]) -> _Func
         kind=(Literal[function.__name__], ...),  # type: ignore[arg-type]
         **_settings_of(function),
     )
-    # Pickle finds the class as an attribute of the function.
+    # Pickle looks the class up as an attribute of the function.
     model.__qualname__ = f"{function.__qualname__}.settings"
     function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
     return function
 
 
 def _base_with(definition: Callable[..., Metric]) -> type[MetricSettings]:
-    """Return a class of metrics with the given method `definition`."""
+    """Return a subclass of `MetricSettings` with the given method `definition`."""
     return type("FormulaMetric", (MetricSettings,), {"definition": definition, "__module__": __name__})
 
 
 def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the fields of a metric in a scenario: type and default of each keyword-only argument of its function.
+    """Return the fields of a metric's settings: type and default of each keyword-only argument of its function.
 
     Raises:
         TypeError: if a keyword-only argument has no default, or the function has positional-only or variadic arguments.
@@ -368,5 +368,5 @@ def _settings_of(function: Callable[..., Any]) -> dict[str, Any]:
                 raise TypeError(f"the argument {name} of {function.__name__} must have a default")
             fields[name] = (hints.get(name, Real), parameter.default)
         elif parameter.kind != parameter.POSITIONAL_OR_KEYWORD:
-            raise TypeError(f"{function.__name__} must name its signals, in place of *{name}")
+            raise TypeError(f"{function.__name__} must name its signals instead of using *{name}")
     return fields

@@ -1,4 +1,4 @@
-"""Smallest distance from the obstacles."""
+"""Metric `obstacle_distance`: smallest distance between the vehicle and the obstacles."""
 
 import math
 from typing import Any, Literal
@@ -16,13 +16,13 @@ _APPEARANCE = Appearance("m", "smallest distance from the obstacles", larger_is_
 
 
 def add_distance(sums: ValueSums, state: State, *, surroundings: Surroundings) -> ValueSums:
-    """Return the smallest distance of the vehicle from the obstacles after a further tick."""
+    """Return the smallest distance between the vehicle and the obstacles after a further tick."""
     distance, _ = nearest_solid(state.x, state.y, state.z, surroundings.solids)
     return ValueSums(minimum(sums.value, distance - surroundings.radius))
 
 
 def _value(sums: ValueSums, ticks: Any, _: float) -> Any:
-    """Return the smallest distance; NaN without ticks."""
+    """Return the smallest distance, or NaN if there are no ticks."""
     return np.where(ticks > 0.0, sums.value, np.nan)
 
 

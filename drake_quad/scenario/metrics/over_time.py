@@ -1,4 +1,4 @@
-"""Metrics that combine the values of a scalar signal over time, with a kind for each rule."""
+"""Metrics that combine the values of a scalar signal over time. Each rule has its own kind."""
 
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ from drake_quad.laboratory.metrics import Metric
 from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.metrics.metric import METRICS, Appearance, MetricSettings, reduced_metric
 
-# Description of the metric of each rule.
+# Description of the metric that each rule computes.
 _DESCRIPTIONS = {
     "mean": "Mean of a scalar signal.",
     "rms": "Root mean square of a scalar signal.",
@@ -22,7 +22,7 @@ _DESCRIPTIONS = {
 
 
 class SignalMetric(MetricSettings):
-    """Values of a scalar signal, combined over time."""
+    """Metric that combines the values of a scalar signal over time."""
 
     of: str = Field(description="derived signal, or row of a signal such as `state.z`")
 
@@ -46,7 +46,7 @@ class SignalMetric(MetricSettings):
 
 for _rule, _description in _DESCRIPTIONS.items():
     _name = f"{_rule.capitalize()}OverTime"
-    # Pickle finds the class by its name in this module.
+    # Pickle looks the class up by its name in this module.
     globals()[_name] = METRICS.member(
         create_model(
             _name,

@@ -1,4 +1,4 @@
-"""Overshoot of a recovery."""
+"""Metric `overshoot`: largest error beyond the reference after a disturbance."""
 
 from typing import Any, NamedTuple
 
@@ -14,9 +14,9 @@ class OvershootSums(NamedTuple):
 
     Attributes:
         x: X component of the position error at the first tick, m.
-        y: Y component, m.
-        z: Z component, m.
-        opposite: largest component of the error opposite to the error at the first tick, m.
+        y: Y component of the position error at the first tick, m.
+        z: Z component of the position error at the first tick, m.
+        opposite: largest later error component in the direction opposite to the error at the first tick, m.
     """
 
     x: Row = 0.0
@@ -26,7 +26,7 @@ class OvershootSums(NamedTuple):
 
 
 def _opposite(sums: OvershootSums, ticks: Any, _: float) -> Any:
-    """Return the largest component; NaN without ticks."""
+    """Return the largest opposite component, or NaN if there are no ticks."""
     return np.where(ticks > 0.0, sums.opposite, np.nan)
 
 

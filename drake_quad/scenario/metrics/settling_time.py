@@ -1,4 +1,4 @@
-"""Settling time."""
+"""Metric `settling_time`: time until the position error stays small."""
 
 import math
 from typing import Annotated, Any, NamedTuple
@@ -16,8 +16,8 @@ class SettlingSums(NamedTuple):
     """Times from which the settling time is computed.
 
     Attributes:
-        outside: time since the first tick at which the error was last too large, s; negative if it never was.
-        elapsed: time since the first tick, s.
+        outside: last time at which the error was too large, s since the first tick; negative if it never was.
+        elapsed: time between the first and the present tick, s.
     """
 
     outside: Row = -1.0
@@ -25,7 +25,7 @@ class SettlingSums(NamedTuple):
 
 
 def _settled(sums: SettlingSums, ticks: Any, period: float) -> Any:
-    """Return the time after which the error stays small; infinite if it is too large at the last tick."""
+    """Return the time after which the error stays small, or infinity if it is too large at the last tick."""
     settled = np.where(sums.outside < 0.0, 0.0, sums.outside + period)
     return np.where(sums.outside >= sums.elapsed, math.inf, settled) * np.where(ticks > 0.0, 1.0, np.nan)
 
@@ -42,7 +42,7 @@ def settling_time(
 ) -> SettlingSums:
     """Time from the start of the window until the distance from the reference stays below a radius.
 
-    It is infinite for a vehicle that is farther away at the end of the window.
+    It is infinite if the vehicle is outside the radius at the end of the window.
     """
     elapsed = ticks * period
     x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z

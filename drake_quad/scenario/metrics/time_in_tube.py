@@ -1,4 +1,4 @@
-"""Time within a tube around the reference."""
+"""Metric `time_in_tube`: time within a tube around the reference."""
 
 from typing import Annotated
 

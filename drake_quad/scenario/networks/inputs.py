@@ -1,4 +1,4 @@
-"""Inputs of the rules of a fuzzy network, and their fuzzy sets."""
+"""Inputs of a fuzzy network's rules, and their fuzzy sets."""
 
 import itertools
 import math
@@ -44,7 +44,7 @@ class InputSets(Model):
         return inference.FuzzySets(self.scale, tuple(self.centres), tuple(self.widths))
 
     def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
-        """Return centre and smallest width of the sets, in a list whose neighbours must overlap."""
+        """Return centre and smallest width of each set. Neighbours in the list must overlap."""
         return ends
 
 
@@ -52,7 +52,7 @@ class CircularInputSets(InputSets):
     """The fuzzy sets of a periodic input, for which 0 and 1 are equivalent."""
 
     scale: Positive = Field(
-        default=1.0, description="factor by which the input is multiplied, and so the period of the centres"
+        default=1.0, description="factor by which the input is multiplied; it is also the period of the centres"
     )
     centres: _Centres = Field(
         default=(0.0, 0.25, 0.5, 0.75), description="centre c of each set, ascending, within one period (1)"
@@ -72,7 +72,7 @@ class CircularInputSets(InputSets):
 
 
 class NetworkInputs(Model):
-    """One to four inputs of a network with their fuzzy sets; there is a rule for every combination of sets."""
+    """One to four inputs of a network with their fuzzy sets. Each combination of sets has a rule."""
 
     error: InputSets | None = Field(default=None, description="position error e on the axis of the network (m)")
     error_rate: InputSets | None = Field(default=None, description="velocity error ė on the axis of the network (m/s)")

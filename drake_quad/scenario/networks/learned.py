@@ -18,7 +18,8 @@ class LearnedAxis(Model):
     weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="weight F of each rule (m/s²)")
     antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
         default=None,
-        description="parameters of the sets, if they have learned, in the order of the signal `antecedents` (1)",
+        description="parameters of the membership functions, if they were learned, in the order of the signal"
+        " `antecedents` (1)",
     )
 
 
@@ -51,5 +52,5 @@ class LearnedNetwork(Model):
 
 
 def or_file(schema: dict[str, Any]) -> None:
-    """Allow the name of a file in the JSON schema of a field whose content is read from the file."""
+    """Allow a file name in the JSON schema of a field, since its content can be read from a file."""
     schema["anyOf"].insert(0, {"type": "string"})

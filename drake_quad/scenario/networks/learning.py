@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds
 
 
 class _Learning(Model):
-    """Common fields of all learning laws."""
+    """Fields that all learning laws share."""
 
     weight_limit: Positive | None = Field(
         default=None, description="largest magnitude of a weight (m/s²); no limit if not given"
@@ -27,11 +27,11 @@ class _Learning(Model):
         """Return the law as a record of `drake_quad.control.fuzzy.laws`."""
 
     def can_change_weights(self) -> bool:
-        """Return whether a weight can ever differ from zero."""
+        """Return whether any weight can become nonzero."""
         return True
 
     def parameters(self) -> LearningParameters:
-        """Return the parameters of the systems that learn by this law."""
+        """Return the parameters of the systems that implement this law."""
         settings: Any = self
         limit = math.inf if settings.weight_limit is None else settings.weight_limit
         return LearningParameters(
@@ -43,7 +43,7 @@ class _Learning(Model):
 
 
 class _LearningFromEither(_Learning):
-    """Common fields of the laws that learn from s_p of eq (15) or from the feedback."""
+    """Fields of the laws that learn either from s_p of eq (15) or from the feedback command."""
 
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
@@ -59,7 +59,7 @@ class _LearningFromEither(_Learning):
 
 
 class CovarianceLearning(_LearningFromEither):
-    """The paper's law, eqs (15) to (17), with optional forgetting and resets."""
+    """The paper's learning law, eqs (15) to (17), with optional forgetting and covariance resets."""
 
     kind: Literal["covariance"]
     gain: Positive = Field(default=1.0, description="gain K_D of eq (16) (1/s)")
@@ -94,7 +94,7 @@ class GradientLearning(_LearningFromEither):
 
 
 class SignLearning(_Learning):
-    """Learning law that uses only the sign of the PD's command, with a growing rate of change of the correction."""
+    """Learning law that uses only the sign of the PD command, with a growing rate of change of the correction."""
 
     kind: Literal["sign"]
     rate: Positive = Field(default=1.0, description="growth rate γ of the rate of change of the correction (1/s²)")

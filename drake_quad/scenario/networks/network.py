@@ -1,4 +1,4 @@
-"""Fuzzy networks of the scenario language, which learn a correction of a controller's command during the flight."""
+"""Fuzzy networks of the scenario language. They learn a correction to a controller's command during the flight."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -23,12 +23,12 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probab
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
-# Inputs that the lead time predicts.
+# Inputs whose future value can be used, as given by the lead time.
 _PREDICTED_INPUTS: tuple[InputName, ...] = ("x", "y", "z", "phase")
 
 
 class _Network(Model):
-    """Common fields of the networks of both types."""
+    """Fields that type-1 and type-2 networks share."""
 
     kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="axes that have a network")
@@ -37,8 +37,8 @@ class _Network(Model):
     )
     lead: Annotated[NonNegative, PLAUSIBLE_LAG] = Field(
         default=0.0,
-        description="time (s) by which position and phase are predicted ahead for the correction, about the time from a"
-        " command to its effect",
+        description="time (s) by which the inputs position and phase are predicted, about the time from a command to"
+        " its effect",
     )
     learning: Learning = CovarianceLearning(kind="covariance")
     learned: LearnedNetwork | None = Field(
@@ -88,7 +88,7 @@ class _Network(Model):
 
         Args:
             period: period of the control, s.
-            plan: plan that is flown; its laps determine the phase, and its segments the resets of the covariance.
+            plan: plan that is flown. Its laps determine the phase, and its segments determine the covariance resets.
         """
         axes = tuple([axis for axis in AXES if axis in self.axes])
         learned = () if self.learned is None else tuple(self.learned.axes.values())
@@ -125,7 +125,7 @@ class _Network(Model):
         return build_fuzzy_network(**{name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")})
 
     def _initial_antecedents(self, learned: tuple[LearnedAxis, ...]) -> tuple[Antecedents, ...]:
-        """Return the initial antecedents: one record for all axes, or one for each axis if the sets have learned."""
+        """Return the initial antecedents: one record for all axes, or one for each axis if they were learned."""
         sets = self.antecedents()
         if all(each.antecedents is None for each in learned):
             return (sets,)
@@ -138,14 +138,14 @@ def _listed(value: str | tuple[str | int, ...]) -> str:
 
 
 class AdaptiveTriangles(Model):
-    """Learning rates of membership functions. At least one must be given.
+    """Learning rates of triangular membership functions. At least one rate must be given.
 
-    The functions learn by the gradient of the signal from which the weights learn.
+    The membership functions learn by gradient descent, from the same signal as the weights.
     """
 
     centres: Positive | None = Field(
         default=None,
-        description="learning rate of the inner centres (s²/m² for the surface, s³/m² for the feedback)",
+        description="learning rate of the inner centres (s²/m² for signal surface, s³/m² for signal feedback)",
     )
     widths: Positive | None = Field(
         default=None, description="learning rate of the widths (s²/m² for the surface, s³/m² for the feedback)"
@@ -165,7 +165,7 @@ class AdaptiveTriangles(Model):
 
 
 class AdaptiveEllipses(AdaptiveTriangles):
-    """Learning rates of membership functions of type 2."""
+    """Learning rates of elliptic (type-2) membership functions."""
 
     exponents: Positive | None = Field(
         default=None, description="learning rate of a1, a2 and q (s²/m² for the surface, s³/m² for the feedback)"

@@ -1,4 +1,4 @@
-"""Conversion of the layers and the elementwise arithmetic of a network file to a trained network."""
+"""Conversion of layers and elementwise arithmetic in a network file to a trained network."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
-# Largest limit on the output of a layer. The rounding error of adding and subtracting such a limit is at most 1e-10.
+# Largest limit on the output of a layer. Adding and subtracting such a limit causes rounding errors of at most 1e-10.
 _MAX_LIMIT = 1e6
 _Gates = tuple[np.ndarray, np.ndarray]
 
@@ -17,10 +17,10 @@ class UnreadableError(Exception):
 
 
 class Layers:
-    """Sequence of layers, built by one call after another, with their weights and biases.
+    """Sequence of layers with their weights and biases, built up by successive calls.
 
-    Elementwise arithmetic after an activation is merged into the weights and biases of the next layer. If there is no
-    next layer, the arithmetic becomes an additional layer.
+    Elementwise arithmetic after an activation is merged into the next layer's weights and biases. If there is no next
+    layer, the arithmetic becomes an additional layer.
 
     Attributes:
         layers: fields of each layer, as in `TrainedNetwork.layers`.
@@ -31,8 +31,8 @@ class Layers:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.preprocessing: dict[str, Any] = {}
-        # Factor and summand, not yet merged, that apply to the output of the last layer, or without layers to the
-        # limited input.
+        # Pending factor and summand, which apply to the output of the last layer, or to the limited input if there is
+        # no layer.
         self._pending: tuple[np.ndarray, np.ndarray] | None = None
 
     def dense(
@@ -60,13 +60,13 @@ class Layers:
         initial = np.zeros(units) if initial is None else initial.ravel()
         shapes = [each.shape for each in (input_gates[0], input_gates[1], hidden_gates[1], initial)]
         if gates != 3 * units or shapes != [(gates, inputs), (gates,), (gates,), (units,)]:
-            raise UnreadableError("has gated recurrent units whose weights and biases have shapes that do not match")
+            raise UnreadableError("has gated recurrent units with weights and biases of inconsistent shapes")
         input_gates = self._with_pending(*input_gates)
         self.layers.append({"kind": "gru", "inputs": inputs, "outputs": units})
         self._numbers += [*input_gates, *hidden_gates, initial]
 
     def scale_and_shift(self, factor: np.ndarray, summand: np.ndarray) -> None:
-        """Multiply each row of the last layer's output, or of the input, by a factor, and then add a summand."""
+        """Scale and shift each element of the last layer's output, or of the input if there is no layer."""
         factor, summand = np.ravel(factor), np.ravel(summand)
         if not self.layers and "limit" not in self.preprocessing:
             self._prepare(factor, summand)
@@ -82,18 +82,18 @@ class Layers:
                 raise UnreadableError("has arithmetic with arrays of different sizes") from None
 
     def limit_input(self, limit: float) -> None:
-        """Limit each row of the input to [-limit, limit]."""
+        """Limit each element of the input to [-limit, limit]."""
         if "limit" in self.preprocessing:
             raise UnreadableError("limits its input twice")
         self.preprocessing["limit"] = limit
 
     def limit_output(self, low: float, high: float) -> None:
-        """Limit each row of the last layer's output to [low, high], where either limit may be infinite.
+        """Limit each element of the last layer's output to [low, high], where either limit may be infinite.
 
         With r(x) = max(x, 0), max(x, low) is low + r(x - low), and min(x, high) is high - r(high - x).
 
         Raises:
-            UnreadableError: if a finite limit is so large that the sums would lose accuracy.
+            UnreadableError: if a finite limit is so large that these sums would lose accuracy.
         """
         one = np.ones(1)
         if any(_MAX_LIMIT < abs(limit) < math.inf for limit in (low, high)):
@@ -130,7 +130,7 @@ class Layers:
         return TrainedNetwork.of(tuple(self.layers), numbers, **self.preprocessing)
 
     def _prepare(self, factor: np.ndarray, summand: np.ndarray) -> None:
-        """Merge elementwise arithmetic on the input into the offset and the scale of the network."""
+        """Merge elementwise arithmetic on the input into the network's offset and scale."""
         known = (np.ravel(self.preprocessing.get(name, value)) for name, value in (("offset", 0.0), ("scale", 1.0)))
         try:
             offset, scale, factor, summand = np.broadcast_arrays(*known, factor, summand)
@@ -142,7 +142,7 @@ class Layers:
         self.preprocessing |= {"offset": tuple((offset - summand / scale).tolist()), "scale": tuple(scale.tolist())}
 
     def _with_pending(self, weights: np.ndarray, biases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weights and biases of a layer after merging the pending arithmetic into them."""
+        """Merge the pending arithmetic into a layer's weights and biases, and return them."""
         if self._pending is None:
             return weights, biases
         factor, summand = (self._broadcast(each, weights.shape[1]) for each in self._pending)
@@ -159,5 +159,5 @@ class Layers:
             return np.broadcast_to(numbers, (count,))
         except ValueError:
             raise UnreadableError(
-                f"has arithmetic with {numbers.size} numbers after {count} neurons; the two must be equal"
+                f"has arithmetic with {numbers.size} numbers after {count} neurons; the numbers must be equal"
             ) from None

@@ -1,4 +1,4 @@
-"""Observations of policies in the scenario language."""
+"""Policy observations in the scenario language."""
 
 from typing import Annotated, Literal, NamedTuple
 
@@ -15,11 +15,12 @@ SignalName = Literal[tuple(OBSERVABLE_SIGNALS)]  # type: ignore[valid-type] # th
 
 
 class ObservationSettings(Model):
-    """Observation of a policy at each tick of the control."""
+    """Quantities that a policy observes at each control tick."""
 
     signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="observed signals in the order of the rows; the page of systems lists their rows and units",
+        description="observed signals, in the order of their rows; the page of systems lists rows and units of each"
+        " signal",
     )
     state_source: Literal["measurement", "state"] = Field(
         default="measurement",
@@ -56,26 +57,26 @@ class ObservationSettings(Model):
         return self
 
     def spec(self) -> ObservationSpec:
-        """Return the structure of the observation for the system that computes it."""
+        """Return the observation structure for the system that computes it."""
         return ObservationSpec(self.signals, self.frame, self.history, self.turn)
 
     def num_rows(self, num_actions: int) -> int:
-        """Return the number of rows of an observation, given the number of rows of an action."""
+        """Return the number of elements in an observation, given the number of elements in an action."""
         return self.history * num_observed(self.spec(), num_actions=num_actions, num_ahead=len(self.ahead))
 
     def clearance(self, space: Space | None) -> "Clearance | None":
-        """Return the distance to obstacles as a function of the position; None if it is not observed."""
+        """Return the distance to obstacles as a function of position, or None if the policy does not observe it."""
         if "clearance" not in self.signals or space is None:
             return None
         return Clearance(tuple([obstacle.shape for obstacle in space.obstacles]), space.radius)
 
 
 class Clearance(NamedTuple):
-    """Distance of a vehicle from obstacles, m, as a function of its position X, Y, Z, m.
+    """Function that returns a vehicle's distance to the nearest obstacle, m, given its position X, Y, Z, m.
 
     Attributes:
         solids: obstacles.
-        radius: radius of the vehicle, m.
+        radius: radius of the sphere that represents the vehicle, m.
     """
 
     solids: tuple[Solid, ...]

@@ -14,7 +14,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, valid
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
 from drake_quad.scenario.quantities import FixedPositive
 
-# Number of rows of a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
+# Number of neurons or units in a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -24,9 +24,9 @@ class DenseLayer(Model):
     """Dense layer of neurons, whose output is the activation of W x + b for an input x."""
 
     kind: Literal["dense"]
-    inputs: Rows = Field(description="number of input rows")
-    outputs: Rows = Field(description="number of output rows")
-    activation: Activation = Field(default="identity", description="activation function of each output row")
+    inputs: Rows = Field(description="number of inputs")
+    outputs: Rows = Field(description="number of outputs")
+    activation: Activation = Field(default="identity", description="activation function of each output")
     alpha: Real | None = Field(
         default=None,
         description="parameter of elu, whose limit is -alpha (1 if not given), or of leaky_relu, the derivative for"
@@ -47,28 +47,28 @@ class DenseLayer(Model):
         return self.outputs * (self.inputs + 1)
 
     def layer(self, numbers: np.ndarray) -> Dense:
-        """Return the layer with given numbers: the rows of W one after another, then b."""
+        """Return the layer, given its numbers in this order: the rows of W, then b."""
         weights, biases = np.split(numbers, [self.outputs * self.inputs])
         return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation, self.alpha)
 
 
 class GruLayer(Model):
-    """Gated recurrent units whose reset gate is applied after the product of weights and hidden state."""
+    """Gated recurrent units. The reset gate multiplies the product of weights and hidden state."""
 
     kind: Literal["gru"]
-    inputs: Rows = Field(description="number of input rows")
+    inputs: Rows = Field(description="number of inputs")
     outputs: Rows = Field(description="number of units")
 
     @property
     def num_numbers(self) -> int:
-        """Number of weights and biases, and of the rows of the initial hidden state."""
+        """Number of weights, biases and elements of the initial hidden state."""
         return 3 * self.outputs * (self.inputs + self.outputs + 2) + self.outputs
 
     def layer(self, numbers: np.ndarray) -> Gru:
-        """Return the layer with given numbers: W, b, U, c and then the initial hidden state.
+        """Return the layer, given its numbers in this order: W, b, U, c and the initial hidden state.
 
-        W and b belong to the input, U and c to the hidden state. Each consists of the numbers of the reset gate, the
-        update gate and the new gate, in this order.
+        W and b belong to the input, U and c to the hidden state. Each is stacked in the order reset gate, update gate,
+        new gate.
         """
         gates = 3 * self.outputs
         ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
@@ -92,25 +92,29 @@ class TrainedNetwork(Model):
     )
     precision: _Precision = Field(default="single", description="precision of the numbers")
     numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
-        description="weights and biases of all layers in base 64, as a list of pieces of text"
+        description="weights and biases of all layers in base 64, split into a list of texts"
     )
-    offset: _Numbers | None = Field(default=None, description="number that is subtracted from each row of the input")
-    scale: _Numbers | None = Field(default=None, description="factor by which each row of the input is then multiplied")
+    offset: _Numbers | None = Field(
+        default=None, description="number that is subtracted from each element of the input"
+    )
+    scale: _Numbers | None = Field(
+        default=None, description="factor by which each element of the input is then multiplied"
+    )
     limit: FixedPositive | None = Field(
         default=None,
-        description="largest magnitude of each row of the input after scaling (1); null for no limit",
+        description="largest magnitude of each input element after scaling (1); null for no limit",
     )
 
     @classmethod
     def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **preprocessing: Any) -> "TrainedNetwork":
-        """Return a network with given numbers, stored in single precision if that is exact.
+        """Return a network with given weights and biases, stored in single precision if that is exact.
 
         Args:
             layers: value of the field `layers`.
-            numbers: numbers of all layers, one layer after another.
+            numbers: weights, biases and initial hidden states of all layers, one layer after another.
             preprocessing: `offset`, `scale` and `limit`, if given.
         """
-        with np.errstate(over="ignore"):  # numbers that overflow become infinite, so the comparison fails
+        with np.errstate(over="ignore"):  # numbers that overflow become infinite, and the comparison fails
             precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MAX_CHARACTERS] for k in range(0, len(text), MAX_CHARACTERS)])
@@ -141,7 +145,7 @@ class TrainedNetwork(Model):
             rows = getattr(self, name)
             if rows is not None and len(rows) != self.layers[0].inputs:
                 raise self.field_error(
-                    f"must have {self.layers[0].inputs} numbers, one for each row of the input", name
+                    f"must have {self.layers[0].inputs} numbers, one for each element of the input", name
                 )
         return self
 

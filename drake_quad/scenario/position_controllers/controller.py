@@ -18,7 +18,7 @@ from drake_quad.scenario.unions import OpenUnion
 class PositionController(Model):
     """Control law from the position error to a commanded acceleration.
 
-    In the scenario of a fleet, values that a study draws are (N,) arrays.
+    In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
         feed_forward: highest derivative of the reference that is fed forward.
@@ -38,7 +38,7 @@ class PositionController(Model):
 
     @abstractmethod
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the systems of the controller, by their paths.
+        """Return the recipes for all systems of the controller, by path.
 
         The path of a single system is `position`. The paths of several systems are `position.NAME`.
         """

@@ -1,4 +1,4 @@
-"""PD position controller with a Kalman filter of the disturbance, in the scenario language."""
+"""PD position controller with a Kalman filter for the disturbance, in the scenario language."""
 
 import functools
 from typing import Annotated, Any, Literal
@@ -15,7 +15,7 @@ from drake_quad.scenario.quantities import FixedPositive, FixedPositives, FixedS
 
 @POSITION_CONTROLLERS.member
 class ObserverPosition(EstimatingPosition):
-    """PD with a Kalman filter that estimates the disturbing acceleration from measured positions."""
+    """PD controller with a Kalman filter that estimates the acceleration disturbance from measured positions."""
 
     kind: Literal["disturbance_observer"]  # type: ignore[assignment]
     position_noise: Annotated[FixedPositive, PLAUSIBLE_POSITION_NOISE] = Field(

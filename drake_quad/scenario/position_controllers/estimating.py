@@ -1,4 +1,4 @@
-"""PD position controllers with an estimate of the disturbance, and their models of the vehicle's response."""
+"""PD position controllers that estimate the disturbance, and the response models that they use."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 
 
 class ModelledResponse(Model):
-    """Model of the vehicle's response to commands in a disturbance estimator."""
+    """Response model: how a disturbance estimator assumes that the vehicle responds to commands."""
 
     kind: str
     delay_ticks: Annotated[int, Field(ge=0, le=50), PLAUSIBLE_DELAY] = Field(
@@ -35,7 +35,7 @@ class ModelledResponse(Model):
         Args:
             laws: estimation law of each axis.
             limit: largest estimate of the disturbance on an axis, m/s².
-            setting: properties of the scenario on which the control depends.
+            setting: scenario properties on which the control depends.
         """
 
     def _structure(self, setting: ControlSetting) -> dict[str, Any]:
@@ -43,7 +43,7 @@ class ModelledResponse(Model):
 
 
 class CommandedResponse(ModelledResponse):
-    """Model in which the vehicle follows the commanded acceleration with a lag."""
+    """Response model in which the vehicle follows the commanded acceleration with a lag."""
 
     kind: Literal["commanded"]
     lag: Annotated[Spans, PLAUSIBLE_LAG] = Field(
@@ -64,7 +64,7 @@ class CommandedResponse(ModelledResponse):
 
 
 class TiltResponse(ModelledResponse):
-    """Model in which the thrust follows its command with a lag and has the direction of the measured attitude."""
+    """Response model in which the thrust follows its command with a lag, along the measured body axis."""
 
     kind: Literal["tilt"]
     lag: Annotated[Span, PLAUSIBLE_LAG] = Field(description="time constant of the thrust (s)")
@@ -76,7 +76,7 @@ class TiltResponse(ModelledResponse):
 
 
 class EstimatingPosition(PdPosition):
-    """PD with an estimate of the disturbance, which is subtracted from its command."""
+    """PD controller that subtracts an estimate of the disturbance from its command."""
 
     response: Annotated[CommandedResponse | TiltResponse, Field(discriminator="kind")]
     disturbance_limit: Positive = Field(
@@ -106,7 +106,7 @@ class EstimatingPosition(PdPosition):
         return {**super().recipes(setting), "position.estimator": self.response.estimator(laws, limit, setting)}
 
     def without_estimator(self) -> PdPosition:
-        """Return the PD without the estimate."""
+        """Return the PD controller without the disturbance estimate."""
         fields = {name: getattr(self, name) for name in PdPosition.model_fields if name != "kind"}
         return PdPosition(kind="pd", **fields)
 

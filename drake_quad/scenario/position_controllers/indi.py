@@ -12,7 +12,7 @@ from drake_quad.scenario.quantities import Positives
 
 @POSITION_CONTROLLERS.member
 class IndiPosition(EstimatingPosition):
-    """PD with incremental nonlinear dynamic inversion of the acceleration."""
+    """PD controller with incremental nonlinear dynamic inversion of the acceleration."""
 
     kind: Literal["indi"]  # type: ignore[assignment]
     bandwidth: Positives = Field(

@@ -12,7 +12,7 @@ from drake_quad.scenario.quantities import Positive, Positives
 
 @POSITION_CONTROLLERS.member
 class L1Position(EstimatingPosition):
-    """PD with piecewise-constant L1 adaptive augmentation, a method that US patent 8,712,559 describes."""
+    """PD controller with piecewise-constant L1 adaptive augmentation, a method described in US patent 8,712,559."""
 
     kind: Literal["l1"]  # type: ignore[assignment]
     adaptation: Positive = Field(default=1.0, description="decay rate a_s of the error of the state predictor (1/s)")

@@ -35,13 +35,13 @@ class PdPosition(PositionController):
     takes_correction: ClassVar = True
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the PD; subclasses add further recipes."""
+        """Return the recipe for the PD controller. Subclasses add further recipes."""
         structure = {"derivative": self.derivative, "feeds_forward": self.feed_forward != "none"}
         gains = PdGains(PerAxis(*self.k_p), PerAxis(*self.k_d))
         return {"position.pd": Recipe(ProportionalDerivative, structure, gains)}
 
     def build(self, systems: Mapping[str, Any], *, takes_correction: bool) -> Any:
-        """Return the diagram that adds the outputs of the PD, the integral and the disturbance estimator."""
+        """Return the diagram that sums the outputs of the PD controller, the integral and the disturbance estimator."""
         return build_position_controller(
             systems["position.pd"],
             integral=systems.get("position.integral"),

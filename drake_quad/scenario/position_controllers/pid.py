@@ -16,7 +16,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 @POSITION_CONTROLLERS.member
 class PidPosition(PdPosition):
-    """PD with an integral, which is limited to prevent windup."""
+    """PD controller with an integral term, which is limited to prevent windup."""
 
     kind: Literal["pid"]  # type: ignore[assignment]
     k_i: Gains = Field(description="integral gain k_I on X, Y, Z (1/s³)")
@@ -28,14 +28,14 @@ class PidPosition(PdPosition):
 
     @classmethod
     def from_pd(cls, pd: PdPosition) -> "PidPosition":
-        """Return a PID with the fields of a PD and integral gains of 0; a PID is returned unchanged."""
+        """Convert a PD to a PID controller with zero integral gains. A PID controller is returned unchanged."""
         if isinstance(pd, PidPosition):
             return pd
         kept = {name: getattr(pd, name) for name in PdPosition.model_fields if name != "kind"}
         return cls(kind="pid", **kept, k_i=(0.0, 0.0, 0.0))
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipes for the PD and the integral."""
+        """Return the recipes for the PD controller and the integral."""
         structure = {"period": setting.tick, "integration": self.integration}
         gains = IntegralGains(PerAxis(*self.k_i), self.integral_limit)
         return {**super().recipes(setting), "position.integral": Recipe(IntegralCorrection, structure, gains)}

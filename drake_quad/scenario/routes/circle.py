@@ -1,4 +1,4 @@
-"""Horizontal circle of the scenario language."""
+"""Horizontal circle, in the scenario language."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Lissajous curve of the scenario language."""
+"""Lissajous curve, in the scenario language."""
 
 from typing import Annotated, Literal
 
@@ -16,9 +16,9 @@ _Turns = Annotated[int, Field(ge=0, le=20)]
 
 @ROUTES.member
 class LissajousRoute(MissionRoute):
-    """Laps of a sine of time t along each axis: centre + amplitude · sin(2π turns t / period + phase).
+    """Laps of a Lissajous curve: centre + amplitude · sin(2π turns t / period + phase) along each axis, with time t.
 
-    The reference already moves at time zero, while the vehicle hovers. Set `metrics.start` to exclude the transient.
+    At time zero the reference already moves, but the vehicle hovers. Set `metrics.start` to exclude the transient.
     """
 
     kind: Literal["lissajous"]

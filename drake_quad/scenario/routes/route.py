@@ -33,10 +33,10 @@ class Planned(NamedTuple):
 
     Attributes:
         plan: plan to fly.
-        problem: planning problem of a route through waypoints, including corridors around obstacles; None for other
+        problem: planning problem, including corridors around obstacles, for a route through waypoints; None for other
             routes.
-        waypoints: (waypoints,) indices of the route's waypoints among the waypoints of the problem, without repeats;
-            None unless the path was planned around the obstacles of a space.
+        waypoints: (waypoints,) indices of the route's waypoints in the problem's list of waypoints, which also contains
+            detours; None unless the path was planned around obstacles.
         space: space in which the path was planned, if there is one.
     """
 
@@ -52,7 +52,7 @@ class MissionRoute(Model):
     kind: str
 
     def known_end(self) -> KnownEnd:
-        """Return the field that sets the end time of the route, and this time, s; None if only planning yields it."""
+        """Return the field that sets the end time of the route, and this time (s), or None if it must be planned."""
         return ("route",), None
 
     def limits(self) -> PathLimits:
@@ -63,10 +63,10 @@ class MissionRoute(Model):
     def plan(self, space: Space | None) -> Planned:
         """Return the plan of the route.
 
-        The caller checks obstacles, rotor limits and duration of the plan.
+        The caller checks the plan for obstacles, rotor limits and duration.
 
         Args:
-            space: space with obstacles, for routes that can avoid them; None without obstacles.
+            space: space with obstacles, which some routes can avoid; None if there are no obstacles.
 
         Raises:
             InputError: if no path satisfies the constraints of the route, or none avoids the obstacles.
@@ -86,16 +86,16 @@ class MovingRoute(MissionRoute):
         default=0.0, description="yaw of the reference, for heading: constant (rad)"
     )
     heading: Literal["constant", "along_path"] = Field(
-        default="constant", description="rule for the yaw; with along_path, the yaw is the direction of the velocity"
+        default="constant", description="rule for the yaw; along_path sets the yaw to the direction of the velocity"
     )
-    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
+    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the default is the paper's")
     top_acceleration: Positive = Field(
-        default=0.7, description="limit on the acceleration (m/s²); the paper's 0.7 m/s²"
+        default=0.7, description="limit on the acceleration (m/s²); the default is the paper's"
     )
 
     def limits(self) -> PathLimits:
         """Return the limits of the path."""
-        # A limit of null, which some routes allow, is omitted.
+        # Some routes allow null for no limit, which is omitted here.
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 
@@ -110,7 +110,7 @@ class MovingRoute(MissionRoute):
 
         Args:
             geometry: waypoints and legs.
-            cruise_speed: top speed of the trapezoidal profile that sets the times before scaling, m/s.
+            cruise_speed: top speed of the trapezoidal profile that determines the times before scaling, m/s.
         """
         times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=self.top_acceleration)
         path = minimum_snap(geometry.waypoints, times)
@@ -122,7 +122,7 @@ def split_three_laps(durations: np.ndarray, segments: int) -> LapDurations:
     """Return the durations of the first, a middle and the last of three laps, s.
 
     Args:
-        durations: durations of all segments, including those that lead to the first lap, s.
+        durations: durations of all segments, including those before the first lap, s.
         segments: number of segments of a lap.
     """
     first, between, last = np.split(durations, [len(durations) - 2 * segments, len(durations) - segments])

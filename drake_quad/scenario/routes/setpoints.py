@@ -1,4 +1,4 @@
-"""Setpoints of the scenario language, each held until the next one."""
+"""Route of setpoints in the scenario language, each held until the next one."""
 
 import itertools
 from typing import Annotated, Literal
@@ -21,13 +21,14 @@ Setpoint = Annotated[tuple[FixedMoment, Real, Real, Real, Real], Field(strict=Fa
 class SetpointsRoute(MissionRoute):
     """Setpoints of position and yaw, each held until the next setpoint, as a computer sends them to an autopilot.
 
-    The reference jumps from one setpoint to the next. Velocity and higher derivatives of the reference are zero, so
-    that nothing is fed forward.
+    The reference jumps from one setpoint to the next. Its velocity and higher derivatives are zero, so no derivative is
+    fed forward.
     """
 
     kind: Literal["setpoints"]
     setpoints: Annotated[tuple[Setpoint, ...], Field(strict=False, min_length=1)] = Field(
-        description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times increase and begin with 0"
+        description="time in s, x, y, z in W in m, and yaw in rad of each setpoint; times must begin with 0 and"
+        " increase"
     )
     last_hold: FixedSpan = Field(default=1.0, description="time for which the last setpoint is held (s)")
 
@@ -43,7 +44,7 @@ class SetpointsRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _in_radians(self) -> "SetpointsRoute":
-        """Raise an error if a constant yaw must have been given in degrees; a varying yaw may have any magnitude."""
+        """Raise an error if a constant yaw was apparently given in degrees. A varying yaw may have any magnitude."""
         yaws = {setpoint[4] for setpoint in self.setpoints}
         if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:
             raise self.field_error(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)

@@ -1,4 +1,4 @@
-"""Trajectory of the scenario language, given by knots or by polynomials."""
+"""Trajectory given by knots or polynomials, in the scenario language."""
 
 import itertools
 from typing import Annotated, Literal
@@ -15,18 +15,18 @@ from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedPositive
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# Unit and largest allowed jump between the pieces of a trajectory, by path and order of the derivative. Jumps this
-# small do not affect a vehicle.
+# Unit and largest allowed jump between trajectory pieces, by path and order of the derivative. Such small jumps do not
+# affect a vehicle.
 _MAX_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
-# Rounding error of coefficients in files, which have six decimals. Its effect at the end of a piece is added to the
-# largest jump.
+# Rounding error of coefficients in files with six decimals. Its effect at the end of a piece is added to the allowed
+# jump.
 _COEFFICIENT_ROUNDING = 1e-6
-# Times at which two pieces meet, as fractions of each piece: the end of the first and the beginning of the second.
-_JOINT = np.array([1.0, 0.0])
+# Unit times at which two pieces meet: the end of the first piece and the beginning of the second.
+_JOINT_TIMES = np.array([1.0, 0.0])
 
 
 class Knot(Model):
-    """Position and derivatives of a trajectory at one time."""
+    """Position and its derivatives at one time of a trajectory."""
 
     time: FixedMoment = Field(description="time of the knot (s)")
     position: Point = Field(description="position in W (m)")
@@ -36,7 +36,7 @@ class Knot(Model):
 
 
 class YawKnot(Model):
-    """Yaw of a trajectory at one time."""
+    """Yaw and its rate at one time of a trajectory."""
 
     time: FixedMoment = Field(description="time of the knot (s)")
     yaw: Real = Field(description="yaw (rad)")
@@ -59,14 +59,14 @@ class Piece(Model):
     )
 
     def row(self) -> list[float]:
-        """Return the row of a table of pieces, see `drake_quad.reference.pieces`."""
+        """Return the piece as a table row; see `drake_quad.reference.pieces`."""
         padded = [(*part, *[0.0] * (POWERS - len(part))) for part in (self.x, self.y, self.z, self.yaw)]
         return [self.duration, *itertools.chain(*padded)]
 
 
 @ROUTES.member
 class TrajectoryRoute(MissionRoute):
-    """A given trajectory: by knots, as `drake-quad plan` writes it, or by polynomials, as in files of Crazyswarm2.
+    """A trajectory given by knots, as written by `drake-quad plan`, or by polynomials, as in Crazyswarm2 files.
 
     Between knots, the position is a polynomial of degree 7. Between yaw knots, the yaw is a polynomial of degree 3.
     """
@@ -82,7 +82,8 @@ class TrajectoryRoute(MissionRoute):
     )
     pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MAX_WAYPOINTS)] | None = Field(
         default=None,
-        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file with them,"
+        description="successive polynomials from time 0 on, in place of `knots`; or the name of a CSV file that"
+        " contains them,"
         " relative to the folder of the scenario's file",
     )
     origin: Point = Field(
@@ -105,7 +106,7 @@ class TrajectoryRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _in_radians(self) -> "TrajectoryRoute":
-        """Raise an error if a constant yaw must have been given in degrees; a varying yaw may have any magnitude."""
+        """Raise an error if a constant yaw was apparently given in degrees. A varying yaw may have any magnitude."""
         pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
         yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
         turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
@@ -134,14 +135,14 @@ class TrajectoryRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _joined(self) -> "TrajectoryRoute":
-        """Raise an error if position, velocity or yaw jump between pieces; whole turns of the yaw are allowed."""
+        """Raise an error if position, velocity or yaw jump between pieces. Yaw jumps by whole turns are allowed."""
         if self.pieces is None:
             return self
         plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))
         for i in range(1, len(self.pieces)):
             for (name, order), (unit, max_jump) in _MAX_JUMPS.items():
                 path: PolynomialPath = getattr(plan, name)
-                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _JOINT, order))))
+                jump = float(np.linalg.norm(np.subtract(*evaluate_at(path, np.array([i - 1, i]), _JOINT_TIMES, order))))
                 rounding = _COEFFICIENT_ROUNDING * float(power_basis(order, self.pieces[i - 1].duration, POWERS).sum())
                 limit = max_jump + rounding
                 if not jump <= limit:

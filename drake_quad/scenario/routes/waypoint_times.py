@@ -1,4 +1,4 @@
-"""Methods to choose the times at which waypoints are passed, in the scenario language."""
+"""Methods that choose the waypoint times, in the scenario language."""
 
 import itertools
 from abc import abstractmethod
@@ -15,7 +15,7 @@ from drake_quad.scenario.routes.route import KnownEnd
 
 
 class WaypointTimes(Model):
-    """Method to choose the times at which waypoints are passed.
+    """Method that chooses the times at which the reference passes the waypoints.
 
     Attributes:
         chooses_total: True if the method chooses the total time, which requires a limit on speed or acceleration.
@@ -24,7 +24,7 @@ class WaypointTimes(Model):
     chooses_total: ClassVar[bool] = False
 
     def known_end(self, laps: int) -> KnownEnd | None:
-        """Return the field that sets the end time of the last lap, and this time, s; None if it must be planned."""
+        """Return the field that sets the end time of the last lap, and this time (s), or None if it must be planned."""
         return None
 
     @abstractmethod
@@ -33,7 +33,7 @@ class WaypointTimes(Model):
 
 
 class FixedWaypointTimes(WaypointTimes):
-    """Given times of all waypoints. A plain list of times is short for this mapping."""
+    """Times that are given for all waypoints. A plain list of times is an abbreviation of this mapping."""
 
     kind: Literal["fixed"]
     times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(
@@ -55,7 +55,7 @@ class FixedWaypointTimes(WaypointTimes):
         return times
 
     def known_end(self, laps: int) -> KnownEnd | None:
-        """Return the field of the times, and the time at which the last lap ends, s."""
+        """Return the field that contains the times, and the time at which the last lap ends, s."""
         return ("route", "times"), self.times[0] + laps * (self.times[-1] - self.times[0])
 
     def timing(self) -> Timing:
@@ -81,7 +81,7 @@ class MinimumSnapTimes(WaypointTimes):
     duration: FixedSpan = Field(description="total time (s)")
 
     def known_end(self, laps: int) -> KnownEnd | None:
-        """Return the field of the duration, and the duration, s."""
+        """Return the field that contains the duration, and the duration, s."""
         return ("route", "times", "duration"), self.duration
 
     def timing(self) -> Timing:
@@ -90,7 +90,7 @@ class MinimumSnapTimes(WaypointTimes):
 
 
 class MinimumTimes(WaypointTimes):
-    """Times with the shortest total for which the minimum-snap path satisfies the limits, a local optimum."""
+    """Times with the (locally) shortest total at which the minimum-snap path satisfies the limits."""
 
     chooses_total: ClassVar = True
     kind: Literal["minimum_time"]

@@ -32,12 +32,13 @@ from drake_quad.space.space import Space
 if TYPE_CHECKING:
     from drake_quad.space.around import RouteAround
 
-# Half a turn plus a tolerance for rounding, rad. Consecutive yaws that differ by no more describe continuous turns.
+# Half a turn plus a rounding tolerance, rad. Successive yaws that differ by at most this angle describe a continuous
+# turn.
 _HALF_TURN = math.pi + 1e-6
 
 
 class Waypoint(Model):
-    """Point or region to pass, optionally with given derivatives; [x, y, z] is short for a point."""
+    """Point or region to pass, optionally with given derivatives. [x, y, z] is an abbreviation for a point."""
 
     point: Position | None = Field(default=None, description="point to pass, in W (m)")
     box: BoxRegion | None = Field(default=None, description="box through which the path must pass")
@@ -90,7 +91,7 @@ class WaypointRoute(MovingRoute):
     )
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
         default=None,
-        description="box or half-spaces that the path must not leave, for each segment; null for no corridor",
+        description="for each segment, the box or half-spaces that the path must not leave, or null for no corridor",
     )
     space: BoxRegion | None = Field(default=None, description="box that the whole path must not leave")
     laps: Laps = Field(
@@ -101,13 +102,13 @@ class WaypointRoute(MovingRoute):
     # Mypy does not allow a subclass to accept more values than its base class.
     heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
         default="constant",
-        description="rule for the yaw; with waypoints it turns through the yaws given at the waypoints",
+        description="rule for the yaw; waypoints lets it turn through the yaws that are given at the waypoints",
     )
     top_speed: Positive | None = Field(
-        default=2.0, description="limit on the speed (m/s), or null for none; the paper's 2 m/s"
+        default=2.0, description="limit on the speed (m/s), or null for none; the default is the paper's"
     )
     top_acceleration: Positive | None = Field(
-        default=0.7, description="limit on the acceleration (m/s²), or null for none; the paper's 0.7 m/s²"
+        default=0.7, description="limit on the acceleration (m/s²), or null for none; the default is the paper's"
     )
 
     @field_validator("times", mode="before")
@@ -129,7 +130,7 @@ class WaypointRoute(MovingRoute):
         if self.heading == "waypoints" and not has_yaws:
             raise self.field_error("requires a yaw at at least one waypoint", "heading")
         if self.heading != "waypoints" and has_yaws:
-            raise self.field_error("must be waypoints, since waypoints have yaws", "heading")
+            raise self.field_error("must be waypoints, since yaws are given at waypoints", "heading")
         self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and self.times.chooses_total:
@@ -140,7 +141,7 @@ class WaypointRoute(MovingRoute):
         return self
 
     def _check_yaws(self) -> None:
-        """Raise an error if the yaws must have been given in degrees; continuous turns are allowed."""
+        """Raise an error if the yaws were apparently given in degrees. Successive full turns are allowed."""
         before = 0.0
         for i, waypoint in enumerate(self.waypoints):
             if waypoint.yaw is None:
@@ -183,14 +184,14 @@ class WaypointRoute(MovingRoute):
         return self
 
     def known_end(self) -> KnownEnd:
-        """Return the field that sets the end time of the route, and this time, s; None if only planning yields it."""
+        """Return the field that sets the end time of the route, and this time (s), or None if it must be planned."""
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:
-        """Return the planning problem of a number of laps, for a route without distributions.
+        """Return the planning problem for a number of laps. The route must not contain distributions.
 
         Raises:
-            InputError: if no path can satisfy the constraints, for any times.
+            InputError: if no path can satisfy the constraints, whatever its times.
         """
         waypoints = [*self.waypoints, *self.waypoints[1:] * (laps - 1)]
         derivatives = rest_at_ends(len(waypoints), 3)
@@ -208,7 +209,7 @@ class WaypointRoute(MovingRoute):
         )
 
     def _corridors(self) -> list[Corridor | None]:
-        """Return the intersection of corridor and space for each segment; None for a segment without either."""
+        """Return the intersection of corridor and space for each segment, or None for a segment with neither."""
         corridor_settings = self.corridors or (None,) * (len(self.waypoints) - 1)
         corridors = [None if corridor is None else corridor.region() for corridor in corridor_settings]
         if self.space is None:
@@ -232,15 +233,15 @@ class WaypointRoute(MovingRoute):
         return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
     def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
-        """Return the times (waypoints,) at which the waypoints are passed, s."""
+        """Return the times at which the path passes the waypoints, (waypoints,) in s."""
         flown_path = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), flown_path)
 
     def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
-        """Return the path, the start and end times of its laps, s, and its way around obstacles.
+        """Return the path, the start and end times of its laps (s), and its route around obstacles.
 
-        The times are empty for a single lap. The way is None if there are no obstacles. If the method chooses the times
-        of several laps, it plans three laps, and the middle one is repeated.
+        The times are empty for a single lap. The route around obstacles is None if there are none. If the method
+        chooses the times of several laps, it plans three laps, and the middle one is repeated.
 
         Raises:
             InputError: if no path exists or none is found.
@@ -260,7 +261,7 @@ class WaypointRoute(MovingRoute):
             durations, points = split_three_laps(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
         stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
         stops[[0, -1]] = self.waypoints[-1].stop
-        # With given times, the vehicle hovers between two equal waypoints.
+        # If times are given, the vehicle hovers between two equal waypoints.
         staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
         stops[:-1] |= staying
         stops[1:] |= staying
@@ -275,7 +276,7 @@ class WaypointRoute(MovingRoute):
         return all_laps.scaled_in_time(factor), tuple([factor * time for time in laps]), None
 
     def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
-        """Return a path with the clearance of a space and within its bounds, and its way around obstacles.
+        """Return a path that keeps the clearance and the bounds of a space, and its route around obstacles.
 
         Raises:
             InputError: if no path exists or none is found.
@@ -295,7 +296,7 @@ class WaypointRoute(MovingRoute):
         if space.bounds is None:
             raise InputError(
                 f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
-                " space.bounds, the box in which to plan a way around the obstacles"
+                " space.bounds, the box in which to plan a route around the obstacles"
             )
         path, way = cached_on_disk(plan_around, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)

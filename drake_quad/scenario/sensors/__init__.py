@@ -1,4 +1,4 @@
-"""Sensors on board of the scenario language, with one module each."""
+"""Onboard sensors of the scenario language, with one module for each sensor."""
 
 from drake_quad.scenario.unions import import_members
 

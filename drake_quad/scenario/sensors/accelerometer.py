@@ -11,14 +11,14 @@ from drake_quad.scenario.plausible import PLAUSIBLE_SIZE, Plausible, not_in_g
 from drake_quad.scenario.quantities import NonNegative, Position, field_of
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
 
-# Uncalibrated accelerometers have a bias of 0.1 g, 1 m/s², and noise densities of 100 to 400 µg/√Hz.
+# Uncalibrated accelerometers have a bias of up to 0.1 g (1 m/s²), and noise densities of 100 to 400 µg/√Hz.
 _PLAUSIBLE_BIAS = not_in_g(upper=5.0, prefix="m")
 _PLAUSIBLE_DENSITY = Plausible("m/s²/√Hz", "µg/√Hz", 9.80665e-6, upper=0.5)
 
 
 @SENSORS.member
 class AccelerometerSettings(SensorSettings):
-    """Accelerometer, which measures the specific force (without gravity) at its position, in the axes of B."""
+    """Accelerometer, which measures the specific force (without gravity) at its position, in body axes B."""
 
     kind: Literal["accelerometer"]
     position: Annotated[Position, PLAUSIBLE_SIZE] = field_of(
@@ -36,7 +36,7 @@ class AccelerometerSettings(SensorSettings):
     noise: ClassVar = ("noise_density",)
 
     def parameters(self, vehicle: Any) -> AccelerometerParameters:
-        """Return the parameters of the accelerometer, with its position relative to the centre of mass."""
+        """Return the accelerometer parameters, with the position relative to the centre of mass."""
         (x, y, z), (centre_x, centre_y) = self.position, vehicle.centre_of_mass
         return record_like(
             AccelerometerParameters,

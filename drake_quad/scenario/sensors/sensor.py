@@ -1,7 +1,7 @@
-"""Base class of the sensors on board, and their registry `SENSORS`.
+"""Base class of onboard sensors, and their registry `SENSORS`.
 
-To add a sensor, extend `SensorSettings` and register the class with `SENSORS.member`. The readings are then a signal
-with the name of the kind. The laboratory has a port with this name; the signal is recorded, and a control may read it.
+To add a sensor, extend `SensorSettings` and register the class with `SENSORS.member`. The readings then form a signal
+named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it.
 """
 
 from abc import abstractmethod
@@ -20,11 +20,11 @@ _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(Model):
-    """Sensor on board. In the scenario of a fleet, values that a study draws are (N,) arrays.
+    """Onboard sensor. In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
         law: measurement law of the sensor.
-        noise: names of the fields that determine the noise; without noise they are all zero.
+        noise: names of the fields that determine the noise. If all are zero, the sensor has no noise.
     """
 
     kind: str
@@ -58,7 +58,7 @@ class _SensorUnion(OpenUnion):
     """Registry of sensors that also registers the readings of each sensor as a signal."""
 
     def member(self, model: _Member) -> _Member:
-        """Register a sensor and its signal; used as a decorator of the class of the sensor."""
+        """Register a sensor and its signal, as a decorator of the sensor class."""
         super().member(model)
         name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading

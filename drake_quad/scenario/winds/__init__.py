@@ -1,4 +1,4 @@
-"""Sources of wind of the scenario language, with one module each. Their winds add up."""
+"""Wind sources of the scenario language, with one module for each source. The winds of all sources are added."""
 
 from drake_quad.scenario.unions import import_members
 

@@ -45,7 +45,7 @@ class DrydenSource(WindSource):
         return 0.0
 
     def without_turbulence(self) -> WindSource | None:
-        """Return None, since the source has no other part."""
+        """Return None, since turbulence is the only part of this wind."""
         return None
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:

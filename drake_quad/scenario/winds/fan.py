@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Position, Positi
 from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings, jets
 from drake_quad.signals import VelocityW
 
-# Walls of fans for quadrotors move up to 100 m³/s; industrial fans have diameters of up to 7 m.
+# Fan walls for quadrotors move up to 100 m³/s. Industrial fans have diameters of up to 7 m.
 _PLAUSIBLE_FLOW = Plausible("m³/s", "m³/h", 1.0 / 3600.0, upper=500.0)
 _PLAUSIBLE_DIAMETER = not_in_millimetres(upper=10.0)
 
@@ -58,11 +58,11 @@ class FanSource(WindSource):
         return self.jets()[0].exit_speed
 
     def without_turbulence(self) -> WindSource | None:
-        """Return the fan with a jet without turbulence."""
+        """Return the same fan with a jet that is not turbulent."""
         return self.model_copy(update={"turbulence": 0.0})
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
-        """Return the recipe for the wind of only this fan."""
+        """Return the recipe for the wind of this fan alone."""
         return Recipe(Fans, {"period": surroundings.period}, self.jets())
 
     @classmethod

@@ -12,7 +12,7 @@ from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundi
 
 @WINDS.member
 class SineSource(BlowingSource):
-    """A wind whose velocity is a sine of time and so changes its sign."""
+    """A wind whose velocity is a sine of time, so that it reverses periodically."""
 
     kind: Literal["sine"]
     frequency: Positive = Field(description="angular frequency (rad/s)")

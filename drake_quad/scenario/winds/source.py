@@ -1,4 +1,4 @@
-"""Base class of the sources of wind, and their registry `WINDS`.
+"""Base class of wind sources, and their registry `WINDS`.
 
 To add a source, extend `WindSource` and register the class with `WINDS.member`.
 """
@@ -21,11 +21,11 @@ from drake_quad.signals import Row, VelocityW, Wind
 
 
 class WindSurroundings(NamedTuple):
-    """Properties of the laboratory on which a source of wind may depend.
+    """Laboratory properties on which a wind source may depend.
 
     Attributes:
         steady_wind: sum of all steady winds.
-        period: time for which each sample of the wind is held, s.
+        period: period for which each wind sample is held, s.
     """
 
     steady_wind: Wind
@@ -33,7 +33,7 @@ class WindSurroundings(NamedTuple):
 
 
 class WindSource(Model):
-    """Source of wind. In the scenario of a fleet, values that a study draws are (N,) arrays.
+    """Wind source. In a fleet scenario, values that a study draws are (N,) arrays.
 
     Attributes:
         depends_on_position: True if the mean wind depends on the position.
@@ -45,7 +45,7 @@ class WindSource(Model):
     depends_on_time: ClassVar[bool]
 
     def steady_wind(self) -> Wind:
-        """Return the part of the wind that depends on neither position nor time, m/s."""
+        """Return the part of the wind that is independent of position and time, m/s."""
         return Wind(0.0, 0.0, 0.0)
 
     def jets(self) -> tuple[Jet, ...]:
@@ -54,7 +54,7 @@ class WindSource(Model):
 
     @abstractmethod
     def max_speed(self) -> VelocityW:
-        """Return the largest speed of the mean wind, without its steady part, m/s."""
+        """Return the largest speed of the mean wind, excluding its steady part, m/s."""
 
     @abstractmethod
     def without_turbulence(self) -> "WindSource | None":
@@ -68,7 +68,7 @@ class WindSource(Model):
     def recipes(cls, sources: Sequence["WindSource"], surroundings: WindSurroundings) -> dict[str, Recipe]:
         """Return the recipes for all sources of this kind in a laboratory, by name.
 
-        The random numbers of a source depend on its name. Sources are numbered within their kind, so that adding a
+        The random numbers of a source depend on its name. The names number the sources within their kind, so adding a
         source of another kind does not change the turbulence.
         """
         return {f"{source.kind}_{i}": source.recipe(surroundings) for i, source in enumerate(sources)}
@@ -79,23 +79,24 @@ WINDS = OpenUnion(WindSource)
 
 AnyWindSource = Annotated[WindSource, WINDS]
 
-# The strongest hurricanes have 85 m/s.
+# The strongest hurricanes have wind speeds of 85 m/s.
 _PLAUSIBLE_WIND = Plausible("m/s", "km/h", 1.0 / 3.6, upper=85.0)
 
 
 class BlowingSource(WindSource):
-    """Wind with a velocity that is given as a vector, or as a horizontal speed and a heading."""
+    """Wind whose velocity is given as a vector, or as a horizontal speed and a heading."""
 
     velocity: Annotated[Position | None, _PLAUSIBLE_WIND] = Field(
         default=None, description="velocity of the air in W (m/s); the peak velocity of a gust or a sine"
     )
     speed: Annotated[NonNegative | None, _PLAUSIBLE_WIND] = Field(
         default=None,
-        description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; given with heading, in"
-        " place of velocity",
+        description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; speed and heading replace"
+        " velocity",
     )
     heading: Direction | None = Field(
-        default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
+        default=None,
+        description="direction towards which the wind blows, from X towards Y (rad); required if speed is given",
     )
     strength_fields: ClassVar = ("velocity", "speed")
 
@@ -108,7 +109,7 @@ class BlowingSource(WindSource):
         return self
 
     def full_velocity(self) -> Wind:
-        """Return the peak velocity of the air, m/s."""
+        """Return the peak wind velocity, m/s."""
         if self.velocity is not None:
             return Wind(*self.velocity)
         assert self.speed is not None
@@ -117,7 +118,7 @@ class BlowingSource(WindSource):
         return Wind(self.speed * cos_heading, self.speed * sin_heading, 0.0)
 
     def max_speed(self) -> VelocityW:
-        """Return the peak speed of the air, m/s."""
+        """Return the peak wind speed, m/s."""
         return speed(self.full_velocity())
 
     def without_turbulence(self) -> WindSource | None:
@@ -126,17 +127,17 @@ class BlowingSource(WindSource):
 
 
 def steady_wind(sources: Iterable[WindSource]) -> Wind:
-    """Return the sum of the steady parts of sources of wind, m/s."""
+    """Return the sum of the steady winds of all sources, m/s."""
     winds = [source.steady_wind() for source in sources]
     return Wind._make(sum(parts, start=0.0) for parts in zip(Wind(0.0, 0.0, 0.0), *winds, strict=True))
 
 
 def jets(sources: Iterable[WindSource]) -> tuple[Jet, ...]:
-    """Return the free jets of sources of wind."""
+    """Return the free jets of all sources."""
     return tuple([jet for source in sources for jet in source.jets()])
 
 
 def speed(wind: Wind) -> Row:
-    """Return the speed of the air, m/s."""
+    """Return the magnitude of a wind velocity, m/s."""
     squares: Any = sum(part * part for part in wind)
     return np.sqrt(squares)

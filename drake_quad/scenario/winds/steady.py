@@ -13,18 +13,18 @@ from drake_quad.signals import VelocityW, Wind
 
 @WINDS.member
 class SteadySource(BlowingSource):
-    """Wind that depends on neither position nor time; the full wind blows from the start of the flight on."""
+    """Wind that is independent of position and time. It blows at full speed from the start of the flight."""
 
     kind: Literal["steady"]
     depends_on_position: ClassVar = False
     depends_on_time: ClassVar = False
 
     def steady_wind(self) -> Wind:
-        """Return the whole wind, which is steady, m/s."""
+        """Return the full wind velocity, m/s."""
         return self.full_velocity()
 
     def max_speed(self) -> VelocityW:
-        """Return 0, since the whole wind is steady."""
+        """Return 0, since this wind has no part that varies."""
         return 0.0
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:
@@ -33,6 +33,6 @@ class SteadySource(BlowingSource):
 
     @classmethod
     def recipes(cls, sources: Sequence[WindSource], surroundings: WindSurroundings) -> dict[str, Recipe]:
-        """Return the recipe for a single system with the sum of all steady winds; empty if the sum is zero."""
+        """Return the recipe for one system that outputs the sum of all steady winds; empty if the sum is zero."""
         blows = any(isinstance(part, np.ndarray) or part != 0.0 for part in surroundings.steady_wind)
         return {"steady": sources[0].recipe(surroundings)} if blows else {}
