@@ -9,7 +9,7 @@ where the prior has mean θ̄ and standard deviations s. The minimum is found by
 noise is then estimated by maximising the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², and the gains are computed
 again. These steps are repeated until θ converges.
 
-The uncertainty of θ follows from blocks of windows (`drake_quad.identification.evidence`).
+The uncertainty of θ is computed from blocks of windows (`drake_quad.identification.evidence`).
 """
 
 from collections.abc import Sequence
@@ -82,11 +82,11 @@ class PredictionFit(NamedTuple):
 
     Attributes:
         values: (p,) estimates of the parameters.
-        noise: estimated noise.
+        noise: estimated measurement noise and disturbance.
         gains: gains of the filter for these parameters.
         jacobian: (W, k, p) derivatives of the k whitened errors of each window, L⁻¹ ∂e/∂θ.
         errors: (W, k) whitened errors, L⁻¹ e.
-        prior: (p,) information of the prior on each parameter.
+        prior: (p,) information that the prior contains about each parameter.
     """
 
     values: np.ndarray
@@ -188,10 +188,10 @@ def fit(
 def _with_smaller_disturbance(
     predictor: Predictor, parameters: Sequence[Parameter], point: "_Point", factors: Sequence[float]
 ) -> "_Point":
-    """Multiply the disturbance by the factors as long as the likelihood increases, and return the best point.
+    """Reduce the disturbance as long as the likelihood increases, and return the best point.
 
-    During these multiplications, the parameters are fixed. They are then fitted for the best disturbance, and for the
-    next smaller one; the fit with the higher likelihood is returned.
+    Each step multiplies the disturbance by the factors, at fixed parameters. The parameters are then fitted for the
+    best disturbance, and for the next smaller one. The fit with the higher likelihood is returned.
     """
 
     def reduced(noise: PredictionNoise) -> PredictionNoise:
@@ -282,7 +282,7 @@ class _Point(NamedTuple):
         *,
         min_likelihood: float = -np.inf,
     ) -> "_Point":
-        """Return the best parameters for a noise, with the gains of a filter that is linearised at the initial ones.
+        """Return the parameters that fit best for the given noise and the given filter gains.
 
         The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
         """
@@ -291,7 +291,7 @@ class _Point(NamedTuple):
 
 
 class _Evaluation(NamedTuple):
-    """Predictions, and the p + 1 condensed residuals of a search with their (p + 1, p) derivatives."""
+    """Predictions at a point of the search, with p + 1 condensed residuals and their (p + 1, p) derivatives."""
 
     predictions: _Predictions
     residuals: np.ndarray
@@ -310,8 +310,8 @@ def _least_squares(
     """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
 
     Returns:
-        (p,) parameters, which are the initial ones if the log-likelihood cannot exceed `min_likelihood`, and the
-        predictions with these parameters.
+        The (p,) parameters, and the predictions with them. The parameters are the initial ones if the log-likelihood
+        cannot exceed `min_likelihood`.
     """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
@@ -324,8 +324,8 @@ def _least_squares(
     def evaluate(x: np.ndarray) -> _Evaluation:
         """Return the residuals and their derivatives.
 
-        The last evaluation is cached, since the next call is often for the same point, and the best one, since the
-        search ends there.
+        Two evaluations are cached: the last one, since the next call is often for the same point, and the best one,
+        since the search ends there.
         """
         if x.tobytes() not in evaluations:
             values = variables.inverse @ x
@@ -366,9 +366,9 @@ def _least_squares(
 
 
 def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return p + 1 residuals and their derivatives, which have the same least-squares solution as k residuals.
+    """Condense k residuals to p + 1 residuals that have the same least-squares solution.
 
-    Their normal equations and their sum of squares are equal. The search is much faster with few residuals.
+    The normal equations and the sum of squares are unchanged. The search is much faster with few residuals.
 
     Args:
         residuals: (k,) residuals.
@@ -401,7 +401,7 @@ def _whitened(
 
     Args:
         predictor: predictor of the outputs.
-        scales: (p,) scales of the parameters, to which the steps of the differences are relative.
+        scales: (p,) scales of the parameters. The finite-difference steps are proportional to them.
         parameters: (p,) parameters.
         gains: gains of the filter.
         noise: noise of the filter.
@@ -426,7 +426,8 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
     Args:
-        values: (a, b, 1 + p + 1) values at a point, with each parameter increased, and with the delay reduced.
+        values: (a, b, 1 + p + 1) values at a point, then with each parameter increased in turn, then with the delay
+            reduced.
         increases: (p,) increases of the parameters.
         delay_index: index of the delay among the parameters; None if the delay is fixed.
     """
@@ -445,7 +446,7 @@ def _noise_of(
 
     Args:
         predictor: predictor of the outputs.
-        gains: gains of the filter with the noise.
+        gains: gains of the filter for the initial noise.
         noise: initial noise.
         chosen: indices of the windows that are used; by default some evenly spaced windows.
     """
@@ -487,7 +488,7 @@ def _noise_of(
 
 
 def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
-    """Return the covariance (m + 12, m + 12) of the errors of the estimated logarithms of the noise.
+    """Return the error covariance (m + 12, m + 12) of the estimated logarithms of the noise parameters.
 
     This is the inverse of the Fisher information. A noise parameter that the logs do not identify has a large variance.
     """
@@ -507,13 +508,13 @@ def _likelihood_of(
     chosen: np.ndarray,
     free: np.ndarray,
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return log-likelihood, score and information of a noise that differs little from the noise of the filter.
+    """Return log-likelihood, score and information for noise parameters close to those of the filter.
 
     Args:
         predictor: predictor of the outputs.
         gains: gains of the filter.
         filter_noise: noise of the filter.
-        log_noise: (c,) logarithms of the noise, one for each group.
+        log_noise: (c,) logarithms of the noise parameters, one for each group.
         chosen: indices of the windows that are used.
         free: (f,) indices of the logarithms for which score and information are returned.
     """
@@ -525,12 +526,13 @@ def _likelihood_of(
 def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the log-likelihood of a noise with c parameters, its score (c,), and its Fisher information (c, c).
 
-    With ∂e and ∂S the derivatives of the errors and of their covariance, both whitened, the score is
-    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information is Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
+    The score is Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information is Σ ½ tr ∂S ∂S + ∂eᵀ ∂e. Here ∂e and ∂S are the
+    whitened derivatives of the errors and of their covariance.
 
     Args:
-        errors: (T, 1 + c, W, m) prediction errors with the noise, and with one of its parameters increased at a time.
-        covariances: (T, 1 + c, W, m, m) covariances of the errors.
+        errors: (T, 1 + c, W, m) prediction errors with the given noise, then with each noise parameter increased in
+            turn.
+        covariances: (T, 1 + c, W, m, m) covariances of the errors in the same order.
         step: increase of the logarithm of each parameter.
     """
     factor = np.linalg.cholesky(covariances[:, 0])

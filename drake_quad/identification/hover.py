@@ -72,8 +72,8 @@ def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
     """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
     For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
-    motor with a damaged propeller has a larger throttle. Standard deviations follow from the means of blocks of half a
-    second.
+    motor with a damaged propeller has a larger throttle. The standard deviations are computed from means over
+    half-second blocks.
 
     Args:
         record: record of the flight.
@@ -106,7 +106,7 @@ def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
-    """Return the mean of values (n,), with the standard deviation from the means of blocks (n,)."""
+    """Return the mean of values (n,) and its standard deviation, given the block number (n,) of each value."""
     block_numbers, indices = np.unique(blocks, return_inverse=True)
     means = np.bincount(indices, weights=values) / np.bincount(indices)
     deviation = float(np.std(means, ddof=1) / np.sqrt(len(block_numbers))) if len(block_numbers) > 1 else np.nan
@@ -114,9 +114,10 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:
-    """Return the delay with the largest correlation of attitude and command, s; None if one of them is not logged.
+    """Return the delay, s, at which attitude and command correlate most; None if one of them is not logged.
 
-    This delay is a rough check of an identified delay. It is longer, since it includes the response of the vehicle.
+    The result is a rough check of an identified delay. It is longer than that delay, since it includes the response of
+    the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None

@@ -87,7 +87,7 @@ DisturbanceFrame = Literal["world", "body"]
 
 
 class Disturbance(NamedTuple):
-    """Specific force and angular acceleration that represent model errors, with a constant part of the force."""
+    """Specific force and angular acceleration that represent model errors. The force has a constant part."""
 
     x: AccelerationB
     y: AccelerationB

@@ -64,13 +64,13 @@ class _Pair(NamedTuple):
 
     Attributes:
         name: name of the checked signal.
-        other: name of the other side of the comparison, as part of a sentence.
+        other: phrase that names the quantity with which the signal is compared, for messages.
         expected: (windows, axes) values that follow from the other signals.
-        measured: (windows, axes) values of the signal.
-        threshold: smallest amplitude of an axis that is compared, in SI units.
+        measured: (windows, axes) values of the checked signal.
+        threshold: smallest amplitude that is compared, in SI units. Axes with smaller amplitudes are skipped.
         axes: names of the axes.
         centred: True if the medians are removed before the comparison.
-        is_exact: False if a delay or an effect that is not modelled causes a difference between the two signals.
+        is_exact: False if the two signals may differ by a delay or by an unmodelled effect.
         suspicious: disagreement above which faults are searched for.
     """
 
@@ -100,7 +100,7 @@ class _Pair(NamedTuple):
         return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
 
     def text(self, axis: int) -> str:
-        """Return the disagreement along an axis as part of a sentence."""
+        """Return a phrase that describes the disagreement along an axis."""
         expected, measured = (side[:, axis] for side in self.clipped())
         amplitude, other_amplitude = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
         if not self.centred:
@@ -119,9 +119,9 @@ _MOTION_SIGNALS = ("position", "velocity")
 
 
 def _derived_from(*names: str) -> Callable[[Callable[["_Grid"], _Value]], Callable[["_Grid"], _Value]]:
-    """Return a decorator that computes a quantity of a grid only once, from the signals with the given names.
+    """Return a decorator that caches a quantity of a grid, which depends on the signals with the given names.
 
-    A grid with a repaired fault keeps the quantities that do not depend on the repaired signals.
+    When a fault is repaired, the cached quantities that do not depend on the repaired signals are kept.
     """
 
     def decorate(quantity: Callable[["_Grid"], _Value]) -> Callable[["_Grid"], _Value]:
@@ -144,7 +144,7 @@ def _clipped(values: np.ndarray, centred: bool) -> np.ndarray:
 
 
 def _quantile(values: np.ndarray, probability: float) -> np.ndarray:
-    """Return a quantile (axes,) of values (w, axes), as `np.quantile` does, which takes ten times as long."""
+    """Return a quantile (axes,) of values (w, axes), ten times as fast as `np.quantile`."""
     position = probability * (len(values) - 1)
     low = int(position)
     high = min(low + 1, len(values) - 1)
@@ -158,7 +158,7 @@ class _Grid:
     Signals are compared in windows, which start at steps of the grid. A window that contains a gap is left out.
 
     Attributes:
-        signals: (n, columns) values by name.
+        signals: (n, columns) values of each signal, by name.
         step: step of the grid, s.
         usable: (n,) False where the log has a gap.
         stride: number of steps from one window to the next.
@@ -346,7 +346,7 @@ def _turn(grid: _Grid) -> np.ndarray:
 
 @_derived_from(*_MOTION_SIGNALS)
 def _acceleration(grid: _Grid) -> np.ndarray:
-    """Return the mean acceleration (w, 3) minus the acceleration of gravity, in the world."""
+    """Return the mean acceleration (w, 3) minus the acceleration of gravity, along the world axes."""
     velocity = grid.velocity
     assert velocity is not None
     return grid.rate(velocity, grid.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
@@ -354,7 +354,7 @@ def _acceleration(grid: _Grid) -> np.ndarray:
 
 @_derived_from("attitude", "specific_force")
 def _force_in_world(grid: _Grid) -> np.ndarray:
-    """Return the mean specific force (w, 3) in the world."""
+    """Return the mean specific force (w, 3) along the world axes."""
     return grid.mean(grid.rotation.apply(grid.signals["specific_force"]), grid.samples(_TRANSLATION_WINDOW))
 
 
@@ -372,7 +372,7 @@ def _vertical_force(grid: _Grid) -> _Pair:
 
 @_derived_from("attitude", *_MOTION_SIGNALS)
 def _acceleration_in_body(grid: _Grid) -> np.ndarray:
-    """Return the acceleration (w, 3) of `_acceleration`, in the body in the middle of each window."""
+    """Return the result (w, 3) of `_acceleration` along the body axes in the middle of each window."""
     width = grid.samples(_TRANSLATION_WINDOW)
     middle = grid.rotation[grid.starts(width) + width // 2]
     in_body: np.ndarray = middle.inv().apply(_acceleration(grid))
@@ -405,7 +405,7 @@ def _tangent(grid: _Grid) -> np.ndarray:
 
 
 def _tilt(grid: _Grid) -> _Pair:
-    """Return the pair of the horizontal acceleration and the acceleration by a thrust along the z axis of the body."""
+    """Return the pair that compares the horizontal acceleration with the one that a thrust along body z would cause."""
     acceleration = _acceleration(grid)
     expected, measured = acceleration[:, :2], _tangent(grid) * np.maximum(acceleration[:, 2:], 0.0)
     other = "the horizontal acceleration"
@@ -499,10 +499,10 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return the lags (parts,), s, of the body rates behind the derivative of the attitude, in parts of two seconds.
+    """Return the lag (parts,), s, of the body rates behind the derivative of the attitude, in each part of the log.
 
-    Parts in which the two signals do not match are left out. If the lags differ, the clocks of the two sensors are not
-    synchronised, for example because one of them is received over a radio link.
+    A part lasts two seconds. Parts in which the two signals do not match are left out. If the lags differ, the clocks
+    of the two sensors are not synchronised, for example because one sensor is received over a radio link.
 
     Args:
         signals: (n, columns) values of signals, including attitude and body_rates, in SI units and frames of a record.

@@ -42,7 +42,7 @@ _MAX_LISTED_NAMES = 6  # largest number of columns that are listed in one senten
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of a log on one clock: a CSV file, a topic or an event type.
+    """Columns of a log that share one clock, such as a CSV file, a topic or an event type.
 
     Attributes:
         name: name of the topic or event type.
@@ -58,7 +58,7 @@ class Table:
 
 
 class _Channel(NamedTuple):
-    """Signal on its own clock.
+    """Samples of a signal, on the clock of the table from which they were read.
 
     Attributes:
         signal: name of the signal.
@@ -283,9 +283,9 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """Return the clock with the smallest median step of all long measurements, or of all long signals.
+    """Return the clock with the smallest median step among the measurements, or among all signals if none is measured.
 
-    A measurement is long if it lasts at least half as long as the longest one.
+    Signals that last less than half as long as the longest one are ignored.
     """
     measurements = [channel for channel in channels if not is_held(channel.signal)] or channels
     longest = max(channel.time[-1] - channel.time[0] for channel in measurements)
@@ -294,7 +294,7 @@ def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
 
 
 def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for at least half of the time, and remarks on the others."""
+    """Return the signals that are logged for at least half of the time, and remarks on the other signals."""
     sufficient, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:

@@ -101,7 +101,7 @@ _WRONG_FRAMES = {
 
 
 def faults(signals: _Signals) -> Iterator[Fault]:
-    """Yield the possible faults of the signals of a log, given by name."""
+    """Yield the possible faults of logged signals, which are given by name."""
     for signal, axes in AXES.items():
         if signal not in signals:
             continue

@@ -157,7 +157,7 @@ class Mapping(Model):
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """Return the wind for the longest matching end of a log's name, m/s; None if no end matches."""
+        """Return the wind, m/s, listed for the longest matching suffix of a log's name; None if no suffix matches."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 

@@ -241,7 +241,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
 
 
 def _pulse_limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
-    """Return the pulse at the end "MIN" or "MAX" of a channel's range, µs.
+    """Return the shortest ("MIN") or longest ("MAX") pulse of a channel, µs.
 
     If a parameter is missing or negative, the next, more general parameter is used, and finally `default`.
     """

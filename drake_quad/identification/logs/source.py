@@ -108,7 +108,9 @@ class LogFile(NamedTuple):
             raise InputError(f"{self.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
 
     def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
-        """Return the result of a function of a path, for a library that reads only from disk."""
+        """Write the log to a temporary file, and return the result of `read` for its path.
+
+        Some libraries read only from disk."""
         with NamedTemporaryFile(suffix=suffix) as file:
             file.write(self.data)
             file.flush()

@@ -1,4 +1,4 @@
-"""Conversion of an identified position law to a control of the scenario language.
+"""Conversion of an identified position law to the `control` section of a scenario.
 
 A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the position (`control`
 of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`), whose gains follow from
@@ -21,8 +21,8 @@ _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 def control_layer(law: PositionLaw) -> dict[str, Any]:
     """Return the scenario layer with a controller that has the given position law.
 
-    The layer contains neither attitude control, limits of tilt and thrust, nor delays; these are taken from the
-    scenario. The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
+    The layer contains no attitude controller, no limits on tilt and thrust, and no delays. The scenario must contain
+    them: with a `control` of kind `cascade` for a PD or PID, and with an attitude controller on board for a
     `pid_cascade`.
 
     Raises:

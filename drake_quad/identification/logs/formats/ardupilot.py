@@ -42,7 +42,7 @@ _OTHER_FRAMES = {
 
 
 def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
-    """Read the messages that a mapping uses, of the first instance of each sensor.
+    """Read the messages that a mapping uses. Only the first instance of each sensor is read.
 
     Field names have the form `ATT.Roll`. Values are multiplied by the multiplier of their type.
 

@@ -48,7 +48,7 @@ class _Message(NamedTuple):
 
 
 class _Rows:
-    """Values of the fields of a topic that a mapping uses, one row for each message."""
+    """Values of the topic fields that a mapping uses, with one row per message."""
 
     def __init__(self, type_name: str, fields: list[str]) -> None:
         self.type_name = type_name
