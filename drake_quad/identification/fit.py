@@ -28,21 +28,21 @@ from drake_quad.identification.prediction_errors import Gains, PredictionNoise, 
 _RELATIVE_STEP = 1e-5
 # Step of the central difference of the delay, in samples. The derivative is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
-_MAX_NUM_ROUNDS = 8
+_MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the parameters and of the noise
 # The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
 # and each logarithm of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
-_MAX_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# Largest plausible ratio of the log-likelihood that a search gains to the gain that the derivatives at its start
-# predict. A trial that would have to gain more is not fitted.
+_MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
+# A search increases the log-likelihood by at most this multiple of the increase that the derivatives at its start
+# predict. A smaller disturbance that would require a larger increase is not fitted.
 _MAX_GAIN_RATIO = 3.0
 # Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Factors of the smaller disturbances (force along x, y, z, torque about x, y, z). They are tried because Fisher scoring
-# reduces a much too large disturbance only slowly.
-_SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
-_SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
+# Factors by which the disturbance (force along x, y, z, torque about x, y, z) is reduced in a trial. The trials are
+# needed because Fisher scoring reduces a much too large disturbance only slowly.
+_TORQUE_REDUCTION = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
+_FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
 # local minimum in which a large disturbance explains the motion. The search then starts again from the prior mean,
 # with the disturbance multiplied by `_RESTART_DISTURBANCE`.
@@ -56,21 +56,21 @@ _MAX_NOISE_SAMPLES = 1500
 _LOG_STEP = 1e-4
 # Largest change of a logarithm of the noise in one round, a factor of 12.
 _MAX_LOG_CHANGE = 2.5
-_MAX_SCORING_STEPS = 5
+_MAX_SCORING_STEPS = 5  # largest number of Fisher scoring steps in a round
 _LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
-_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps, and weak prior information in `noise_covariance`
+_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps; also the weak prior information in `noise_covariance`
 MIN_NOISE = 1e-5
 """Smallest estimate of the standard deviation of a measurement, in the SI unit of the signal."""
-_MAX_NOISE = 100.0  # largest such estimate
+_MAX_NOISE = 100.0  # largest estimate of the standard deviation of a measurement, in the SI unit of the signal
 _MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimate of the standard deviation of the disturbance
 NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 """Standard deviation below which a disturbance is negligible, m/s² or rad/s²."""
-_MAX_DISTURBANCE = 1e3  # m/s² or rad/s²
-_MIN_MEMORY = 0.02  # s, correlation time of the disturbance
-_MAX_MEMORY = 20.0  # s
+_MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimate of this standard deviation
+_MIN_CORRELATION_TIME = 0.02  # s, shortest correlation time of the disturbance
+_MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
 # Largest correlation time of a disturbing force along the axes of B, s. A force along z that lasts longer is an error
 # of the thrust curve. If the disturbance included it, only large motions of the rotors would determine the curve.
-_MAX_THRUST_MEMORY = 0.25
+_MAX_THRUST_CORRELATION_TIME = 0.25
 # The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
 # If there are fewer windows than this, each is divided into parts, so that the scatter is estimated from many parts.
@@ -157,7 +157,7 @@ def fit(
     untried: list[tuple[float, ...]] = []
     for round_number in range(1, _MAX_NUM_ROUNDS + 1):
         if round_number in _TRIAL_ROUNDS:
-            untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
+            untried = [_TORQUE_REDUCTION, _FORCE_REDUCTION]
         previous_values, previous_disturbance = point.values, point.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(previous_values, point.noise), point.noise)
         gains = predictor.gains(previous_values, noise)
@@ -360,7 +360,7 @@ def _least_squares(
         x_scale=variables.scale,
         xtol=1e-5,
         ftol=1e-6,
-        max_nfev=_MAX_EVALUATIONS,
+        max_nfev=_MAX_NUM_EVALUATIONS,
     )
     return np.asarray(variables.inverse @ solution.x), evaluate(solution.x).predictions
 
@@ -411,7 +411,7 @@ def _whitened(
     if delay_index is not None:
         increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period
     points = np.vstack([parameters, parameters + np.diag(increases), parameters - decreases])
-    # With parameters that are tried in a search, the model may diverge. The search rejects numbers that are not finite.
+    # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         errors, states = _whitened_errors(predictor, points, gains, noise)
         return _Predictions(
@@ -457,10 +457,10 @@ def _noise_of(
     if chosen is None:
         chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(int)
     log_noise = start = np.log(np.concatenate(noise))[group_rows]
-    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
-    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
+    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_CORRELATION_TIME], [m, 6, 6])
+    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_CORRELATION_TIME], [m, 6, 6])
     along_thrust = slice(m + 6, m + 9) if predictor.model.frame == "body" else slice(m + 8, m + 9)
-    largest_noise[along_thrust] = _MAX_THRUST_MEMORY
+    largest_noise[along_thrust] = _MAX_THRUST_CORRELATION_TIME
     lower = np.maximum(np.log(smallest_noise)[group_rows], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest_noise)[group_rows], start + _MAX_LOG_CHANGE)
     # The correlation time of a negligible disturbance is fixed, since it has no influence.

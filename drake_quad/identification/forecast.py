@@ -15,7 +15,8 @@ from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import wrapped_angles
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-_ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
+# First row of the rates of change of each signal in the state of the model.
+_RATE_ROWS = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
@@ -33,7 +34,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
             persistence_errors[:, i] = measured[:, i] - measured[:, i].mean()
             continue
         start = initial_state[STATE_ROWS[signal] + column, 0]
-        rate = initial_state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
+        rate = initial_state[_RATE_ROWS[signal] + column, 0] if signal in _RATE_ROWS else 0.0 * start
         persistence_errors[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":
             persistence_errors[:, i] = wrapped_angles(persistence_errors[:, i])

@@ -13,12 +13,12 @@ from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
 from drake_quad.identification.windows import airborne_mask, segment_numbers
 
-_DIFFERENCE_ORDER = 3
+_DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
 _LANDING_TIME = 2.0  # s, duration before take-off and after landing that counts neither as rest nor as flight
-_MAX_HOVER_SPEED = 0.15  # m/s
-_MAX_HOVER_RATE = 0.5  # rad/s
-_MIN_HOVER_TIME = 1.0  # s
+_MAX_HOVER_SPEED = 0.15  # m/s, faster motion is not hover
+_MAX_HOVER_RATE = 0.5  # rad/s, faster rotation is not hover
+_MIN_HOVER_TIME = 1.0  # s, shortest hover from which trim is estimated
 _BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives the standard deviation of a mean
 _MIN_NUM_DIFFERENCES = 30  # smallest number of third differences from which noise is estimated
 _MAX_DELAY = 0.3  # s, largest delay from a command to the attitude

@@ -24,7 +24,7 @@ from drake_quad.statistics.interval import plus_minus
 _MAX_RELATIVE_HALF_WIDTH = 1.0
 # Largest disturbing force along z, averaged over `_FORCE_WINDOW`, relative to the weight. It is 0.03 in strong wind.
 _MAX_VERTICAL_FORCE_RATIO = 0.15
-_FORCE_WINDOW = 0.5  # s
+_FORCE_WINDOW = 0.5  # s, duration over which the disturbing force is averaged
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
 

@@ -281,7 +281,7 @@ class Predictor:
         return variances[self.rows]
 
     def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, n) of the state for C noises, divided by the filter's factors."""
+        """Return the decay factors (C, n) of the state for C sets of noise parameters, relative to the filter's."""
         ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
         for c, noise in enumerate(noises):
             ratios[c, NUM_BODY:] = self._decay(noise) / self._decay(filter_noise)
@@ -369,7 +369,7 @@ class Predictor:
             parameters: (p,) parameters.
             gains: gains of the filter.
             noise: noise of the filter.
-            steps: numbers of samples in increasing order, at most the length of the windows.
+            steps: numbers of samples after that measurement, in increasing order, at most the length of the windows.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
         decay, states = self._decay(noise)[:, None, None], []
@@ -395,10 +395,13 @@ class Predictor:
     def linearised_errors(
         self, gains: Gains, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise], window_indices: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prediction errors for several noises, to first order around the predictions of the filter.
+        """Return the prediction errors for several sets of noise parameters, to first order.
+
+        The errors are linearised around the predictions of the filter.
 
         Let r be the decay factor of the disturbance divided by the decay factor in the filter, K the gain for the first
-        noise, and F = r A (I - K C). From the first noise to another one, the covariance of the state changes by
+        noise, and F = r A (I - K C). If the first noise is replaced by another one, the covariance of the state changes
+        by
 
             ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
 
@@ -407,7 +410,8 @@ class Predictor:
         Args:
             gains: gains of the filter.
             filter_noise: noise of the filter.
-            noises: a first noise, and C - 1 noises that differ from it so little that the first order is accurate.
+            noises: C sets of noise parameters. All sets differ so little from the first one that the first order is
+                accurate.
             window_indices: indices of w windows.
 
         Returns:
@@ -433,8 +437,7 @@ class Predictor:
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # With another correlation time, the filter's own disturbance decays by another factor, which adds to the
-            # deviation.
+            # A changed correlation time changes the decay of the filter's disturbance, which adds to the deviation.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
@@ -452,10 +455,10 @@ class Predictor:
 
 
 class _OtherNoises:
-    """Changes of a Kalman filter from a first noise to c other noises, to first order.
+    """First-order changes of a Kalman filter if its set of noise parameters is replaced by each of c other sets.
 
-    Matrices of the c noises are stored side by side, as (w, rows, c, columns) for w windows, so that a single product
-    of matrices serves all noises.
+    The matrices for the c sets are stored side by side, as (w, rows, c, columns) for w windows, so that a single matrix
+    product serves all sets.
 
     Args:
         ratios: (1 + c, n) factors by which the n rows of the state decay, relative to the filter that was linearised.
@@ -475,9 +478,10 @@ class _OtherNoises:
         self._measured_changes = (
             self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
         )
-        # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
+        # Indices of the sets whose measurement noise differs from that of the first set, and of the sets whose
+        # correlation times differ.
         self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
-        self._with_other_memory = np.flatnonzero(self._ratio_changes.any(axis=1))
+        self._with_other_correlation_time = np.flatnonzero(self._ratio_changes.any(axis=1))
         self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))
         w, n, c, _ = self._covariances.shape
         self._deviations = np.zeros((w, c, n))
@@ -509,13 +513,13 @@ class _OtherNoises:
         disturbed: np.ndarray,
         propagated_covariance: np.ndarray,
     ) -> None:
-        """Predict the filters until the next measurement.
+        """Propagate the filters to the next measurement.
 
         Args:
             update: measurement update of the filter with the first noise.
             output: (w, m, n) output matrices.
             transition: (w, n, n) transition matrices.
-            disturbed: (w, n, 1) rows of the state that decay, before they decay with `ratios`.
+            disturbed: (w, n, 1) disturbance in the state, before it decays with `ratios`.
             propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
         """
         scaled = self._ratio[:, None] * transition
@@ -525,7 +529,7 @@ class _OtherNoises:
         closed_loop = scaled - gain @ output
         changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop)
         changes += self._process_changes
-        measured, memory = self._with_other_measured, self._with_other_memory
+        measured, memory = self._with_other_measured, self._with_other_correlation_time
         scaled_gain = gain[:, :, None, :] * self._variance_changes[measured]
         changes[:, :, measured] += _right_product(scaled_gain, gain)
         changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
@@ -550,12 +554,12 @@ def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:
 
 
 def _rows(signal: str, axes: str = "xyz") -> set[int]:
-    """Return the rows of the state that contain the given axes of a signal."""
+    """Return the row indices of the given axes of a signal in the state."""
     return {STATE_ROWS[signal] + "xyz".index(axis) for axis in axes}
 
 
 def _disturbance_rows(*names: str) -> set[int]:
-    """Return the rows of the state that contain the given fields of the disturbance."""
+    """Return the row indices of the given fields of the disturbance in the state."""
     return {NUM_BODY + Disturbance._fields.index(name) for name in names}
 
 

@@ -39,7 +39,7 @@ _MAX_STEP = 0.01  # s, longest step of the model
 # because the predicted attitude and velocity drift.
 _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
-_MIN_WINDOW = 0.5  # s
+_MIN_WINDOW = 0.5  # s, shortest length of a window
 WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
 # Horizons of the forecast of held-out flight, s.
 _POSE_HORIZON = 0.5
@@ -47,7 +47,7 @@ _IMU_HORIZON = 0.1
 MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
 MIN_BLOCKS = 15  # smallest number of blocks for the jackknife of the estimates
 _BLOCK_DURATION = 4.0  # s, longer than the correlation time of model errors
-_MIN_WINDOWS = 4
+_MIN_WINDOWS = 4  # smallest number of windows for a fit or a forecast
 _POSE = ("position", "attitude")
 
 
@@ -79,9 +79,9 @@ class PreparedLogs(NamedTuple):
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 
-        The first of these that is known: `motors.voltage` of the vehicle, the voltage of its full battery, or the
-        median voltage in the logs. None if the logs contain no throttles of single motors, or if a log lacks the
-        voltage.
+        The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
+        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no throttles of
+        single motors, or if a log lacks the voltage.
         """
         if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None

@@ -29,8 +29,8 @@ NUM_SEGMENTS = 10
 """Number of stretches into which the total flight time is divided. Each of them is held out once."""
 # Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
 _MIN_WINDOWS_PER_SEGMENT = 2
-_SIGNIFICANCE_LEVEL = 0.1
-_NUM_BISECTIONS = 40
+_SIGNIFICANCE_LEVEL = 0.1  # a parameter varies if its p-value is below this
+_NUM_BISECTIONS = 40  # steps of the search for the variance between stretches
 
 
 class Variation(NamedTuple):
@@ -39,7 +39,7 @@ class Variation(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the parameters between stretches. A variance is 0 if the parameter does not
             vary significantly, and NaN if its variation is unknown.
-        degrees_of_freedom: degrees of freedom of Student's distribution of the variation.
+        degrees_of_freedom: degrees of freedom of the variation, which follows Student's t-distribution.
         duration: duration of a stretch, s.
     """
 
@@ -141,7 +141,7 @@ class FlightSegments(NamedTuple):
     def correlation(self, between: np.ndarray) -> np.ndarray:
         """Return the correlations (p, p) of the parameters between stretches, given their variances d² (p,).
 
-        A parameter that is the same in all stretches is correlated with no other.
+        A parameter that is the same in all stretches has zero correlation with all other parameters.
         """
         weights = 1.0 / (self.variances + between)
         mean = np.sum(weights * self.estimates, axis=0) / np.sum(weights, axis=0)

@@ -146,11 +146,11 @@ def fast_command_fraction(record: FlightRecord) -> float:
 def with_averaging_error(
     uncertainty: Uncertainty, names: Sequence[str], values: np.ndarray, period: float
 ) -> Uncertainty:
-    """Return the uncertainty with the error of rotor lags that averaged commands cause.
+    """Return the uncertainty, including the error of rotor time constants that averaged commands cause.
 
-    A lag with the time constant τ is τ behind a ramp. If the ramp is averaged over a period h and held, the same lag is
-    τ + h² / (12 τ) behind it, as one can compute from the response to a held input. The difference is an error of the
-    identified time constant, which is smaller for commands that change faster or not at all.
+    A first-order lag with the time constant τ follows a ramp with a delay of τ. If the ramp is averaged over a period h
+    and held, the delay is τ + h² / (12 τ), as the response to a held input shows. The difference is an error of the
+    identified time constant. The error is smaller for commands that change faster, or that do not change.
 
     Args:
         uncertainty: uncertainty of p parameters.

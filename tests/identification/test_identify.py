@@ -1,4 +1,4 @@
-"""Outputs, candidate parameters and refusals of an identification."""
+"""Outputs, candidate parameters and error messages of an identification."""
 
 from types import SimpleNamespace
 
@@ -34,7 +34,7 @@ def rotors(root):
 
 @pytest.fixture(scope="module")
 def attitudes(root):
-    """Return a scenario with an autopilot whose attitude responds as a whole."""
+    """Return a scenario with an autopilot whose closed attitude loop is modelled as a whole."""
     return load_scenario(root / "diagrams" / "neural_fly.yaml:still")
 
 
@@ -114,7 +114,7 @@ def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitud
     )
 
 
-def test_without_a_log_there_is_nothing_to_identify(rotors):
+def test_an_identification_without_logs_is_refused(rotors):
     with pytest.raises(InputError, match="no log is given; at least one is needed to identify a vehicle"):
         identify([], rotors)
 
@@ -126,7 +126,7 @@ def test_a_short_flight_is_refused(rotors):
         identify([record(2.0, *POSES)], rotors, held_out_fraction=0.0)
 
 
-def test_logs_of_different_rates_are_refused(rotors):
+def test_logs_with_different_sample_rates_are_refused(rotors):
     slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
         name: np.zeros((400, 3)) for name in POSES
     })  # fmt: skip
@@ -255,7 +255,10 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
 
 
 def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors):
-    """The vehicle moves at 1 m/s in x and y, so a drag of 0.2 N s/m is 0.2 N; the wind pushes with 0.1 or 0.3 m/s²."""
+    """The drag coefficient is 0.2 N s/m. The vehicle moves at 1 m/s in x and y, so the drag force is 0.2 N.
+
+    The wind causes an acceleration of 0.1 or 0.3 m/s².
+    """
     time = 0.02 * np.arange(50)
     measured = np.zeros((50, 3, 1))
     measured[:, :2, 0] = time[:, None]
@@ -349,7 +352,9 @@ def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
 @pytest.mark.parametrize(
     ("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)]
 )
-def test_an_interval_must_be_narrower_than_the_usual_error_and_not_contain_zero(lower, deviation, identified):
+def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_excludes_zero(
+    lower, deviation, identified
+):
     """With 30 degrees of freedom, the half-width is 2.04 standard deviations."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))

@@ -103,7 +103,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     np.testing.assert_array_equal(grid.with_stride(7).starts(20), starts[::7])
 
 
-def test_windows_with_a_stride_are_compared_as_without_it():
+def test_a_stride_selects_every_nth_window_and_does_not_change_it():
     grid = _on_grid({**flight(), "reference_velocity": flight()["velocity"]}, TIME)
     for pair, strided in zip(_pairs(grid), _pairs(grid.with_stride(3)), strict=True):
         np.testing.assert_array_equal(strided.expected, pair.expected[::3])
@@ -111,7 +111,7 @@ def test_windows_with_a_stride_are_compared_as_without_it():
 
 
 @pytest.mark.parametrize("without", [None, "velocity"])
-def test_a_repaired_log_is_compared_as_a_log_without_the_fault(without):
+def test_a_log_with_a_repaired_fault_is_compared_like_a_correct_log(without):
     """Quantities that do not depend on the repaired signals are not computed again."""
     signals, time = {name: values[:200] for name, values in flight().items() if name != without}, TIME[:200]
     grid = _on_grid(signals, time)
@@ -144,7 +144,7 @@ def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(peri
 
 
 @pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
-def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds):
+def test_the_grid_averages_the_middle_of_a_log_over_its_steps(period, seconds):
     """The grid has at most 6000 steps of at least 10 ms. The mean of a ramp over a step is its value in the middle."""
     time = period * np.arange(round(seconds / period) + 1.0)
     grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
@@ -162,7 +162,7 @@ def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds)
     assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
 
 
-def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_ones_two():
+def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_signals_two():
     random = np.random.default_rng(3)
     one, other = random.normal(size=(2, 5000, 1))
     for measured, expected in ((one, 0.0), (other, 1.0), (-one, 2.0), (3.0 * one, 4.0 / 10.0)):
@@ -520,15 +520,15 @@ def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_t
         ("attitude", ["attitude_command"]),
     ],
 )
-def test_a_shift_is_not_reported_if_delays_are_usual_between_two_signals(name, others):
+def test_a_shift_between_signals_that_usually_differ_by_a_delay_is_not_reported(name, others):
     clean = flight(0.0)
     clean = clean | {"reference_velocity": np.gradient(clean["reference_position"], PERIOD, axis=0)}
     shifted = np.column_stack([np.interp(TIME - 0.05, TIME, column) for column in clean[name].T])
     assert list(inconsistencies({each: clean[each] for each in others} | {name: shifted}, TIME)) == []
 
 
-def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
-    """With exact signals, the two differ only because the attitude changes within a window."""
+def test_a_body_force_is_compared_at_the_attitude_in_the_middle_of_a_window():
+    """With exact signals, expected and measured force differ only because the attitude changes within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     (pair,) = _pairs(grid, only=_force_in_body)
     means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
@@ -537,7 +537,7 @@ def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
     assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)
 
 
-def test_a_thrust_does_not_pull_a_vehicle_that_falls_faster_than_freely():
+def test_the_thrust_of_a_vehicle_that_accelerates_down_faster_than_gravity_counts_as_zero():
     time = TIME[:, None]
     velocity = -np.cos(time) * [0.0, 0.0, 15.0]
     grid = _on_grid({"attitude": np.tile([0.0, 0.5, 0.0], (len(TIME), 1)), "velocity": velocity}, TIME)
@@ -561,7 +561,7 @@ def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, 
         assert len(pair.expected) == windows - found
 
 
-def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
+def test_signals_that_agree_along_one_axis_do_not_contradict_each_other():
     """A single axis may disagree for another reason, such as noise of the yaw."""
     clean = flight()
     for name, columns, contradicts in (
@@ -612,7 +612,7 @@ def test_two_faults_are_both_named():
     assert any("g were taken for m/s²" in each for each in remarks)
 
 
-def test_without_an_attitude_the_size_of_gravity_is_known():
+def test_unit_and_sign_of_a_specific_force_are_checked_without_an_attitude():
     force = {"specific_force": flight()["specific_force"]}
     assert list(inconsistencies(force, TIME)) == []
     (remark,) = inconsistencies({"specific_force": force["specific_force"] / GRAVITY}, TIME)
@@ -638,12 +638,12 @@ def test_the_shipped_flights_have_no_contradiction(path):
 
 
 @pytest.mark.parametrize("place", [0.7, 1.6, 2.0, 3.3, 4.4])
-def test_the_refined_minimum_point_of_a_parabola_is_between_its_samples(place):
+def test_the_minimum_of_a_parabola_is_found_between_its_samples(place):
     assert _refined_minimum(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
-def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
+def test_a_smallest_value_at_an_end_is_not_a_minimum(errors):
     assert _refined_minimum(np.array(errors)) is None
 
 

@@ -177,7 +177,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
 @pytest.mark.parametrize(
     "data", [b"PK\x03\x04\x14\0" + bytes(30), b"\x89PNG\r\n\x1a\n" + bytes(30), bytes(30)], ids=["zip", "png", "zeros"]
 )
-def test_a_binary_file_of_another_kind_is_refused(read, data):
+def test_a_binary_file_in_an_unknown_format_is_refused(read, data):
     with pytest.raises(InputError, match="is not a log in a known format: ArduPilot's .*, PX4's ULog, or CSV"):
         read(data)
 

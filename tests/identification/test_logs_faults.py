@@ -58,7 +58,7 @@ def test_a_wrong_sign_names_its_axes(known: dict[str, Fault]) -> None:
         (("specific_force",), "mm/s² were taken for m/s²", 1e3),
     ],
 )
-def test_another_unit_is_a_factor_on_all_axes(
+def test_a_wrong_unit_scales_all_axes(
     known: dict[str, Fault], names: tuple[str, ...], what: str, factor: float
 ) -> None:
     assert {name for name in AXES if f"{name} looks as if {what}" in known} == {*names}
@@ -78,7 +78,7 @@ def test_another_unit_is_a_factor_on_all_axes(
         ("x and y were swapped", ["y", "x", "z"]),
     ],
 )
-def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
+def test_a_wrong_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
     """For x, y and z of the faulty signal, `axes` contains the component of the correct signal and its sign."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))

@@ -70,7 +70,7 @@ def noise_of(outputs, *, white=1.0, push=1.0, memory=1.0):
     )
 
 
-def test_a_measurement_correction_is_that_of_a_kalman_filter():
+def test_the_measurement_update_is_that_of_a_kalman_filter():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
@@ -102,7 +102,7 @@ def test_the_variance_of_a_disturbance_is_stationary(scenario, log):
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.5, 5.0])
-def test_the_variance_of_a_mean_force_follows_from_its_correlation(duration):
+def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration):
     """The variance of the mean is the variance times the mean of exp(-|t - s| / T) over all pairs of times."""
     noise = noise_of(POSE)
     found = noise.mean_force(duration)
@@ -153,7 +153,7 @@ def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_positi
     assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
 
 
-def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_two_degrees(scenario, log, values):
+def test_a_logged_attitude_that_is_not_predicted_is_initially_known_to_two_degrees(scenario, log, values):
     """A predicted attitude begins at the first of its own measurements, and one that is not logged is unknown."""
     bare = replace(log, attitude=None)
     for record, outputs, expected in ((log, IMU, 0.03), (bare, IMU, 0.5), (log, POSE, 0.5)):
@@ -165,7 +165,7 @@ def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_
         np.testing.assert_allclose(deviations[:, predictor.rows.tolist().index(9)], 10.0)
 
 
-def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
+def test_the_predicted_attitude_is_that_of_the_marker_frame(log, values):
     scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
     predictor = made(scenario, log)
     flown, state = predictor._begin(values[None])
@@ -199,7 +199,7 @@ def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(sc
     np.testing.assert_allclose((pushed - free)[9:12], PERIOD * torque, rtol=2e-2, atol=1e-4)
 
 
-def test_windows_begin_at_the_measured_states_and_others_at_zero(scenario, log, values):
+def test_windows_begin_at_the_measured_states_with_zeros_for_unmeasured_states(scenario, log, values):
     predictor = made(scenario, log)
     state = predictor.initial.state
     for w, start in enumerate((30, 50, 90)):
@@ -280,11 +280,11 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
     again = predictor.gains(values, noise)
     np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
     np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
-    # The filter continues: the second window predicts as if both were one window.
+    # The filter continues, so the second window predicts as if both windows were one.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
     whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
-    # With other parameters, the window begins at the end of the previous one for these, to first order.
+    # For other parameters, the window begins, to first order, where the previous window ends with these parameters.
     flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
@@ -315,7 +315,7 @@ def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("first", [{"white": 1.1}, {"push": 0.8}, {"memory": 1.2}], ids=lambda first: next(iter(first)))
-def test_several_noises_are_linearised_together(scenario, log, values, outputs, first):
+def test_several_sets_of_noise_parameters_are_linearised_together(scenario, log, values, outputs, first):
     """For a change of the noise by 0.1 %, results differ from separate calls by at most 1 % of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([2, 0])

@@ -168,7 +168,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
     signals, thrust = {
         "thrust": ({"thrust_command": 40.0 * fractions}, 40.0 * fractions),
         "share of hover": (
-            # The thrust share is used, and not the thrust factor of the data sheet.
+            # The thrust fraction is used, and not the thrust factor of the data sheet.
             {"thrust_fraction": fractions, "hover_thrust_fraction": np.full(50, 0.4), "thrust_command": np.ones(50)},
             vehicle.mass * vehicle.gravity * fractions / 0.4,
         ),
@@ -181,7 +181,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
 
 
 def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Scenario, pushed: FlightRecord) -> None:
-    """A thrust share without a thrust curve, or only a hover share, does not give the commanded thrust."""
+    """Neither a thrust fraction without a thrust curve nor a hover thrust fraction gives the commanded thrust."""
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record

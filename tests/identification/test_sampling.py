@@ -23,7 +23,7 @@ from drake_quad.identification.sampling import (
 PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(4000)
 # Time shift in each part of two seconds, s.
-DRIFT = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
+CLOCK_SHIFTS = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
 
 
 def rolling(shifts, *, lost=()):
@@ -74,9 +74,9 @@ def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
     assert 8 <= len(shifts_of(half)) <= 10
 
 
-def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
-    drifting = rolling(DRIFT)
-    np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
+def test_only_on_board_sensors_are_used_if_clocks_drift():
+    drifting = rolling(CLOCK_SHIFTS)
+    np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(CLOCK_SHIFTS), rtol=0.2)
     (kept,), late, (remark,) = synchronise([drifting])
     assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
     assert kept.period == pytest.approx(0.03)
@@ -84,13 +84,13 @@ def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
-def test_a_constant_shift_is_no_drift():
+def test_a_constant_shift_is_not_taken_for_a_drift():
     """Body rates that lag may be derived from the attitude."""
     record = rolling(np.full(20, -0.03))
     assert synchronise([record]) == ([record], False, [])
 
 
-def test_an_attitude_that_lags_behind_the_gyroscope_is_late():
+def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     record = rolling(np.full(20, 0.007))
     (kept,), late, (remark,) = synchronise([record])
     assert kept is record
@@ -101,8 +101,8 @@ def test_an_attitude_that_lags_behind_the_gyroscope_is_late():
     assert synchronise([bare]) == ([bare], False, [])
 
 
-def test_without_an_accelerometer_a_drift_is_only_remarked():
-    record = rolling(DRIFT, lost=("specific_force",))
+def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
+    record = rolling(CLOCK_SHIFTS, lost=("specific_force",))
     kept, late, (remark,) = synchronise([record])
     assert kept == [record]
     assert not late

@@ -30,10 +30,7 @@ def record(seconds: float = 20.0, **signals: np.ndarray) -> FlightRecord:
 
 
 def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
-    """The rotors stand still for the first and last 5 s.
-
-    The average takes half a second, and the margin is one second.
-    """
+    """The rotors stand still for the first and last 5 s, so the vehicle counts as airborne from 6 s to 14 s."""
     command = np.full((2000, 4), 0.5)
     command[:500] = command[1500:] = 0.0
     flying = np.flatnonzero(airborne_mask(record(motor_command=command)))
@@ -130,7 +127,7 @@ def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_a
         ("rotor_speed_command", 4, 0.75, 0.65),
     ],
 )
-def test_a_vehicle_flies_while_its_thrust_is_above_half_of_the_usual_one(
+def test_a_vehicle_counts_as_airborne_above_half_of_its_median_thrust(
     signal: str, columns: int | None, carries: float, lies: float
 ) -> None:
     """The usual thrust is the median while the rotors work, which they do for a third of this log."""
@@ -233,7 +230,7 @@ def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_st
 
 @pytest.mark.parametrize("places", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
 @pytest.mark.parametrize("samples", [1, 2, 5, 20])
-def test_nearby_samples_are_within_a_number_of_samples(places: list[int], samples: int) -> None:
+def test_a_mask_is_extended_by_a_number_of_samples(places: list[int], samples: int) -> None:
     found = np.isin(np.arange(12), places)
     expected = [any(abs(i - place) <= samples for place in places) for i in range(12)]
     np.testing.assert_array_equal(_near(found, samples), expected)

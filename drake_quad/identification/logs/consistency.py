@@ -26,28 +26,28 @@ _GRID_STEP = 0.01  # s; finer samples are averaged
 _MAX_GRID_SIZE = 6_000  # grid steps; one minute at the finest step, from the middle of the log
 _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
-_ROTATION_WINDOW = 0.1  # s
+_ROTATION_WINDOW = 0.1  # s, long enough to average out the noise of angles
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
 _MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
 _MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
-_MAX_FAULTS = 3
+_MAX_FAULTS = 3  # largest number of faults that are reported
 # A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
-# in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_REMAINDER`
+# in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_ERROR_RATIO`
 # times its value. In correct logs, the other frame increases the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
-_MAX_FRAME_REMAINDER = 0.75
+_MAX_FRAME_ERROR_RATIO = 0.75
 _MAX_SHIFT = 0.3  # s, largest time shift that is tried
-_SHIFTED_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
+_MIN_SHIFT_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
 _SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds `_MIN_SHIFT` by this many standard errors
 _CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
-_MAX_CLOCK_SHIFT = 0.1  # s
+_MAX_CLOCK_SHIFT = 0.1  # s, largest shift between two clocks that is tried
 # Largest power of the difference between shifted signals, relative to the power of the signals.
 _MAX_CLOCK_ERROR = 0.4
 _MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that follows it
@@ -258,7 +258,7 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
         if excited.any() and exact_pair.disagreement()[excited].min() > _MIN_CONTRADICTION:
             yield f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
         elif excited.any():
-            centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _SHIFTED_AMPLITUDE))
+            centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _MIN_SHIFT_AMPLITUDE))
             yield from _shift(centred_pair, grid.step, centred_pair.excited(factor=2.0))
 
 
@@ -434,7 +434,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
+# Each comparison with the groups of signals that it needs: at least one signal of each group.
 _COMPARISONS: list[tuple[Callable[[_Grid], _Pair], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
@@ -495,7 +495,7 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
         squares = np.mean((expected - measured) ** 2, axis=1)
         errors.append([float(part.mean()) for part in np.array_split(squares, _NUM_PARTS)])
     old, new = np.array(errors)
-    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_REMAINDER * old.sum())
+    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_ERROR_RATIO * old.sum())
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:

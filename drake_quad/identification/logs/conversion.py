@@ -17,8 +17,8 @@ from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
-# Signals that hold until their next sample, in addition to commands and references. All others are measurements, which
-# are interpolated linearly.
+# Signals that hold until their next sample, in addition to commands and references. All other signals are measurements,
+# which are interpolated linearly.
 _HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.

@@ -32,7 +32,7 @@ FORMS: tuple[Form, ...] = get_args(Form)
 # a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. At a limit, the ratio is much
 # larger.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE_RATIO = 5.0  # smallest ratio of the two numbers of samples at a limit
+_MIN_COUNT_RATIO = 5.0  # smallest ratio of the number of samples within δ to the number between δ and 2 δ, at a limit
 _MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
 # A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
@@ -145,7 +145,7 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
         num_beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
         if (
             margin > 0.0
-            and max(_MIN_LIMITED_SAMPLES, _MIN_PILE_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
+            and max(_MIN_LIMITED_SAMPLES, _MIN_COUNT_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
         ):
             is_limited |= is_near
     return is_limited

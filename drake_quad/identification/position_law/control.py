@@ -13,7 +13,7 @@ from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
 _FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs from 0 or 1 by at most this is set to 0 or 1
-_NEGLIGIBLE_GAIN_RATIO = 0.005  # largest negligible gain in SI units, relative to the position gain
+_NEGLIGIBLE_GAIN_RATIO = 0.005  # gains below this fraction of the position gain are negligible; all gains in SI units
 _UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
@@ -130,7 +130,8 @@ def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, flo
     velocity_gain, proportional = law.gain("velocity"), law.gain("position")
     integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
     if feed_forward == 1.0:
-        # The larger root of k K² - k_p K + k_i = 0 is the position gain. The smaller root is the integral gain over k.
+        # The larger root of k K² - k_p K + k_i = 0 is the position gain K. The smaller root is the integral gain
+        # divided by k.
         discriminant = proportional**2 - 4.0 * velocity_gain * integral
         if discriminant < 0.0:
             raise InputError(

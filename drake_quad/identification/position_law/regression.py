@@ -28,10 +28,10 @@ TYPICAL_DELAY = 0.05
 """Usual delay of a position controller, s."""
 
 # Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
-_LIKELIHOOD_RATIO = 10.83
+_MIN_LIKELIHOOD_RATIO = 10.83
 # An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
 # simulations.
-_MAX_REMAINDER = 0.8
+_MAX_UNEXPLAINED_RATIO = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
 _MAX_FILTER_TIME = 0.5  # s
 _LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for the limit of |e| begins
@@ -216,7 +216,10 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
     parameter does not contain zero.
     """
     ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
-    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(extended.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+    if (
+        ratio < 1.0 / _MAX_UNEXPLAINED_RATIO
+        or _independent_samples(extended.residuals) * np.log(ratio) <= _MIN_LIKELIHOOD_RATIO
+    ):
         return simple
     linear = len(extended.terms) > len(simple.terms)
     value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])

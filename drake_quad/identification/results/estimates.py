@@ -123,7 +123,8 @@ class Estimates:
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of the errors of the values.
-        degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
+        degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number
+            for all errors.
         sources: (n,) sources of each estimate, or a single source for all.
         explained: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
@@ -166,7 +167,9 @@ class Estimates:
             raise InputError("degrees of freedom must be larger than 0")
         sources = ((self.sources,),) * len(names) if isinstance(self.sources, Source) else tuple(self.sources)
         if len(sources) != len(names):
-            raise InputError(f"{len(names)} estimates need as many sources, not {len(sources)}")
+            raise InputError(
+                f"sources must have an item for each of the {len(names)} estimates, not {len(sources)} items"
+            )
         for name, value in (
             ("names", names),
             ("values", values),
@@ -267,7 +270,7 @@ class Estimates:
         )
 
     def for_new_flight(self) -> "Estimates":
-        """Return the estimates with the covariance for another stretch of another flight.
+        """Return the estimates with the covariance that applies to a stretch of a new flight.
 
         The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
         variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite (Biometrics Bulletin 2,

@@ -29,7 +29,7 @@ INTERVAL = (0.025, 0.975)
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
 _MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
-_FLEET_SIZE = 32  # number of flights that are simulated together
+_BATCH_SIZE = 32  # number of flights that are simulated at once
 
 
 class ErrorStatistics(NamedTuple):
@@ -108,7 +108,7 @@ class LogComparison:
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """Return a mask (4,) of the columns in which a statistic of the log is inside the predicted interval."""
+        """Return a mask (4,) of the error columns for which a statistic of the log is inside the predicted interval."""
         _, low, high = self.interval(name)
         logged = getattr(self.logged_statistics, name)
         return np.asarray((logged >= low) & (logged <= high))
@@ -231,7 +231,7 @@ def _positions(
     scenario: Scenario, plan: Plan, times: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
 ) -> np.ndarray:
     """Return the measured positions (samples, n, 3) of simulated flights at some times (n,), m; NaN after a crash."""
-    size = min(samples, _FLEET_SIZE)
+    size = min(samples, _BATCH_SIZE)
     duration = flight_duration(scenario, plan)
     simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
     positions = np.empty((samples, len(times), 3))

@@ -50,7 +50,7 @@ WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
 START_SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
-_MIN_PARABOLA_SAMPLES = 4
+_MIN_PARABOLA_SAMPLES = 4  # smallest number of samples to which a parabola is fitted
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
@@ -88,7 +88,7 @@ class Predictions:
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Return the relative reduction of the RMS error by a vehicle compared with another, over the same starts.
+        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, over the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
@@ -177,8 +177,7 @@ def predict(
         nominal: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
             vehicle.
         horizons: horizons, s.
-        final_fraction: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole
-            time.
+        final_fraction: fraction of the airborne time, at its end, in which predictions start; 1 for the whole time.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too

@@ -23,7 +23,7 @@ _MAX_REPETITION_TIME = 0.05  # s
 # Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path follows any
 # jump, and 5 g is beyond the position references of multicopters.
 _MAX_ACCELERATION = 5.0 * 9.81
-# Weight of the snap relative to the position. The snap determines the path if there are no samples, for example in a
+# Weight of the snap relative to the position. The snap determines the path where there are no samples, for example in a
 # gap.
 _SNAP_WEIGHT = 1e-9
 # Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
@@ -220,7 +220,7 @@ def _as_logged(record: FlightRecord) -> FlightRecord:
 
 
 def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
-    """Return the logged setpoints as a route that begins at the lift-off, or with a rest (s) at the first setpoint."""
+    """Return the logged setpoints as a route, which begins at the lift-off or with a rest at the first setpoint."""
     position = record.of("reference_position")
     yaw = np.full(len(position), _median_yaw(record))
     if record.reference_yaw is not None:

@@ -25,8 +25,8 @@ from drake_quad.identification.logs.units import UNITS
 
 _MAGIC = b"MATLAB "
 _HDF5_VERSION = b"MATLAB 7.3"
-_MAX_DEPTH = 8
-_MAX_COMPONENTS = 16
+_MAX_DEPTH = 8  # deepest nesting of structs that are read
+_MAX_COMPONENTS = 16  # larger matrices have no names for their components
 
 
 def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:

@@ -23,8 +23,9 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# Stamps that differ from the times of recording by more than this, in s, come from another clock.
+# If a stamp differs from the time of recording by more than this, in s, it comes from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
+# Name of a field, or index of an item, in a path such as `covariance[0].x`.
 _PATH_PART = re.compile(r"[^.\[\]]+")
 # Exceptions that are raised for damaged messages and missing fields.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)

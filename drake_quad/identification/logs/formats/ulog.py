@@ -26,7 +26,8 @@ _MICROSECOND = 1e-6
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
-_HEADER_SIZE = 16
+_HEADER_SIZE = 16  # bytes
+# Letters of all message types in the format.
 _MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
