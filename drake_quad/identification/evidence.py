@@ -14,8 +14,8 @@ If each block ends in the state in which the next one starts, the scores of neig
 correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
 K. D. West, Econometrica 55, 1987).
 
-A parameter that only a few blocks determine has few degrees of freedom. With c_b the diagonal of H⁻¹ H_b H⁻¹, they are
-the effective number of blocks, (Σ c_b)² / Σ c_b², minus one.
+A parameter that only a few blocks determine has few degrees of freedom. The degrees of freedom are the effective number
+of blocks, (Σ c_b)² / Σ c_b², minus one, where c_b is the diagonal of H⁻¹ H_b H⁻¹.
 """
 
 from typing import NamedTuple

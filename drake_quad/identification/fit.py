@@ -1,7 +1,7 @@
 """Estimation of the parameters from prediction errors, and of the noise by maximum likelihood.
 
-With the gains of the filter fixed, and with L_t the Cholesky factor of the covariance of the prediction errors e_t(θ),
-the parameters are
+Let L_t be the Cholesky factor of the covariance of the prediction errors e_t(θ). The gains of the filter are fixed. The
+parameters are then
 
     θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|² + ½ Σ_i (θ_i - θ̄_i)² / s_i²,
 

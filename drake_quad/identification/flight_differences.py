@@ -17,8 +17,8 @@ The filter estimates the force that the model does not explain. Its horizontal p
 where the trim force b turns with the heading ψ, and w is the force of a wind that is not logged. Both are estimated by
 least squares. If the heading hardly changes, b and w are indistinguishable, and the estimate of b includes w.
 
-With three or more flights, the variance between them is added to the variation of the estimates, so that the
-distributions in a vehicle file describe the next flight. With F flights and the variance s² between them, the next
+If there are three or more flights, the variance between them is added to the variation of the estimates, so that the
+distributions in a vehicle file describe the next flight. If F flights have the variance s² between them, the next
 flight has the variance s² (1 + 1/F) around their mean, with F - 1 degrees of freedom.
 """
 

@@ -1,9 +1,9 @@
 """Forecast of held-out flight, and the fraction of the variance that the forecast explains.
 
-In each window, the filter first settles. From then on, the model is simulated with the logged commands, without
-measurements. The forecast ŷ of an output y explains the fraction 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of the variance of y,
-where ȳ is the prediction by persistence: the position changes at the initial velocity, the attitude changes at the
-initial body rates, and the body rates are constant. For a specific force, ȳ is the mean.
+The filter first settles in each window. The model is then simulated with the logged commands, without measurements. The
+forecast ŷ of an output y explains the fraction 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of the variance of y, where ȳ is the
+prediction by persistence: the position changes at the initial velocity, the attitude changes at the initial body rates,
+and the body rates are constant. The prediction ȳ of a specific force is its mean.
 """
 
 import numpy as np

@@ -71,7 +71,7 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
 def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
     """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
-    For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
+    If throttles are logged, the result includes the mean thrust of a motor divided by the square of its throttle. A
     motor with a damaged propeller has a larger throttle. The standard deviations are computed from means over
     half-second blocks.
 

@@ -82,7 +82,8 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # In a log of heights, or with one command for all motors, thrusts stay near hover and identify only two powers.
+        # Thrusts stay near hover in a log of heights, or with one command for all motors. They identify only two
+        # powers.
         powers = (0, 1, 2) if has_motor_throttles and turning else (0, 1) if turning else (0, 2)
         for i in powers:
             yield f"motors.curve[{i}]", hover, "any"
@@ -105,7 +106,7 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
     if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
         yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # Without a measured velocity, an accelerometer identifies only the product of drag and velocity.
+    # An accelerometer identifies only the product of drag and velocity if no velocity is measured.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:

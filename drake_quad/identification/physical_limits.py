@@ -8,7 +8,7 @@ The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not decrease,
 
     K0 ≥ 0,   K1 ≥ 0,   K1 + 2 K2 ≥ 0.
 
-At zero throttle, the four rotors carry at most half of the weight, since the vehicle must be able to descend.
+The four rotors carry at most half of the weight at zero throttle, since the vehicle must be able to descend.
 
 The fit takes these combinations as its search variables, so that it never violates a limit.
 """

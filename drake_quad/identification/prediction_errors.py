@@ -129,7 +129,7 @@ class InitialStates(NamedTuple):
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
         continued: (W,) mask of the windows that start in the final state of the preceding window. The initial state of
-            the other windows is uncertain.
+            all other windows is uncertain.
     """
 
     state: np.ndarray
@@ -238,8 +238,8 @@ class Predictor:
     def continue_windows(self, states: np.ndarray, jacobian: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
         """Start each window in the final state of the preceding window, if the two are adjacent.
 
-        With a good model, the filter has a long memory. If it restarted in each window, it would treat the controller's
-        reaction to earlier disturbances as noise.
+        If the model is good, the state of the filter depends on measurements over a long time. If the filter restarted
+        in each window, it would treat the controller's reaction to earlier disturbances as noise.
 
         Args:
             states: (NUM_BODY + NUM_DISTURBANCE, W) states at the measurements where the next windows start.

@@ -35,8 +35,8 @@ from drake_quad.vehicle.motors import thrust_of
 # averaged.
 _MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and duration before the window in which the filter settles, s. Without poses, windows are shorter,
-# because the predicted attitude and velocity drift.
+# Length of a window, and duration before the window in which the filter settles, s. Windows are shorter if no poses are
+# logged, because the predicted attitude and velocity drift.
 _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s, shortest length of a window
@@ -113,7 +113,7 @@ class PreparedLogs(NamedTuple):
         Args:
             names: names of the parameters.
             flying: (n,) mask of the usable samples of each record.
-            horizon: True for the short windows of a forecast, False for those of a fit.
+            horizon: True for the short windows of a forecast, False for the longer windows of a fit.
             delay: delay if it is not a parameter, s.
 
         Raises:
@@ -248,7 +248,7 @@ def _outputs(records: Sequence[FlightRecord], attitude_is_estimated: bool) -> li
     """Return the outputs that are predicted. All records contain them.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
-    logged. In such logs, an estimator derives velocities and body rates from positions and attitudes, so they contain
+    logged. An estimator usually derives these velocities and body rates from positions and attitudes, so they contain
     the same noise with an additional delay.
     """
     logged = set.intersection(*(set(record.names) for record in records))
@@ -276,7 +276,7 @@ def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
     """Return the initial noise of a fit.
 
     The initial disturbance is large, so that the measurements correct a poor initial model before it diverges within a
-    window. In the first rounds of the fit, the maximum-likelihood estimate reduces it.
+    window. The maximum-likelihood estimate reduces the disturbance in the first rounds of the fit.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
     memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]

@@ -173,7 +173,7 @@ def variation_of(evidence: Evidence) -> Variation | None:
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
     """Return the uncertainty of the means of parameters that vary.
 
-    For a parameter that varies, the variance is the larger of the variances from short blocks and from whole stretches.
+    The variance of a parameter that varies is the larger of the variances from short blocks and from whole stretches.
 
     Args:
         uncertainty: uncertainty from shorter blocks.

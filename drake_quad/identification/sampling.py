@@ -58,7 +58,7 @@ def synchronise(records: Sequence[FlightRecord]) -> SynchronisedRecords:
 
     If the time shift between attitude and body rates varies, the clock of the poses differs from the clock on board.
     The poses are then left out, since commands are logged on board. The times of the remaining signals are uncertain as
-    well, so their samples are averaged. In logs without gyroscope or accelerometer, all signals are kept.
+    well, so their samples are averaged. All signals are kept if the logs contain no gyroscope or accelerometer.
     """
     has_both = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
@@ -115,9 +115,9 @@ def distorted_parameters(
 
     A sample of a noisy command differs from the mean of the command over the period. Such errors in the input
     attenuate the fitted response (W. A. Fuller, Measurement Error Models, 1987, section 1.1), and a disturbing torque
-    explains the rest of the motion. In simulated flights with every fifth command in the log, the estimated inertia was
-    twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit needs no
-    disturbing torque, no commands are missing, even if the commands are fast.
+    explains the rest of the motion. If the log of a simulated flight contained only every fifth command, the estimated
+    inertia was twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit
+    needs no disturbing torque, no commands are missing, even if the commands are fast.
     """
     affected_logs = [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
     if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):

@@ -104,7 +104,7 @@ def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
 
 
 def test_few_degrees_of_freedom_widen_an_interval():
-    """With seven degrees of freedom, the half-width of the 95 % interval is 2.36 standard deviations."""
+    """The half-width of the 95 % interval is 2.36 standard deviations for seven degrees of freedom."""
     assert Spread(1.0, 0.1, "N", 7.0).half_width == pytest.approx(0.2365, abs=1e-4)
     assert Spread(1.0, 0.1, "N").half_width == pytest.approx(0.1960, abs=1e-4)
 

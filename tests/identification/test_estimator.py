@@ -101,7 +101,7 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     # The scale error of an axis without motion is zero, with the mean standard deviation of the other axes.
     flown = [fraction.deviation for fraction in found.scale_error[:2]]
     assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
-    # Without a sinusoidal error, the scale errors are exact.
+    # The scale errors are exact if there is no sinusoidal error.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
     np.testing.assert_allclose([fraction.value for fraction in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
@@ -171,7 +171,7 @@ def test_a_scale_error_is_a_regression_slope_over_the_mean_velocity():
         sums = np.array([left[blocks == block].sum() for block in np.unique(blocks)])
         count = len(sums)
         assert fraction.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
-        # Without position noise, the drift is the standard deviation of the residuals.
+        # The drift is the standard deviation of the residuals if there is no position noise.
         assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
     assert found.scale_error[1].value == 0.0
     assert found.scale_error[1].deviation == pytest.approx(
@@ -228,7 +228,7 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = PERIOD * np.arange(2500)
     drag, speed = 0.03, np.sin(2.0 * time)
-    # The wind is such that the air speed and the acceleration obey m a = -drag v + m g tan(tilt) with no tilt.
+    # The wind is chosen so that air speed v and acceleration a satisfy m a = -drag v + m g tan(tilt) without a tilt.
     velocity = np.column_stack([speed, 0.0 * time, 0.0 * time])
     acceleration = 2.0 * np.cos(2.0 * time)
     wind = velocity + np.column_stack([MASS * acceleration / drag, 0.0 * time, 0.0 * time])

@@ -31,7 +31,7 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
 @pytest.mark.parametrize("adjacent", [False, True])
 def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
-    """For a linear model, one Gauss-Newton step is exact, so the test refits without each block in turn."""
+    """One Gauss-Newton step is exact for a linear model, so the test refits without each block in turn."""
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
 
@@ -119,7 +119,7 @@ def test_intervals_cover_the_true_values_if_errors_are_correlated() -> None:
 
 
 def test_score_and_information_match_normally_distributed_errors() -> None:
-    """With respect to log s, errors e of variance s² have the score Σ (e²/s² - 1) and the information 2 per sample."""
+    """Errors e of variance s² have the score Σ (e²/s² - 1) and the information 2 per sample with respect to log s."""
     rng = np.random.default_rng(1)
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
@@ -133,7 +133,7 @@ def test_score_and_information_match_normally_distributed_errors() -> None:
 
 @pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
 def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
-    """Outputs of the same sample stay in one part."""
+    """All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
     found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
@@ -321,7 +321,7 @@ def test_rounds_continue_while_a_disturbance_changes(
 ) -> None:
     """The rounds end when the logarithm of the disturbance changes by less than 0.2.
 
-    The other five axes do not change.
+    All other axes of the disturbance do not change.
     """
     predictor = DriftingPredictor([])
 
@@ -400,9 +400,9 @@ def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() 
 
 @pytest.mark.parametrize("scattered", [False, True])
 def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered: bool) -> None:
-    """With the initial parameters, the initial disturbance has the largest likelihood.
+    """The initial disturbance has the largest likelihood as long as the parameters are not refitted.
 
-    After a refit, a fifth of it has a larger likelihood if the data do not scatter.
+    A fifth of this disturbance has a larger likelihood after a refit if the data do not scatter.
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
@@ -566,7 +566,7 @@ def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likel
 
 
 def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a quarter of the true information, a full step is four times too long."""
+    """A full step is four times too long if the search uses a quarter of the true information."""
     best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best, fraction=0.25)
     found = noise_found(monkeypatch, likelihood)
@@ -650,7 +650,7 @@ def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
 
 @pytest.mark.parametrize("delay", [None, 0, 2])
 def test_derivatives_are_forward_differences_but_central_differences_for_a_delay(delay: int | None) -> None:
-    """For a quadratic function, forward differences err by the step, and central differences are exact."""
+    """Forward differences of a quadratic function err by the step, and central differences are exact."""
     up = np.array([1e-3, 2e-3, 5e-3])
     point = np.array([2.0, -1.0, 0.5])
     sizes = np.random.default_rng(1).normal(size=(4, 5, 3))
@@ -731,7 +731,7 @@ def test_a_fit_has_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_li
 
 
 def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
-    """For independent errors with standard deviation s, the log-likelihood is -Σ log s - ½ Σ (e / s)²."""
+    """The log-likelihood of independent errors e with standard deviation s is -Σ log s - ½ Σ (e / s)²."""
     deviations = np.array([0.5, 2.0])
     whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
     whitening[:2] *= 100.0
@@ -788,7 +788,7 @@ def test_smaller_disturbances_are_tried_as_long_as_the_likelihood_increases(
 
     def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:
         tried.append(factors)
-        improves = factors == fitting._SMALLER_TORQUE and tried.count(factors) <= 2
+        improves = factors == fitting._TORQUE_REDUCTION and tried.count(factors) <= 2
         return at._replace(likelihood=at.likelihood + 1.0) if improves else at  # type: ignore[attr-defined]
 
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", smaller)
@@ -796,5 +796,5 @@ def test_smaller_disturbances_are_tried_as_long_as_the_likelihood_increases(
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
     fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == 8
-    torque, force = fitting._SMALLER_TORQUE, fitting._SMALLER_FORCE
+    torque, force = fitting._TORQUE_REDUCTION, fitting._FORCE_REDUCTION
     assert tried == [torque, force, torque, torque, torque, force]

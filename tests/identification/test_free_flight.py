@@ -162,7 +162,7 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
 
 
 def test_samples_after_a_landing_are_not_compared(take_off):
-    """After the landing, the setpoint jumps, as in logs of a Crazyflie, and the rotors are off."""
+    """The rotors are off after the landing, and the setpoint jumps, as in logs of a Crazyflie."""
     scenario, record = take_off
     after = 200
     end = record.time[-1] + record.period * np.arange(1, after + 1)

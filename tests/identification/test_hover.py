@@ -146,7 +146,7 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
-    # Without a logged command, its trim is missing.
+    # The trim of a command that is not logged is missing.
     bare = hovering(thrust_command=None)
     assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.
@@ -158,14 +158,14 @@ def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
 @pytest.mark.parametrize("lag", [0, 7, 29])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
-    """Delays up to 0.3 s are found, of roll or pitch, in the longest piece of the log."""
+    """Delays of roll or pitch up to 0.3 s are found in the longest piece of the log."""
     random = np.random.default_rng(5)
     command = np.zeros((2000, 3))
     command[:, axis] = np.cumsum(random.normal(size=2000))
     attitude = np.zeros_like(command)
     attitude[lag:, axis] = command[: 2000 - lag, axis]
     time = 0.01 * np.arange(2000) + np.where(np.arange(2000) > 500, 1.0, 0.0)
-    # The shorter piece before the gap has another delay.
+    # The shorter piece before the gap has another delay, which is ignored.
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
@@ -193,7 +193,7 @@ def test_a_log_with_one_sample_per_second_gives_no_delay_and_a_single_block_no_s
 
 
 def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():
-    """With T = K u², a motor with 0.8 times the thrust factor needs 1 / sqrt(0.8) times the throttle."""
+    """A motor with 0.8 times the thrust factor K in T = K u² needs 1 / sqrt(0.8) times the throttle u."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
     found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)

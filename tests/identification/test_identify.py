@@ -355,7 +355,7 @@ def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
 def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_excludes_zero(
     lower, deviation, identified
 ):
-    """With 30 degrees of freedom, the half-width is 2.04 standard deviations."""
+    """The half-width is 2.04 standard deviations for 30 degrees of freedom."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
     found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
@@ -368,7 +368,7 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
         return {parameter.name for parameter in parameters_of(scenario, {*signals}, **options)}
 
     assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(rotors, *POSES)
-    # Without positions, an accelerometer determines only the product of drag and velocity.
+    # An accelerometer determines only the product of drag and velocity if no position is measured.
     assert "linear_drag" not in names(rotors, "body_rates", FORCE)
     # Heights determine no rotation.
     assert names(rotors, "position") >= {"thrust_factor", "rotor_time_constant"}

@@ -239,7 +239,10 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
 def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, weak):
-    """The parameter stays among the estimates. For a delay, a remark is made, and the link is unchanged."""
+    """The parameter stays among the estimates.
+
+    An unidentified delay causes a remark, and leaves the command link unchanged.
+    """
 
     def without(fitted, names):
         jacobian = fitted.jacobian.copy()

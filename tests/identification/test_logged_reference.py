@@ -189,7 +189,7 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The number of knots is the smallest whose spacing is at most the given one.
+    # The path has the smallest number of knots with a spacing of at most the given one.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
@@ -305,7 +305,7 @@ def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch, rest):
-    """With a logged velocity, both velocities must be zero as well."""
+    """If velocities are logged, both must be zero as well."""
     asked = []
     fitted = reference._fitted_path
 
@@ -406,7 +406,7 @@ def test_a_slow_reference_that_jumps_is_not_a_smooth_path(velocity):
 
 
 def test_a_smooth_reference_begins_at_the_lift_off():
-    """On the ground, PX4 commands a descending reference, which jumps to the position of the vehicle at take-off."""
+    """PX4 commands a descending reference on the ground, which jumps to the position of the vehicle at take-off."""
     record = logged(PATH)
     record = replace(record, position=record.reference_position)
     place, speed = record.reference_position.copy(), record.reference_velocity.copy()
@@ -422,7 +422,7 @@ def test_a_smooth_reference_begins_at_the_lift_off():
 
 @pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
 def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
-    """With a smooth path from the reference at lift-off, the vehicle would not have to climb to its reference."""
+    """The route has a step, since the vehicle must climb to its reference after the lift-off."""
     flown = logged(PATH, velocity=False).reference_position
     place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
     standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))

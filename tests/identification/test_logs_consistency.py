@@ -45,7 +45,7 @@ def flight(noise=1.0):
     force = -sizes * frequencies**2 * np.sin(phase) + [0.0, 0.0, GRAVITY]
     thrust = force + 0.3 * velocity
     yaw = 0.8 * np.sin(0.7 * TIME)
-    # For Z-Y-X angles, the thrust along the heading's axes gives the tangents of pitch and roll.
+    # The thrust along the axes of the heading gives the tangents of pitch and roll, for Z-Y-X angles.
     along = thrust[:, 0] * np.cos(yaw) + thrust[:, 1] * np.sin(yaw)
     across = thrust[:, 1] * np.cos(yaw) - thrust[:, 0] * np.sin(yaw)
     pitch = np.arctan2(along, thrust[:, 2])
@@ -188,7 +188,7 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
     alone = _on_grid({"position": clean["position"]}, TIME)
     np.testing.assert_allclose(alone.velocity[1:-1], both.velocity[1:-1], atol=1e-3)
     assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
-    # A wrong sign of the specific force is found as well. A vehicle at rest has no acceleration to show it.
+    # A wrong sign of the specific force is found as well, although a vehicle at rest does not accelerate.
     signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
     assert list(inconsistencies(signals, TIME)) == []
     (remark,) = inconsistencies(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
@@ -351,7 +351,7 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
 def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
-    """In correct logs, filters and radio links cause smaller shifts."""
+    """Filters and radio links cause smaller shifts in correct logs."""
     time = PERIOD * np.arange(-100.0, 1600.0)
     signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
     pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
@@ -363,14 +363,14 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     else:
         assert remarks == []
     assert list(_shift(pair, PERIOD, np.array([False]))) == []
-    # Without the largest shifts at both ends, each of eight parts has 25 windows.
+    # Each of eight parts has 25 windows after the windows within the largest shift of both ends are removed.
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
 
 
 def test_the_shift_of_a_slow_log_is_found_between_its_samples():
-    """At four samples a second, the largest shift is one sample; at one sample a second, there is none."""
+    """The largest shift is one sample at four samples per second. No shift can be found at one sample per second."""
     time = 0.25 * np.arange(400.0)
 
     def signal(at):
@@ -401,12 +401,12 @@ def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_erro
 
 
 def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
-    """With a vertical acceleration c, the horizontal one is (g + c) tan(tilt); the vehicle yaws by 90°."""
+    """The horizontal acceleration is (g + c) tan(tilt), for the vertical acceleration c. The vehicle yaws by 90°."""
     phases = np.outer(TIME, [1.1, 1.7, 0.9])
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
     acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
     thrust = acceleration + np.array([0.0, 0.0, GRAVITY])
-    # At a yaw of 90°, the body's x axis is along W's y, so pitch accelerates along y, and roll along x.
+    # The body's x axis is along the world's y axis at a yaw of 90°, so pitch accelerates along y, and roll along x.
     pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
@@ -463,7 +463,10 @@ def sized(values, size):
 def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
     name, threshold, other, multiple, contradicts
 ):
-    """Windows of 0.2 s hardly change such slow motions. A force is compared with a tilt along the horizontal axes."""
+    """The motions are slow, so averaging over 0.2 s hardly changes them.
+
+    A force is compared with a tilt along the horizontal axes.
+    """
     moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
     if name == "velocity":
@@ -651,7 +654,7 @@ def test_a_smallest_value_at_an_end_is_not_a_minimum(errors):
     ("parts", "fraction", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
 )
 def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, fraction, other):
-    """In the other parts, the other frame agrees slightly worse."""
+    """The other frame agrees slightly worse in the two remaining parts."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
     # The squared errors are multiplied by `fraction`.

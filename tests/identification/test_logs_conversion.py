@@ -90,7 +90,7 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
     held = conversion._resampled(channel("thrust_fraction", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
-    # Before its first sample, a command has the value of that sample.
+    # A command has the value of its first sample at all earlier times.
     before = conversion._resampled(channel("thrust_fraction", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
@@ -210,7 +210,7 @@ def test_a_column_in_two_tables_is_read_from_the_longer_one(reverse):
 
 
 def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
-    """Without an attitude, such vectors are left out. Vectors in the right frame are unchanged."""
+    """The vectors are left out if no attitude is logged. Vectors in the right frame are unchanged."""
     random = np.random.default_rng(2)
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])

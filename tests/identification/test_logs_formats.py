@@ -131,7 +131,7 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
 
 
 def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
-    """In ArduPilot's parameter list, Quad is 1. A log without the parameter counts as a quadrotor's."""
+    """Quad is 1 in ArduPilot's parameter list. A log without the parameter counts as the log of a quadrotor."""
     classes = {
         2: "a hexarotor", 3: "an octorotor", 4: "an octorotor", 5: "a hexarotor with coaxial rotors", 6: "a helicopter",
         7: "a tricopter", 8: "a vehicle with one rotor", 9: "a vehicle with coaxial rotors",
@@ -324,7 +324,7 @@ def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_
 
 
 def rows_of(kind, *times, behind=None):
-    """Return messages, each with a number and a time in ns; the header stamps are `behind` ns earlier."""
+    """Return messages, each with a number and a time in ns. The stamps in their headers are `behind` ns earlier."""
     rows = _Rows(kind, ["x"])
     for time in times:
         stamp = 0 if behind is None else time - behind

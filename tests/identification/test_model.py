@@ -172,7 +172,7 @@ def test_inputs_contain_the_commands_and_steps_of_each_window(scenario, split):
 
 
 def test_inputs_contain_the_wind_and_the_voltage_of_each_record(scenario):
-    """Without a logged wind, the wind of the scenario is used. The period is the median over all records."""
+    """The wind of the scenario is used if no wind is logged. The period is the median over all records."""
     steady = load_scenario("laboratory:low_wind", ["laboratory.wind=[{kind: steady, velocity: [1.0, -2.0, 0.5]}]"])
     vehicle = LogModel(with_throttles(steady), (), voltage=12.0)
     random = np.random.default_rng(4)
@@ -255,7 +255,7 @@ def test_rotors_begin_in_equilibrium_and_follow_the_commands_of_the_warm_up(scen
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
 def test_a_command_delayed_by_a_fraction_of_a_sample_is_a_weighted_mean_of_two(scenario, delay):
-    """For commands that form a ramp, the mean is the command at the time one delay earlier."""
+    """If the commands form a ramp, the weighted mean is the command at the time one delay earlier."""
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
@@ -338,7 +338,7 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     model.step(states)
     np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
     np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
-    # After a step, the inputs of the next sample apply.
+    # The inputs of the next sample apply after a step.
     np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
 

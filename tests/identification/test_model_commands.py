@@ -166,7 +166,10 @@ def test_commands_for_a_level_vehicle_are_level(flight, record):
 
 
 def test_measured_states_include_the_misalignment_of_markers(responding):
-    """With an autopilot, the states contain rates of the angles, which the kinematic matrix converts to body rates."""
+    """The states of a vehicle with an attitude response contain the rates of the angles.
+
+    The kinematic matrix converts them to body rates.
+    """
     scenario, _ = responding
     misalignment = [0.02, -0.03, 0.1]
     turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])

@@ -65,7 +65,7 @@ def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool
         # Velocities do not determine the axes along which the markers measure positions.
         ({"attitude", "velocity"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS, "linear_drag"]),
         ({"attitude"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
-        # Without positions, an accelerometer determines only the product of drag and velocity.
+        # An accelerometer determines only the product of drag and velocity if no position is measured.
         (IMU, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
         # Heights determine no rotation.
         ({"position"}, [*ROTOR_PARAMETERS, "linear_drag"]),
@@ -196,7 +196,7 @@ def test_the_prior_of_a_time_constant_allows_errors_of_tens_of_milliseconds(cons
 def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length(
     full: Scenario, attitudes: Scenario, throttles: Scenario
 ) -> None:
-    """Prior deviations of forces are relative to the weight, and those of positions to the arm length."""
+    """Prior standard deviations of forces are proportional to the weight, and those of positions to the arm length."""
 
     def larger(scenario: Scenario, **update: float) -> Scenario:
         changed = {"mass": 2.0 * scenario.vehicle.mass} | update
@@ -217,7 +217,7 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
     # The prior standard deviation of a large drag is its value.
     assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
-    # Without a value on the data sheet, the drag at 8 m/s is less than the weight.
+    # If the data sheet contains no drag, the prior assumes that the drag at 8 m/s is less than the weight.
     assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
     assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
     assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
@@ -231,7 +231,7 @@ def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length
         assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
         assert light[name].scale == behind[name].start
         assert bare[name].start == 0.0
-    # In hover, each of four motors carries a quarter of the weight.
+    # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, has_motor_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3

@@ -233,7 +233,7 @@ def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
 
 
 def test_rounded_signals_do_not_bias_the_delay(vehicle):
-    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be wrong by 4.5 ms."""
+    """Signals are rounded to 1 cm and 1 cm/s. The delay along Z would be wrong by 4.5 ms if they were not smoothed."""
     record = flown(vehicle, delay=0.0, filter_time=0.0, noise=0.0)
     rounded = replace(
         record,

@@ -169,7 +169,7 @@ def test_a_law_that_commands_a_tilt_is_written_as_a_cascade_with_tilt_commands()
 
 
 def test_axes_of_a_cascade_have_individual_gains():
-    """With half of the velocity fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
+    """If half of the velocity is fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(
@@ -192,13 +192,13 @@ def test_axes_of_a_cascade_have_individual_gains():
 
 
 def test_integral_gains_are_not_negative():
-    """This holds for the gain from the displacement, and for the one from the remaining integral."""
+    """The integral gains follow from the displacement gain and from the remaining integral gain."""
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})
     assert "k_i" not in control["position"]
     assert "k_i" not in control["velocity"]
     assert control["position"]["k_p"] == [2.0] * 3
-    # Without a double integral, the position loop has no integral action.
+    # The position loop has no integral action if the law has no double integral.
     control = control_of(base | {"displacement": 0.5, "integral": 9.0})
     assert "k_i" not in control["position"]
     assert control["velocity"]["k_i"] == [1.0] * 3
@@ -210,7 +210,7 @@ def test_the_position_gain_is_the_larger_root_if_the_velocity_feedforward_is_com
     control = control_of(law | {"integral": 12.0})
     assert control["position"]["k_p"] == [3.0] * 3
     assert control["velocity"]["k_i"] == [4.0] * 3
-    # With the largest integral gain of a cascade, both roots coincide.
+    # Both roots coincide if the integral gain is the largest one that a cascade can have.
     control = control_of(law | {"integral": 12.5})
     assert control["position"]["k_p"] == [2.5] * 3
     control = control_of(law | {"integral": -1.0})

@@ -202,7 +202,10 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
 
 
 def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
-    """Without the time for delay and smoothing, the second of three stretches lasts 2.01 s, and the others 1.98 s."""
+    """The second of three stretches has 2.01 s to compare, and the first and third have 1.98 s.
+
+    The time for delay and smoothing is subtracted.
+    """
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
@@ -220,7 +223,7 @@ def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
 
 
 def test_a_piece_of_a_slow_log_must_contain_sixty_samples_to_compare(vehicle):
-    """At 20 Hz, delay and smoothing need seven additional samples."""
+    """Delay and smoothing need seven additional samples at 20 Hz."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     assert piece.counted.sum() == 60
@@ -240,7 +243,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     assert len(limited) == 500
     # Values closer to the limit than 0.5 % of the range count as at the limit.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
-    # A smoothed sample depends on two others on each side.
+    # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
     np.testing.assert_array_equal(piece.counted[:500], all_of_five(usable))
 
@@ -274,7 +277,7 @@ def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
 
 
 def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
-    """Without a measured attitude, the force is along the commanded attitude."""
+    """The force is along the commanded thrust axis if no attitude is measured."""
     random = np.random.default_rng(1)
     angles, thrust = random.uniform(-0.5, 0.5, (20, 3)), random.uniform(5.0, 15.0, 20)
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
@@ -290,7 +293,7 @@ def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
 
 
 def test_a_command_perpendicular_to_the_measured_thrust_causes_no_division_by_zero():
-    """For angles above 78°, the cosine is set to 0.2."""
+    """The cosine is set to 0.2 for angles above 78°."""
     angles = np.array([[1.3, 0.0, 0.0], [1.4, 0.0, 0.0], [2.5, 0.0, 0.0]])
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)

@@ -365,7 +365,7 @@ def test_intervals_add_the_bias_of_signal_errors_and_of_the_integration_rule_to_
     ]
     jacobian = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
     count = len(jacobian) // 2
-    # Twelve seconds give fifteen blocks per axis, and the same block of both axes is left out together.
+    # Twelve seconds give fifteen blocks per axis. A block is left out on both axes at the same time.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     moves, fractions = [], []

@@ -33,7 +33,7 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # With these values, the effect of a command is visible after one camera frame, the delay of the scenario.
+        # These values make the effect of a command visible after one camera frame, which is the delay of the scenario.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -102,7 +102,7 @@ def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out)
 @pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
 def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, left_out):
-    """With constant velocity, the errors are the displacement, velocity change and angle due to the accelerations."""
+    """The errors at constant velocity are the displacement, velocity change and angle that the accelerations cause."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
@@ -186,7 +186,7 @@ def test_certain_losses_against_simple_predictors_state_quantity_and_horizon():
 
 
 def test_intervals_of_an_rms_error_follow_from_blocks():
-    """With one start per block, the interval is Student's for the logarithm of the mean square."""
+    """If each block has one start, the interval of the log mean square follows Student's t-distribution."""
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
@@ -290,12 +290,12 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
 
 
 def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_horizon():
-    """Before a start, the filter needs half a second without a gap."""
+    """The filter needs half a second without a gap before a start."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
-    # At two samples a second, each sample is a start.
+    # Each sample is a start at two samples per second.
     slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
     assert (slow[0], set(np.diff(slow))) == (6, {1})
     # The parabola may need more time than the filter.
@@ -304,7 +304,7 @@ def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_hori
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
     times = gapped.time[starts]
     assert times[times < 2.0].max() + 0.2 < 2.0
-    # After a gap, the commands that the rotors follow are unknown.
+    # The commands that the rotors follow are unknown after a gap.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
     # If a fraction of the flight is given, only the starts in this last part count.
     late = prediction._starts(log, 6, (0.2,), 0.25)
@@ -345,7 +345,7 @@ def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
 
 
 def test_errors_are_distances_and_the_angle_between_two_attitudes():
-    """Without attitudes, only the vertical motion is predicted."""
+    """Only the vertical motion is predicted if no attitudes are logged."""
     random = np.random.default_rng(5)
     log = moving([0.3, -0.4, 0.9], seconds=1.0)
     starts, steps = np.array([10, 30, 60]), [5, 20]

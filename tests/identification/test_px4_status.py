@@ -108,7 +108,7 @@ def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, s
             f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
             f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
-    # Without its size, a reset is not reported.
+    # A reset is not reported if its size is not logged.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
 
 

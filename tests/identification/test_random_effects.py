@@ -61,7 +61,7 @@ def test_a_parameter_without_information_does_not_vary() -> None:
 
 
 def test_each_stretch_is_fitted_separately() -> None:
-    """For a linear model, one Gauss-Newton step is exact, so the test refits each stretch."""
+    """One Gauss-Newton step is exact for a linear model, so the test compares it with a refit of each stretch."""
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
     values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
@@ -158,7 +158,7 @@ def test_a_variation_can_be_restricted_to_parameters_and_extended_by_parameters(
 
 
 def test_the_variance_of_the_errors_is_subtracted_from_that_between_stretches() -> None:
-    """For sample variance s² and equal error variances v, the variance between stretches is s² - v."""
+    """The variance between stretches is s² - v, for the sample variance s² and equal error variances v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
     assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
@@ -224,7 +224,7 @@ def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None
 
 @pytest.mark.parametrize("deviation", [0.3, 3.0])
 def test_intervals_cover_the_estimates_from_held_out_stretches(deviation) -> None:
-    """For small and large variation, the coverage is 95 %, to within three standard errors."""
+    """The coverage is 95 % for small and for large variation, to within three standard errors."""
     rng = np.random.default_rng(5)
     held = [
         [each.num_covered for each in hold_out_check(evidence(rng, deviation=deviation)).values()] for _ in range(60)
@@ -237,7 +237,7 @@ def test_intervals_cover_the_estimates_from_held_out_stretches(deviation) -> Non
 
 @pytest.mark.filterwarnings("error")
 def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_model() -> None:
-    """The other stretches contain no information on this parameter, so it has one degree of freedom."""
+    """The parameter has one degree of freedom, since all other stretches contain no information on it."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
     alone = np.arange(60) * NUM_SEGMENTS // 60 == 3
     kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]

@@ -96,7 +96,7 @@ def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
-    # Without other signals, even a late attitude is used.
+    # A late attitude is used if there are no alternative signals.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
     assert synchronise([bare]) == ([bare], False, [])
 
@@ -210,8 +210,11 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
 
 
 def test_a_rotor_lag_has_the_error_of_a_ramp_that_is_averaged_and_held():
-    """The expected error is found by simulating the ramp. It increases the variance of the lag; correlations and other
-    parameters are unchanged."""
+    """The expected error follows from a simulation of the ramp.
+
+    It increases the variance of the rotor time constant, and leaves all correlations and all other parameters
+    unchanged.
+    """
     lag, period = 0.05, 0.02
     decay, response = np.exp(-period / lag), 0.0
     for sample in range(400):

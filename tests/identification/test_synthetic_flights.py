@@ -80,7 +80,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
         assert record.thrust_fraction is None
-    # By default, a log has a row for each recorded sample.
+    # A log has a row for each recorded sample by default.
     np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 

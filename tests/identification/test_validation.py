@@ -144,10 +144,10 @@ def test_a_crash_is_an_infinite_error():
 def test_the_typical_sample_has_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
-    # For an even number of samples, it has the smaller of the two middle errors.
+    # The typical sample of an even number of samples has the smaller of the two middle errors.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
-    # The error is the distance over all axes. Of equal samples, the first is chosen.
+    # The error is the distance over all axes. The first of several equal samples is chosen.
     sideways = errors * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).median_sample(), 0)
 

@@ -133,7 +133,7 @@ def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
 
 
 def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(base, tmp_path):
-    """Without the variation, the interval would be a third as wide."""
+    """The interval would be a third as wide if the variation were left out."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
     found = estimates_of({name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}, variation=mean)
     path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
@@ -180,7 +180,7 @@ def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
 
 
 def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
-    """By default, the controller keeps the nominal parameters with which it flew the log."""
+    """The controller keeps the nominal parameters with which it flew the log by default."""
     own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
     assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
     assert nominal.nominal.mass == pytest.approx(0.03345)
@@ -249,7 +249,7 @@ def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(nominal, part):
 
 
 def test_effects_that_contradict_an_estimate_are_switched_off(vehicle, base):
-    """The single estimated lag holds in both directions, and the estimated drag replaces all other drag."""
+    """The single estimated time constant holds in both directions, and the estimated drag replaces all other drag."""
     assert load_undesigned(base).vehicle.rotor_time_constant_down is not None
     assert vehicle.vehicle.rotor_time_constant_down is None
     assert {"linear_drag", "quadratic_drag"} <= vehicle.vehicle.model_fields_set
@@ -273,7 +273,7 @@ def test_a_rotor_speed_limit_of_the_base_does_not_limit_the_curve(base, tmp_path
 
 
 def test_values_are_written_to_a_small_fraction_of_their_standard_deviation(base, tmp_path):
-    """Many digits are needed, since sums of parameters may be known much better than each of them."""
+    """Many digits are needed, since a sum of parameters may be known much better than each parameter."""
     found = estimates_of({"mass": (0.0334512345678, 2e-7), "inertia[0]": (1.712345678e-5, 1.5e-6)})
     path = write_vehicle(tmp_path / "new.yaml", "new", found, base=base)
     joint = joint_normal(distributions_in(load_undesigned(path)))
@@ -310,7 +310,7 @@ def test_distributions_are_limited_to_valid_vehicles(vehicle):
 
 
 def test_limits_contain_a_mean_that_is_known_very_well(base, tmp_path):
-    """Limits have four digits. In this example, rounding would move both limits towards the mean."""
+    """Limits have four digits. Rounding would move both limits towards the mean in this example."""
     found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
     drawn = distributions_in(
         load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
@@ -377,7 +377,7 @@ def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
 
 
 def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(root, tmp_path):
-    """With an attitude response, only the acceleration of the reference can be fed forward."""
+    """Only the acceleration of the reference can be fed forward to an attitude response."""
     found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
     own = tmp_path / "own.yaml"
     write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
@@ -407,7 +407,7 @@ def test_part_of_an_attitude_response_of_the_base_may_be_estimated(root, tmp_pat
 
 
 def test_distributions_of_the_base_are_kept(base, tmp_path):
-    """In a list, the distributions of items that were not estimated are kept."""
+    """The distributions of list items that were not estimated are kept."""
     own = tmp_path / "own.yaml"
     own.write_text(
         f"own: {{extends: {base}, vehicle: {{inertia: [1.7e-5, 1.7e-5, {{uniform: {{min: 2e-5, max: 4e-5}}}}]}}}}"
@@ -559,7 +559,7 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
 
 
 def test_estimates_that_nominal_can_contain_are_listed(vehicle, nominal):
-    """Only these estimates have a place in `nominal`."""
+    """`nominal` has no fields for all other estimates."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(nominal_estimates(nominal)) == sorted(names)
     assert nominal_estimates(vehicle) == []

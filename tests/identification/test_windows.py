@@ -153,7 +153,7 @@ def test_motor_commands_have_priority_in_detecting_flight() -> None:
     assert airborne_mask(record(**speeds)).all()
     thrust = {"motor_command": None, "thrust_command": hover, "thrust_fraction": still}
     assert airborne_mask(record(**thrust)).all()
-    # Without a logged command, the whole log counts as flight.
+    # The whole log counts as flight if no command is logged.
     assert airborne_mask(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
 
 
@@ -217,7 +217,7 @@ def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_st
         few = downsample(whole, step)
         assert len(few.time) == (103 - step) // step
         assert few.time[0] == whole.time[step // 2]
-    # In a step of an odd number of samples, all weights are equal; for an even number, the outer two are halved.
+    # All weights are equal if a step has an odd number of samples. The outer two are halved if the number is even.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):

@@ -89,7 +89,7 @@ def old_crazyflie_log(columns, rows, *, block=7):
     Args:
         columns: (name, letter) of each column except the time.
         rows: (time in ms, values) in their order.
-        block: number of rows that are written at once.
+        block: number of rows per block.
     """
 
     def checked(data):

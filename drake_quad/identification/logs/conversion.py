@@ -118,8 +118,8 @@ def record_of(
 ) -> FlightRecord:
     """Convert the tables of a log to a record.
 
-    The record has the clock of the fastest table that contains a signal. Measurements in other tables are interpolated
-    linearly, and commands are held. The record begins when each of its signals has a sample.
+    The clock of the record is that of the fastest table that contains a signal. Measurements in other tables are
+    interpolated linearly, and commands are held. The record begins when each of its signals has a sample.
 
     Args:
         tables: tables of the log.

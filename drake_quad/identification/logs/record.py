@@ -20,7 +20,7 @@ class SignalOrigin(NamedTuple):
         columns: names of the columns, and their unit if it was converted.
         rate: rate at which the columns were logged, Hz.
         resampling: "interpolated" or "held" if the rate or the clock of the columns is not that of the record.
-        missing_fraction: fraction of the logged samples that are not a number.
+        missing_fraction: fraction of the logged samples that are NaN.
     """
 
     signal: str
@@ -35,7 +35,7 @@ class FlightRecord:
     """Logged flight: signals on one clock; a signal that is not logged is None.
 
     Measurements contain noise, and commands hold until the next sample. World frame W: z up. Body frame B: x forward, y
-    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and the others
+    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and rotors 2 to 4
     follow clockwise as seen from above.
 
     Attributes:

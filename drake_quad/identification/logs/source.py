@@ -50,7 +50,7 @@ class LogFile(NamedTuple):
     def written_size(self) -> int:
         """Number of bytes before the trailing zeros or trailing bytes 0xff.
 
-        After a loss of power a file may end with such bytes, because its length is set before its content is written.
+        A file may end with these bytes after a loss of power, because its length is set before its content is written.
         """
         last = self.data[-1:]
         return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)

@@ -1,6 +1,6 @@
 """Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
 
-On each axis, the output of the law at time t, whose samples are the logged commands, is
+The logged commands are samples of the output of the law. On each axis, the output at time t is
 
     u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
 
@@ -15,8 +15,8 @@ integral with the gain k_i' K_i. Filter, limit and this term are part of the law
 prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals follow from the jackknife over
 blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
-In the term k_x p, p is the integral of the logged velocity, because the controller integrates the velocity. This
-integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
+The position p in the term k_x p is the integral of the logged velocity, because the controller integrates the velocity.
+This integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
 heading: X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not
 reported: one for the position noise that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).

@@ -169,7 +169,8 @@ def _piece(
         signals = [in_heading(record, each) for each in signals]
     lost_output = unproduced_output(output, form, gravity)
     # Delayed signals are interpolated between samples. Interpolation reduces white noise such as rounding errors, most
-    # of all half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
+    # of all half-way between samples. This would bias the delay and the velocity gains if the signals were not
+    # smoothed.
     command, error, velocity, reference_velocity, acceleration, lost_output = (
         scipy.ndimage.convolve1d(each, _SMOOTHING_WEIGHTS, axis=0, mode="nearest")
         for each in (output, *signals, lost_output)

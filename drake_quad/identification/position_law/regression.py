@@ -1,9 +1,10 @@
 """Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
 
-`drake_quad.identification.position_law.law` contains the equations. For given delay, filter and limit, the gains follow
-from linear least squares. The search minimises the residual over these three (separable least squares: G. H. Golub and
-V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each stretch of flight,
-since the integral begins at an unknown value, and a constant error of the logged position adds a ramp to the integral.
+`drake_quad.identification.position_law.law` contains the equations. The gains for a given delay, filter and limit
+follow from linear least squares. A search minimises the residual over delay, filter and limit (separable least squares:
+G. H. Golub and V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each
+stretch of flight, since the integral begins at an unknown value, and a constant error of the logged position adds a
+ramp to the integral.
 """
 
 from collections.abc import Mapping, Sequence
@@ -181,7 +182,7 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         decay = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        # For a velocity that is linear between samples, this filter is exact up to third order in the period.
+        # This filter is exact up to third order in the period if the velocity is linear between samples.
         weight = 0.5 * (1.0 - decay)
         velocity, _ = scipy.signal.lfilter([weight, weight], [1.0, -decay], velocity, zi=[(1.0 - weight) * velocity[0]])
     columns = {
@@ -280,10 +281,10 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
 def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
-    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID, this biases
-    the position gain. In a cascade, which is the same law, it also biases the velocity gains, because the integral of
-    the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of
-    k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. The difference biases
+    the position gain of a PID. In a cascade with the same law, it also biases the velocity gains, because the integral
+    of the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of k
+    K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
     integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))

@@ -33,8 +33,7 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
 def with_throttles(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that takes throttles.
 
-    For a vehicle that takes rotor speeds, a thrust curve up to the full thrust is added, and the limit of the rotor
-    speed is raised.
+    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a higher limit of the rotor speed.
     """
     vehicle = scenario.vehicle
     if vehicle.motors.take_throttles:

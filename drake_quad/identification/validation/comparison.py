@@ -87,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. Without distributions, wind and noise, they are identical."""
+        """True if the predicted flights differ. They do not if there are no distributions, wind and noise."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property

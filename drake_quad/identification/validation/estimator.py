@@ -38,8 +38,8 @@ class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error s along each axis. For an axis that was not flown, the value is 0, and the standard
-            deviation is the mean over the flown axes.
+        scale_error: scale error s along each axis. An axis that was not flown has the value 0, and the mean standard
+            deviation of the flown axes.
         drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
         correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """

@@ -1,9 +1,9 @@
 """Open-loop prediction of a logged flight with vehicle models, over horizons of 0.1 to 2 s.
 
-Predictions begin at many starts in a log. Up to each start, the Kalman filter of
-`drake_quad.identification.prediction_errors` follows the measurements, with the vehicle as its model. The filter uses
-past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
-simulated with the logged commands and without measurements.
+Predictions begin at many starts in a log. The Kalman filter of `drake_quad.identification.prediction_errors`, whose
+model is the vehicle, follows the measurements up to each start. The filter uses past measurements only, with the
+maximum-likelihood noise for the log and the vehicle. The vehicle is simulated from the start on, with the logged
+commands and without measurements.
 
 The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
 them to zero. A second prediction with the first vehicle includes them, which shows how well a controller with a

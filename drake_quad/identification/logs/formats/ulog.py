@@ -51,8 +51,8 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
     Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
     logged, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor
-    pulses are scaled from the range in the parameters to 1000 to 2000 µs. In the default mapping, the order of the
-    rotors is adapted to the parameters of the log.
+    pulses are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping takes the order of the
+    rotors from the parameters of the log.
 
     Args:
         log: content of the file.
@@ -231,7 +231,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
 def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
     """Return a topic with times relative to a start in µs.
 
-    In double precision, times since 1970 in seconds would not resolve a microsecond.
+    Times in seconds since 1970 would not resolve a microsecond in double precision.
     """
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
