@@ -11,8 +11,8 @@ where θ₋ᵦ is the estimate without block b. To first order it is the sandwic
 D. F. McCaffrey (Survey Methodology 28, 2002), which does not underestimate the covariance if there are few blocks.
 
 If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
-correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
-K. D. West, Econometrica 55, 1987).
+correlation. Half of the product of neighbouring scores is then added (Bartlett weights with one lag: W. K. Newey and K.
+D. West, Econometrica 55, 1987).
 
 A parameter that only a few blocks determine has few degrees of freedom. The degrees of freedom are the effective number
 of blocks, (Σ c_b)² / Σ c_b², minus one, where c_b is the diagonal of H⁻¹ H_b H⁻¹.

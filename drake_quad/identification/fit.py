@@ -26,7 +26,7 @@ from drake_quad.identification.prediction_errors import Gains, PredictionNoise, 
 
 # Step of the finite differences, relative to the scale of a parameter.
 _RELATIVE_STEP = 1e-5
-# Step of the central difference of the delay, in samples. The derivative is discontinuous at each whole sample.
+# Step of the central difference for the delay, in samples. The derivative is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
 _MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the parameters and of the noise
 # The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
@@ -54,18 +54,18 @@ _MAX_WHITENED_ERROR = 1e6
 _MAX_NOISE_SAMPLES = 1500
 # Step of the finite differences with respect to the logarithms of the noise.
 _LOG_STEP = 1e-4
-# Largest change of a logarithm of the noise in one round, a factor of 12.
+# Largest change of the logarithm of a noise parameter in one round, which corresponds to a factor of 12.
 _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 5  # largest number of Fisher scoring steps in a round
 _LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
 _INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps; also the weak prior information in `noise_covariance`
 MIN_NOISE = 1e-5
-"""Smallest estimate of the standard deviation of a measurement, in the SI unit of the signal."""
-_MAX_NOISE = 100.0  # largest estimate of the standard deviation of a measurement, in the SI unit of the signal
-_MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimate of the standard deviation of the disturbance
+"""Smallest estimated standard deviation of a measurement, in the SI unit of the signal."""
+_MAX_NOISE = 100.0  # largest estimated standard deviation of a measurement, in the SI unit of the signal
+_MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimated standard deviation of the disturbance
 NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 """Standard deviation below which a disturbance is negligible, m/s² or rad/s²."""
-_MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimate of this standard deviation
+_MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimated standard deviation of the disturbance
 _MIN_CORRELATION_TIME = 0.02  # s, shortest correlation time of the disturbance
 _MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
 # Largest correlation time of a disturbing force along the axes of B, s. A force along z that lasts longer is an error
@@ -143,7 +143,7 @@ def fit(
 
     Args:
         predictor: predictor of the outputs.
-        parameters: p parameters of the model of the predictor.
+        parameters: p parameters of the predictor's model.
         noise: initial noise.
         start: (p,) initial parameters; by default the means of the priors.
 
@@ -442,7 +442,7 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
 def _noise_of(
     predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
 ) -> PredictionNoise:
-    """Return the maximum-likelihood noise by Fisher scoring of the logarithms of the noise parameters.
+    """Return the maximum-likelihood noise, found by Fisher scoring in the logarithms of the noise parameters.
 
     Args:
         predictor: predictor of the outputs.

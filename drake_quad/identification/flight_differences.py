@@ -47,7 +47,7 @@ MIN_FLIGHTS = 3
 # variance of their sum.
 _MIN_HEADING_VARIANCE = 0.1
 _MIN_FORCE_ERROR = 1e-9  # N, avoids a division by zero
-_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of the mean force of a flight is estimated
+_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of a flight's mean force is estimated
 
 
 def flight_differences(

@@ -14,7 +14,7 @@ from drake_quad.identification.result import Spread
 from drake_quad.identification.windows import airborne_mask, segment_numbers
 
 _DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
-_VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
+_VARIANCE_FACTOR = 20.0  # variance of third differences if errors are independent and have unit variance
 _LANDING_TIME = 2.0  # s, duration before take-off and after landing that counts neither as rest nor as flight
 _MAX_HOVER_SPEED = 0.15  # m/s, faster motion is not hover
 _MAX_HOVER_RATE = 0.5  # rad/s, faster rotation is not hover
@@ -26,7 +26,7 @@ _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
 class HoverNoise(NamedTuple):
-    """White noise of each axis of a signal.
+    """White noise on each axis of a signal.
 
     Attributes:
         signal: name of the signal.

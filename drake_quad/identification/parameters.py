@@ -19,8 +19,8 @@ from drake_quad.scenario.models import Scenario
 # Limits of a positive parameter, relative to its value in the scenario.
 _MIN_POSITIVE_RATIO = 0.02
 _MAX_POSITIVE_RATIO = 50.0
-# The standard deviations of the priors of time constants and of the delay do not depend on the initial values, since
-# these may be zero.
+# The prior standard deviations of time constants and of the delay do not depend on the initial values, which may be
+# zero.
 _TIME_CONSTANT_SCALE = 0.04  # s, standard deviation of the prior
 _MIN_TIME_CONSTANT = 2e-3  # s, lower bound of an estimated time constant of the rotors
 _DELAY_SCALE = 0.02  # s, standard deviation of the prior

@@ -26,7 +26,7 @@ _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
-# point. Errors of identified moments of inertia are at least 0.1 %, so the limit excludes no flat vehicle. If the data
+# point. Identified moments of inertia have errors of at least 0.1 %, so the limit excludes no flat vehicle. If the data
 # sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
 _MIN_SECOND_MOMENT = 1e-3
 # Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.

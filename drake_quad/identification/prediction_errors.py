@@ -1,7 +1,7 @@
-"""One-step predictions of the measurements of a log, by an extended Kalman filter in each window.
+"""One-step predictions of logged measurements, by an extended Kalman filter in each window.
 
-The state of the filter consists of the state x of the vehicle and of a disturbance d. The disturbance is a force and a
-torque that follow first-order Gauss-Markov processes. Over the time Δ between two measurements,
+The filter state consists of the vehicle state x and of a disturbance d. The disturbance is a force and a torque that
+follow first-order Gauss-Markov processes. Over the time Δ between two measurements,
 
     x⁺ = f(x, d, u; θ),   d⁺ = exp(-Δ/T) d + σ_d √(1 - exp(-2Δ/T)) w,   y = h(x, d; θ) + σ_y w,
 
@@ -10,8 +10,8 @@ are white. Therefore estimates from prediction errors are consistent, although a
 into the commands. Estimates from simulated windows with free initial states are not consistent (L. Ljung, System
 Identification, 2nd ed., 1999, §13.4).
 
-The filter is linearised around its predictions for one set of parameters, which gives its gains. The predictions for
-other parameters use the same gains, so that they are smooth functions of the parameters.
+The gains of the filter follow from a linearisation around its predictions for one set of parameters. The predictions
+for other parameters use the same gains, so that they are smooth functions of the parameters.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, wrapped_an
 FORCE = "specific_force"
 # Rows of roll, pitch and yaw in the state.
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
-# Steps of the finite differences by which the filter is linearised, in the unit of each row of the state.
+# Finite-difference steps for the linearisation of the filter, each in the unit of its state row.
 _LINEARISATION_STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
 # Standard deviation of the constant horizontal specific force, m/s², which represents the force of an unlogged wind.
 _CONSTANT_FORCE_DEVIATION = 1.0
@@ -46,7 +46,7 @@ _LOGGED_ATTITUDE_DEVIATION = 0.03  # rad, standard deviation of a logged attitud
 
 
 class Output(NamedTuple):
-    """Output that is predicted: one column of a signal of a record."""
+    """Output that is predicted: one column of a logged signal."""
 
     signal: str
     column: int
@@ -56,7 +56,7 @@ class PredictionNoise(NamedTuple):
     """Noise of the measurements, and parameters of the disturbance.
 
     Attributes:
-        measured: (m,) standard deviation of the measurement noise of each output, in its unit.
+        measured: (m,) standard deviation of the measurement noise of each output, in the unit of the output.
         disturbance: (6,) stationary standard deviations σ_d of the force over mass, m/s², and of the torque over
             inertia, rad/s².
         memory: (6,) correlation times T of the disturbance, s.
@@ -84,7 +84,7 @@ class PredictionNoise(NamedTuple):
         return torque
 
     def mean_force(self, duration: float) -> np.ndarray:
-        """Return the standard deviations (3,) of time averages of the disturbing force over mass, m/s².
+        """Return the standard deviations (3,), m/s², of the time-averaged disturbing force over mass.
 
         The autocorrelation of the force is exp(-|t| / T). The variance of its average over a duration d T is therefore
         the variance of the force times 2 (d - 1 + exp(-d)) / d².
@@ -105,7 +105,7 @@ class Gains(NamedTuple):
         transition: (T, W, n, n) transition matrices to the next measurement.
         output: (T, W, m, n) derivatives of the outputs with respect to the state.
         errors: (T, m, W) prediction errors.
-        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in the other rows of the state.
+        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other rows of the state.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
     """
@@ -199,8 +199,8 @@ class Predictor:
     def noise_groups(self) -> np.ndarray:
         """Group number (m + 12,) of each noise parameter. Parameters of the same group have the same value.
 
-        All axes of a position or of an attitude form one group. The axes x and y of any other signal, and of the
-        disturbance, form a group, too.
+        The axes of a position form one group, and so do the axes of an attitude. The x and y axes of any other signal,
+        and of the disturbance, also form a group.
         """
         shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
         names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]

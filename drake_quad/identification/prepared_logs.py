@@ -41,7 +41,7 @@ _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s, shortest length of a window
 WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
-# Horizons of the forecast of held-out flight, s.
+# Horizons of forecasts, s.
 _POSE_HORIZON = 0.5
 _IMU_HORIZON = 0.1
 MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
@@ -108,7 +108,7 @@ class PreparedLogs(NamedTuple):
     def predictor(
         self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
     ) -> Predictor:
-        """Return the predictor of the outputs in windows of the usable parts of the records.
+        """Return a predictor of the outputs, in windows in the usable parts of the records.
 
         Args:
             names: names of the parameters.

@@ -12,9 +12,10 @@ where μ is the mean of θ_b with weights 1 / (v_b + d²) (R. C. Paule and J. Ma
 If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual, because the test has little
 power (J. P. T. Higgins et al., BMJ 327, 2003).
 
-The variances v_b are the diagonal of the inverse of the information H_b with a weak prior. They are increased if the
-windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, this
-comparison is impossible. Then d² includes any further error, and only the sum v_b + d² is meaningful.
+The variances v_b follow from the inverse of the information of the stretch, to which a weak prior is added. They are
+increased if the windows within stretches differ by more than model and noise explain. This comparison is impossible if
+each stretch has fewer than two windows. In this case d² includes any further error, and only the sum v_b + d² is
+meaningful.
 """
 
 from collections.abc import Sequence
@@ -64,7 +65,7 @@ class FlightSegments(NamedTuple):
         information: (B, p, p) information of each stretch.
         scores: (B, p) score of each stretch.
         estimates: (B, p) estimates, each from a single stretch.
-        variances: (B, p) variances of the errors of the estimates.
+        variances: (B, p) variances of the estimation errors.
         degrees_of_freedom: degrees of freedom of the variances; infinite if model and noise explain all errors.
         duration: duration of a stretch, s.
     """
@@ -116,7 +117,7 @@ class FlightSegments(NamedTuple):
         return -np.asarray(pseudo_inverse(total, total) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
-        """Return the uncertainty of the estimate of these stretches by the jackknife."""
+        """Return the jackknife uncertainty of the estimate from these stretches."""
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
@@ -171,7 +172,7 @@ def variation_of(evidence: Evidence) -> Variation | None:
 
 
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
-    """Return the uncertainty of the means of parameters that vary.
+    """Return the uncertainty of the mean values of parameters, of which some vary.
 
     The variance of a parameter that varies is the larger of the variances from short blocks and from whole stretches.
 

@@ -24,13 +24,13 @@ _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
 # is 0.5 for white noise.
 _MIN_FAST_POWER_RATIO = 0.2
-# Prefixes of the names of parameters that determine the response to fast commands. The delay determines it as well, but
-# missing commands hardly change the estimate of the delay.
+# Parameters that determine the response to fast commands, by the beginning of their names. The delay determines it as
+# well, but missing commands hardly change the estimated delay.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
 # It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
-_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log that give the standard deviation of the shift
+_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log from which the standard deviation of the shift is computed
 _AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
 # If the body rates lead the attitude by at least this time, in s, the attitude is the output of an estimator.
 _MIN_LEAD = 2e-3
@@ -127,7 +127,7 @@ def distorted_parameters(
 
 
 def fast_command_fraction(record: FlightRecord) -> float:
-    """Return the fraction of the power of airborne commands that is above half of the Nyquist frequency.
+    """Return the power fraction of airborne commands above half of the Nyquist frequency.
 
     The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
     commands.

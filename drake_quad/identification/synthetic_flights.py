@@ -77,7 +77,7 @@ class CheckedParameter(NamedTuple):
         name: name as in `Estimates`, or `DELAY`.
         true: value of the simulated vehicle.
         value: estimate.
-        deviation: standard deviation of the error of the estimate.
+        deviation: standard deviation of the estimation error.
         degrees_of_freedom: degrees of freedom of the error, which follows Student's t-distribution.
     """
 

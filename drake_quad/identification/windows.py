@@ -169,7 +169,7 @@ def _near(mask: np.ndarray, samples: int) -> np.ndarray:
 def split_into_windows(
     records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes
 ) -> list[LogWindow]:
-    """Return consecutive windows of the usable parts of records.
+    """Return consecutive windows in the usable parts of records.
 
     Args:
         records: records of flights.

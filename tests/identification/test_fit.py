@@ -80,8 +80,10 @@ def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() 
 
 
 def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
-    """For the errors n_k - 0.8 n_(k-1) with white noise n, the mean has a fifth of the standard deviation of the mean
-    of n."""
+    """The errors are n_k - 0.8 n_(k-1) with white noise n.
+
+    The standard deviation of their mean is a fifth of the standard deviation of the mean of n.
+    """
     said, off = {}, []
     for seed in range(300):
         noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
@@ -458,8 +460,10 @@ def test_a_search_evaluates_its_result_once() -> None:
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
 ) -> None:
-    """If the result is more than two prior standard deviations away, the search is repeated from the prior mean, and
-    the fit with the larger likelihood is returned."""
+    """The search is repeated from the prior mean if the result is more than two prior standard deviations away from it.
+
+    The fit with the larger likelihood is returned.
+    """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01
@@ -497,10 +501,10 @@ def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_separately(
 
 
 class QuadraticLikelihood:
-    """Log-likelihood that is a quadratic function of the logarithms of the noise, with a record of its calls.
+    """Log-likelihood that is quadratic in the logarithms of the noise parameters. It records its calls.
 
     Args:
-        best: (14,) logarithms of the noise of two outputs and of the disturbance at the maximum.
+        best: (14,) logarithms of the noise parameters at the maximum, for two outputs and the disturbance.
         fraction: ratio of the returned information to the true one.
 
     Attributes:
@@ -600,9 +604,10 @@ def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
 def test_noise_changes_by_at_most_a_factor_of_twelve_within_its_limits(
     monkeypatch: pytest.MonkeyPatch, direction: float
 ) -> None:
-    """Noise is limited to 1e-5 to 100, the disturbance to 1e-3 to 1e3, and its correlation time to 0.02 to 20 s.
+    """The limits are 1e-5 and 100 (noise), 1e-3 and 1e3 (disturbance), and 0.02 s and 20 s (correlation time).
 
-    The limit for a force along the thrust is 0.25 s, because a longer force is an error of the thrust curve.
+    The upper limit is 0.25 s for a force along the thrust axis, because a force that lasts longer is an error of the
+    thrust curve.
     """
     thrust = 8 + 2
     best = INITIAL_LOG_NOISE + 30.0 * direction

@@ -87,7 +87,7 @@ def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
 
 
 def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
-    """The rotors idle for a second, in which the estimate of the height rises by 2 cm; it stays there until 2 s."""
+    """The rotors idle for a second, in which the estimated height rises by 2 cm. It stays constant until 2 s."""
     drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
     found = free_flight(record_of(HEIGHT + drifted))
     assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)

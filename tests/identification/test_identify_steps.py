@@ -77,7 +77,7 @@ def forecast_of(explained, outputs=POSE):
 
 
 class Recorded:
-    """Record of the calls of a search, which returns the prior means, and of a forecast."""
+    """Stub of search and forecast that records its calls. The search returns the prior means."""
 
     def __init__(self, monkeypatch, *, noise=None):
         self.fits, self.forecasts, self.noise = [], [], noise

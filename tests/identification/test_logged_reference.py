@@ -422,7 +422,7 @@ def test_a_smooth_reference_begins_at_the_lift_off():
 
 @pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
 def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
-    """The route has a step, since the vehicle must climb to its reference after the lift-off."""
+    """A smooth path from the reference at lift-off would leave out the climb to this reference."""
     flown = logged(PATH, velocity=False).reference_position
     place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
     standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))

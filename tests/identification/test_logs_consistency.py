@@ -85,7 +85,7 @@ def found(changes=None, time=TIME):
 def test_a_physically_correct_flight_has_no_contradiction():
     assert found() == []
     assert list(inconsistencies(flight(noise=0.0), TIME)) == []
-    # The same holds with a gap, and for a shorter log.
+    # A log with a gap, and a shorter log, have no contradiction either.
     kept = (TIME < 8.0) | (TIME > 9.5)
     assert list(inconsistencies({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
     for count in (2, 30, 120):
@@ -279,7 +279,7 @@ def test_each_wrong_frame_is_named():
 
 
 def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
-    """At a tilt of 0.1 rad, the axes of the body and of the world show almost the same horizontal velocity."""
+    """The horizontal velocity along body axes is almost that along world axes at a tilt of 0.1 rad."""
     tilt = 0.1 * np.sin(2.0 * np.outer(TIME, [1.0, 0.8]))
     velocity = np.zeros((len(TIME), 3))
     velocity[:, :2] = scipy.integrate.cumulative_simpson(GRAVITY * np.tan(tilt), x=TIME, axis=0, initial=0.0)
@@ -308,7 +308,10 @@ def test_a_time_shift_is_measured(name, other, shift):
 
 @pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
 def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitude, seen):
-    """The mean force, the weight, is included when amplitudes are compared, but not when time shifts are."""
+    """The comparison of amplitudes includes the mean force, which is the weight.
+
+    The comparison of time shifts does not.
+    """
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
@@ -436,7 +439,7 @@ def test_the_magnitude_of_a_force_is_compared_outside_of_gaps():
 
 @pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
 def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement(correlation, named):
-    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 more than what remains."""
+    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 plus the remaining disagreement."""
     rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
     velocity = np.sin(np.outer(TIME, rates))
     position = -np.cos(np.outer(TIME, rates)) / rates
@@ -552,7 +555,7 @@ def test_the_thrust_of_a_vehicle_that_accelerates_down_faster_than_gravity_count
 
 @pytest.mark.parametrize(("delay", "found"), [(10, 10), (20, 20), (30, None)])
 def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, found):
-    """A log of 70 samples has 59 windows of a tenth of a second."""
+    """The log has 70 samples, and 59 windows of a tenth of a second."""
     random = np.random.default_rng(12)
     command = random.normal(size=(110, 3)).cumsum(axis=0)
     grid = _on_grid({"attitude_command": command[40:], "attitude": command[40 - delay : 110 - delay]}, TIME[:70])

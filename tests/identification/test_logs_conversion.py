@@ -12,7 +12,7 @@ NUM_COLUMNS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "ba
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
-    """Return a signal with a separate clock, with values at some of its ticks."""
+    """Return a signal on a separate clock, with values at some of the clock's samples."""
     clock = begin + period * np.arange(round((end - begin) / period) + 1)
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
@@ -267,7 +267,10 @@ def test_values_are_scaled_rotated_and_reordered():
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", [None, "NED"])
 def test_quaternions_are_converted_to_roll_pitch_and_yaw(order, frame):
-    """The norm may be wrong by a factor of two. Zeros, with which logs begin, are not a quaternion."""
+    """The norm of a quaternion may be wrong by a factor of two.
+
+    Zeros, with which many logs begin, are not a quaternion.
+    """
     random = np.random.default_rng(8)
     angles = random.uniform(-1.4, 1.4, size=(20, 3))
     quaternion = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]

@@ -1,4 +1,4 @@
-"""Logs of Crazyflies: written values are read in SI units and our frames, and real flights agree with physics."""
+"""Logs of Crazyflies: written values are read in SI units and record frames, and real flights agree with physics."""
 
 import lzma
 import math
@@ -67,7 +67,7 @@ def test_a_logged_pitch_angle_changes_its_sign_and_a_logged_quaternion_does_not(
 
 
 def packed(quaternion):
-    """Return a quaternion (w, x, y, z) packed like the firmware: two bits, then three times a sign and nine bits."""
+    """Return a quaternion (w, x, y, z) as the firmware packs it: two bits, then three times a sign and nine bits."""
     parts = [quaternion[1], quaternion[2], quaternion[3], quaternion[0]]
     largest = max(range(4), key=lambda i: abs(parts[i]))
     result = largest

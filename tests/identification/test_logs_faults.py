@@ -1,4 +1,4 @@
-"""Faults of the signals of a log and their repairs."""
+"""Possible faults of logged signals, and their repairs."""
 
 import re
 

@@ -81,7 +81,7 @@ def test_the_largest_of_several_jumps_is_reported():
 
 
 def test_a_jump_exceeds_the_noise_by_a_factor_of_eight():
-    """The median of the differences of successive steps measures white noise."""
+    """White noise is measured by the median difference between successive steps."""
     random = np.random.default_rng(1)
     time, place = path(count=4000)
     noisy = place + 0.05 * random.normal(size=place.shape)

@@ -359,7 +359,7 @@ def test_a_consistent_flight_has_no_remark(write):
 
 
 def test_rows_with_impossible_motor_commands_are_left_out(write):
-    """Such rows occur in logs that were extrapolated, and all of their columns are unreliable."""
+    """Rows with impossible commands occur in logs that were extrapolated, and all of their columns are unreliable."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
     assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")

@@ -1,4 +1,4 @@
-"""PX4's ULog: values known in NED and FRD are read in our frames, on one clock."""
+"""PX4's ULog: values in NED and FRD are read in the frames of a record, on one clock."""
 
 import sys
 from pathlib import Path
@@ -35,7 +35,7 @@ def said(record, words):
 
 
 def rows(period, values, *, start=MICROSECONDS_PER_SECOND, duration=MICROSECONDS_PER_SECOND, sampled=None):
-    """Return rows at a period (µs) with the values of a function of the time (s)."""
+    """Return rows at a period (µs). Their values are a function of the time (s)."""
     times = range(start, start + duration + 1, period)
     return [
         (t, *(() if sampled is None else (t - sampled,)), *values((t - MICROSECONDS_PER_SECOND) * 1e-6)) for t in times
@@ -43,7 +43,7 @@ def rows(period, values, *, start=MICROSECONDS_PER_SECOND, duration=MICROSECONDS
 
 
 def test_frames_and_rotor_order_of_a_ulog_are_converted(read):
-    """North is our X, east our -Y, and down our -Z. Roll is unchanged; pitch and yaw change sign."""
+    """North becomes X, east becomes -Y, and down becomes -Z. Roll is unchanged, and pitch and yaw change sign."""
     attitude = quaternion_of(0.1, -0.2, 0.3)
     data = ulog(
         {
@@ -234,8 +234,10 @@ def test_the_error_without_pyulog_says_how_to_install_it(read, monkeypatch):
 
 
 def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
-    """In PX4's parameters, forward and right are positive. Rotors of this library are numbered clockwise from the front
-    right, as seen from above."""
+    """PX4's rotor positions are positive forward and to the right.
+
+    Rotors of this library are numbered clockwise from the front right, as seen from above.
+    """
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
@@ -332,7 +334,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ],
 )
 def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
-    """Our order is front right, back right, back left and front left, which are PX4's rotors 1, 4, 2 and 3."""
+    """A record has the order front right, back right, back left, front left: PX4's rotors 1, 4, 2 and 3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert said(record, words)

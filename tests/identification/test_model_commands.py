@@ -1,4 +1,4 @@
-"""Commands of the model of a log: the logged ones, or the firmware's allocation of thrust and torque."""
+"""Commands that drive the model: logged commands, or the firmware's allocation of thrust and torque."""
 
 from dataclasses import replace
 

@@ -160,7 +160,7 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
 def test_px4_subtracts_the_unproduced_output_from_its_integral(climb):
-    """PX4 subtracts 2 / k_p times this output from the velocity error that it integrates."""
+    """PX4 subtracts 2 / k_v times the unproduced output from the velocity error that it integrates."""
     gain, mass = 3.0, 0.7
     limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
@@ -365,7 +365,7 @@ def test_the_written_controller_is_valid_in_the_scenario_language(diagrams, law,
 
 
 def logged(flight):
-    """Return the log of a flight of this library, rounded to the resolution of a Crazyflie's log."""
+    """Return the log of a simulated flight, rounded to the resolution of a Crazyflie's log."""
     signals = flight.signals
     values = dict(zip(STATE_ROWS, np.split(signals["measurement"], len(STATE_ROWS), axis=1), strict=True))
     if "attitude_target" in signals:

@@ -70,7 +70,8 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
     ("reference_velocity", "derivative", "fraction"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # The ratio to the velocity gain of 3 is set to 0 or 1 if it differs by less than 5 % or its half-width.
+        # The ratio of the reference velocity gain to the velocity gain, 3, becomes 0 or 1 if it differs by less than 5
+        # % or its half-width.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),

@@ -30,7 +30,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def log(scenario):
-    """Return two seconds of a noisy log of unsteady hover."""
+    """Return a noisy log of two seconds of unsteady hover."""
     random = np.random.default_rng(3)
     time = PERIOD * np.arange(200)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
@@ -409,7 +409,7 @@ def test_a_yaw_that_wraps_is_predicted_like_one_that_does_not(scenario, log, val
 def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it(scenario, log, values):
     """White noise is known to 1 / √(2n) of its value from n measurements.
 
-    The correlation time of a disturbance of zero is unknown.
+    The correlation time is unknown if the disturbance is zero.
     """
     predictor = made(scenario, log)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))

@@ -37,7 +37,7 @@ def uncertain(diagrams):
 
 
 def record_of(flight, begin=0.0):
-    """Return the log of the measurements of a flight from time `begin` (s) on; the clock of the log begins at zero."""
+    """Return the log of a flight's measurements from time `begin` (s) on. The clock of the log begins at zero."""
     state, reference = flight.record("measurement"), flight.record("reference")
     columns = {
         "position": (state.x, state.y, state.z),
@@ -144,7 +144,7 @@ def test_a_crash_is_an_infinite_error():
 def test_the_typical_sample_has_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
-    # The typical sample of an even number of samples has the smaller of the two middle errors.
+    # If the number of samples is even, the typical sample has the smaller of the two middle errors.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
     # The error is the distance over all axes. The first of several equal samples is chosen.

@@ -1,4 +1,4 @@
-"""Selection of the parts of a record, and reduction of its sampling rate."""
+"""Selection of airborne windows in a record, and reduction of its sampling rate."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Checks of the signals of a log against each other: signs, units, frames and time shifts.
+"""Checks of logged signals against each other: signs, units, frames and time shifts.
 
 Signals that are physically related are compared over short windows:
 
@@ -46,7 +46,7 @@ _MAX_SHIFT = 0.3  # s, largest time shift that is tried
 _MIN_SHIFT_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
 _SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds `_MIN_SHIFT` by this many standard errors
-_CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
+_CLOCK_PART_DURATION = 2.0  # s, duration of each part of a log in which two clocks are compared
 _MAX_CLOCK_SHIFT = 0.1  # s, largest shift between two clocks that is tried
 # Largest power of the difference between shifted signals, relative to the power of the signals.
 _MAX_CLOCK_ERROR = 0.4
@@ -424,7 +424,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), num_windows // 2), width):
         pair = followed[:, delay:], commanded[:, : num_windows - delay]
         late, early = (values - values.mean(axis=1, keepdims=True) for values in pair)
-        # The absolute value makes the choice independent of the sign of the command.
+        # The absolute value makes the choice independent of the command's sign.
         norms = np.sqrt(np.vecdot(early, early) * np.vecdot(late, late))
         fit = float(np.sum(np.abs(np.vecdot(early, late)) / np.maximum(norms, _TINY)))
         if fit > best_fit:

@@ -1,4 +1,4 @@
-"""Conversion of the columns of a log to a record with SI units, the frames of this library, and one clock."""
+"""Conversion of log columns to a record with SI units, the frames of this library, and one clock."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -92,7 +92,7 @@ class _Clocks:
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increasing times of the samples of a signal, s, and the indices of their rows in the table."""
+        """Return the increasing sample times of a signal, s, and the table rows of the samples."""
         time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
             is_kept, remarks = rising_samples(time)

@@ -1,4 +1,4 @@
-"""Possible faults of the signals of a log: a wrong sign, unit or frame."""
+"""Possible faults of logged signals: a wrong sign, unit or frame."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -101,9 +101,9 @@ _Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1)
 
 
 class Mapping(Model):
-    """Sources of the signals of a record in a log."""
+    """Mapping from the columns of a log to the signals of a record."""
 
-    description: str = Field(default="", description="description of such logs")
+    description: str = Field(default="", description="description of the logs that the mapping reads")
     delimiter: Literal[",", ";", "\t", " "] = Field(
         default=",", description="character between the cells of a CSV file"
     )

@@ -71,7 +71,7 @@ _RESETS = (
     _Reset("vehicle_local_position", "z_reset_counter", "height", ("delta_z",), 1.0, "m"),
     _Reset("vehicle_local_position", "vxy_reset_counter", "velocity", ("delta_vxy[0]", "delta_vxy[1]"), 1.0, "m/s"),
     _Reset("vehicle_local_position", "vz_reset_counter", "climb", ("delta_vz",), 1.0, "m/s"),
-    # The vector part of the quaternion of a small rotation is half of the rotation angle.
+    # The vector part of a quaternion is half of the rotation angle if the rotation is small.
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _QUATERNION_VECTOR_PART, 2.0, "rad"),
 )
 _MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start

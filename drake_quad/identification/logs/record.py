@@ -62,8 +62,8 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) logged force other than thrust and weight, in W, N.
         battery_voltage: (n,) voltage of the battery, V.
-        reference_period: period with which reference_position was logged, s; 0 if it is that of the record. Its values
-            are held between these samples.
+        reference_period: period with which reference_position was logged, s; 0 if it is the period of the record. The
+            values of reference_position are held for this period.
         vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
         remarks: remarks on gaps, jumps of the clock, conversions, and samples that were left out.
         origins: description of how each signal was read from the file.
@@ -150,7 +150,7 @@ class FlightRecord:
         return values
 
     def subset(self, chosen: slice | np.ndarray) -> "FlightRecord":
-        """Return the record of a part of the samples, on the same clock.
+        """Return a record of some of the samples, on the same clock.
 
         Args:
             chosen: slice of the samples, or (n,) mask.

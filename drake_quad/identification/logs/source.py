@@ -1,4 +1,4 @@
-"""Reading of the bytes of a log, which may be compressed."""
+"""Reading of log files, which may be compressed."""
 
 import gzip
 import io

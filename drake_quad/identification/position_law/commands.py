@@ -1,4 +1,4 @@
-"""Output of the position law of a flown controller, reconstructed from its logged attitude and thrust commands.
+"""Output of a flown position law, reconstructed from the logged attitude and thrust commands.
 
 Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are tried:
 
@@ -111,7 +111,7 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
 
 
 def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the part (n, 3) of the horizontal output of a law that the thrust does not produce.
+    """Return the part (n, 3) of a law's horizontal output that the thrust does not produce.
 
     If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the fraction (1 + u_z / g)
     of the horizontal output. PX4 treats this as saturation, and subtracts 2 / k_v times the remainder from the velocity

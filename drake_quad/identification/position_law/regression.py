@@ -44,7 +44,7 @@ class Shape(NamedTuple):
     Attributes:
         delay: delay from a logged measurement to the logged command, s.
         filter_time: time constant of the velocity filter, s; 0 without a filter.
-        error_limit: limit of the magnitude of the position error, m.
+        error_limit: limit on the magnitude of the position error, m.
     """
 
     delay: float = 0.0
@@ -61,7 +61,7 @@ class Fit(NamedTuple):
         shape: nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.
         residuals: (n,) residuals of the command.
-        explained: R², fraction of the variance of the command that the law explains.
+        explained: R², fraction of the command variance that the law explains.
     """
 
     terms: tuple[str, ...]
@@ -148,7 +148,7 @@ def _fit_gains(
 ) -> Fit:
     """Fit the gains of a law for given nonlinear parameters."""
     regressors, commands = _regression(pieces, axes, terms, shape)
-    # Solving the normal equations takes a tenth of the time of a decomposition of the regressors.
+    # Solving the normal equations is ten times as fast as decomposing the regressors.
     products = regressors.T @ regressors
     gains = pseudo_inverse(products, products) @ (regressors.T @ commands)
     residuals = commands - regressors @ gains

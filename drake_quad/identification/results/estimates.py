@@ -97,7 +97,7 @@ class Explained(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        fraction: fraction of the variance of the output in held-out flight that the vehicle explains.
+        fraction: fraction of the output variance that the vehicle explains in held-out flight.
         output: name of the output, for example "specific force along z".
     """
 
@@ -122,7 +122,7 @@ class Estimates:
         names: (n,) names as in the scenario language, indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
-        covariance: (n, n) covariance of the errors of the values.
+        covariance: (n, n) covariance of the estimation errors.
         degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number
             for all errors.
         sources: (n,) sources of each estimate, or a single source for all.
@@ -272,9 +272,9 @@ class Estimates:
     def for_new_flight(self) -> "Estimates":
         """Return the estimates with the covariance that applies to a stretch of a new flight.
 
-        The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
-        variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite (Biometrics Bulletin 2,
-        1946). The covariance of a parameter with unknown variation is unchanged.
+        The covariance is the sum of three covariances: that of the errors, that of the variation from stretch to
+        stretch, and that of the variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite
+        (Biometrics Bulletin 2, 1946). The covariance of a parameter with unknown variation is unchanged.
         """
         if not self._variations:
             return self

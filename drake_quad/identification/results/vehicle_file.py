@@ -89,8 +89,8 @@ def write_vehicle(
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
-        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate needs others that are missing,
-            or the vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate requires further estimates that
+            are missing, or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
@@ -300,7 +300,7 @@ def _list_entries(path: str, entries: Mapping[str, _Entry], base: Scenario) -> l
 
 
 def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
-    """Return an item of a list of the base scenario.
+    """Return an item of a list in the base scenario.
 
     Raises:
         InputError: if the base has no such list.

@@ -1,4 +1,4 @@
-"""Comparison of a logged flight with simulated flights along the same reference, under the control of a scenario."""
+"""Comparison of a logged flight with simulated flights along the same reference, with the controller of a scenario."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from drake_quad.signals import Reference, State
 AXES = ("x", "y", "z", "all")
 """Columns of `ErrorFigures`: the axes of W, and the norm of the error."""
 INTERVAL = (0.025, 0.975)
-"""Probabilities of the ends of the interval of predictions."""
+"""Quantiles that bound the interval of predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
 _MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
@@ -128,7 +128,7 @@ def compare_with_log(
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LogComparison:
-    """Simulate the reference of a log under the control of a scenario, and compare the result with the logged flight.
+    """Simulate the reference of a log with the controller of a scenario, and compare the result with the logged flight.
 
     The simulated vehicle hovers at the first point of the reference for `rest`, and then follows the reference on the
     clock of the log. If the reference jumps and the vehicle takes off in the log, the simulation begins at the point

@@ -162,7 +162,7 @@ def _steps(record: FlightRecord) -> int:
 
 
 def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, np.ndarray]) -> float:
-    """Return the variance that white noise of a signal adds to means of the derivative of the signal.
+    """Return the variance that white noise of a signal adds to mean derivatives of the signal.
 
     Args:
         samples: (n,) consecutive samples of the signal, without samples outside the means, since a jump while the

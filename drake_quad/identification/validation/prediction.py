@@ -6,13 +6,13 @@ maximum-likelihood noise for the log and the vehicle. The vehicle is simulated f
 commands and without measurements.
 
 The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
-them to zero. A second prediction with the first vehicle includes them, which shows how well a controller with a
-disturbance observer predicts.
+this force and torque to zero. A second prediction with the first vehicle includes them. It shows how well a controller
+with a disturbance observer predicts.
 
-Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
+Two predictors without a model serve as baselines. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also continues with the acceleration and the angular acceleration. A vehicle model that predicts worse
-than either of them is of no use at this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. If a vehicle model predicts worse than
+one of these baselines at a horizon, it is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
 body rates, and the angle between the attitudes. The filter does not use velocities or body rates that an estimator

@@ -40,11 +40,11 @@ class LoggedReference(NamedTuple):
 
     Attributes:
         route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
-        start: time of the first sample of the log on the route, s; negative if the route begins later in the log.
+        start: time on the route, s, at the first sample of the log; negative if the route begins later in the log.
         end: time in the log up to which the reference is known, s.
         deviation: largest distance of the route from the logged position, m.
-        velocity_deviation: largest difference of the velocity of a smooth path from the logged one, m/s; None if the
-            path is fitted to the logged velocities, or none are logged.
+        velocity_deviation: largest difference between path velocity and logged velocity, m/s; None if the path is
+            fitted to the logged velocities, or none are logged.
         jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
 
@@ -88,10 +88,10 @@ def logged_reference(
     the route accelerates to the first velocity. If the vehicle takes off in the log, the route starts at the lift-off
     instead, since the simulation has no ground on which a vehicle could stand.
 
-    The route consists of the logged setpoints if no velocity of the reference is logged, and no smooth path is within
-    the tolerance, for example because the reference jumps, or the reference is more than 0.25 m away from the vehicle
-    at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in the log,
-    the route then begins with the vehicle at rest where it lifts off.
+    If no reference velocity is logged, the route may consist of the logged setpoints. It does if no smooth path is
+    within the tolerance, for example because the reference jumps, or if the reference is more than 0.25 m away from the
+    vehicle at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in
+    the log, the route then begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.

@@ -30,7 +30,7 @@ _CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 _CHECKSUM_SIZE = 4  # bytes
 # Largest length of a name with its final zero. The names in the firmware are shorter.
 _MAX_NAME_LENGTH = 256
-# Largest total number of variables of all event types. A header with more variables is damaged.
+# Largest number of variables in a header, summed over all event types. A header with more variables is damaged.
 _MAX_VARIABLES = 5_000
 # Name of the compressed attitude, which `_quaternions` decodes.
 _PACKED_ATTITUDE = "stateEstimateZ.quat"
@@ -51,7 +51,7 @@ class _EventType(NamedTuple):
 
 
 class _Header:
-    """Reader of the header of a log."""
+    """Reader of a log header."""
 
     def __init__(self, log: LogFile) -> None:
         self._log, self.offset = log, 1

@@ -1,4 +1,4 @@
-"""Registry of the formats of flight logs that `read_log` recognizes by their content."""
+"""Registry of flight log formats, which `read_log` recognizes by the content of a file."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

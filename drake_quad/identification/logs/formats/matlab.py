@@ -71,7 +71,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
 
 def _numeric(prefix: str, content: Mapping[str, Any], depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the numeric vectors and matrices of a struct and of its fields, by name."""
+    """Yield the numeric vectors and matrices in a struct and its nested structs, by name."""
     for name, value in content.items():
         if name.startswith("__"):
             continue

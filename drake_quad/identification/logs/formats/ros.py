@@ -102,7 +102,7 @@ def _member(value: Any, part: str | int) -> Any:
 
 
 def _stamp(message: Any) -> int:
-    """Return the stamp of the header of a message in ns; 0 if it has none."""
+    """Return the stamp in a message's header, ns; 0 if the message has none."""
     try:
         stamp = _member(_member(message, "header"), "stamp")
         return int(_member(stamp, "sec")) * 10**9 + int(_member(stamp, "nanosec"))

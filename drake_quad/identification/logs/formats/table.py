@@ -72,7 +72,7 @@ def _text(log: LogFile) -> tuple[str, list[str]]:
 
 
 def _text_end(data: bytes) -> int:
-    """Return the number of bytes of the lines before the first byte that is not text."""
+    """Return the size, in bytes, of the lines before the first byte that is not text."""
     end = len(data) if (null := data.find(b"\0")) < 0 else null
     try:
         data[:end].decode("utf-8")

@@ -24,7 +24,7 @@ MAGIC = b"ULog\x01\x12\x35"
 _MICROSECOND = 1e-6
 # Pairs (is in front, is to the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
-# Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
+# Largest number of fields in a topic, where each item of an array counts. All topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
 _HEADER_SIZE = 16  # bytes
 # Letters of all message types in the format.
