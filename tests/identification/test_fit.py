@@ -302,7 +302,7 @@ class DriftingPredictor(LinearPredictor):
         ([-1.0, 0.01], 3),
     ],
 )
-def test_rounds_continue_while_an_estimate_changes(
+def test_fitting_rounds_continue_while_an_estimate_changes(
     monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
 ) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
@@ -318,7 +318,7 @@ def test_rounds_continue_while_an_estimate_changes(
     ("factors", "rounds"),
     [([0.9, 0.9, 0.9], 3), ([1.5, 1.5, 1.5, 1.5, 1.1], 5), ([0.5, 0.5, 0.7, 0.7, 0.9], 5), ([2.0] * 20, 8)],
 )
-def test_rounds_continue_while_a_disturbance_changes(
+def test_fitting_rounds_continue_while_a_disturbance_changes(
     monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
 ) -> None:
     """The rounds end when the logarithm of the disturbance changes by less than 0.2.
@@ -479,9 +479,7 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
-def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_separately(
-    monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
+def test_smaller_disturbing_forces_and_torques_are_tried_separately(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """Only the one on which the likelihood depends changes."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)

@@ -217,7 +217,7 @@ def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
         assert {*found[flight].forces} == {*TRIM_FORCE, "wind_force.x", "wind_force.y"}
 
 
-def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
+def test_trim_forces_require_positions_and_attitudes_in_all_logs() -> None:
     logs, predictor, fitted, _ = logs_with_forces([2, 2])
     evidence, _ = evidence_of(np.array([0.0, 0.0]), 2)
     assert all(each.forces for each in flight_differences(logs, predictor, fitted, evidence))

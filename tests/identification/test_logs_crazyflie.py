@@ -216,7 +216,7 @@ def test_the_specific_force_of_a_crazyflie_at_rest_is_its_weight():
     assert record.motor_command[at_rest].max() == 0.0
 
 
-def test_torques_of_the_motors_have_the_signs_of_our_layout():
+def test_motor_torques_have_the_signs_of_the_x_layout():
     """Rotors 1 and 2 (right) roll to the left, 2 and 3 (rear) pitch the nose down, and 2 and 4 yaw to the left."""
     record = read_log(DATA / "crazyflie/arpl/log15.xz")
     lag = 40

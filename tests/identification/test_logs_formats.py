@@ -78,7 +78,7 @@ ARDUPILOT = dataflash_log(
 )
 
 
-def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
+def test_an_ardupilot_log_is_converted_to_record_frames_and_rotor_order(read):
     """Half a turn about x converts NED to NWU.
 
     ArduPilot's rotors 1 to 4 are front right, back left, front left, back right.
@@ -176,7 +176,7 @@ def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     assert said(record, "the log has 2 flights; only the longest is read, number 2")
 
 
-def test_the_longest_flight_may_be_the_first(read):
+def test_the_longest_flight_of_a_betaflight_log_may_be_the_first(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(BLACKBOX + short + short)
     assert len(record.time) == NUM_SAMPLES

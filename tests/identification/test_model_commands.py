@@ -77,7 +77,7 @@ def test_the_firmware_reduces_the_component_without_priority(root, record, prior
     assert max(first) == pytest.approx(nominal.max_rotor_speed)
 
 
-def test_logged_motor_commands_have_priority(flight, record, responding):
+def test_logged_motor_commands_have_priority_over_allocated_commands(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
     found = with_commands(log, vehicle, vehicle)

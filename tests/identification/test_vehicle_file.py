@@ -210,7 +210,7 @@ def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
-def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
+def test_a_vehicle_that_takes_rotor_speeds_gets_throttle_motors(root, tmp_path):
     """The log determines two of three coefficients. The rotor speed ranges from zero to the maximum of the curve."""
     found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
     base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
@@ -231,7 +231,7 @@ def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
     assert motors.curve[2].normal.mean == pytest.approx(0.1284)
 
 
-def test_a_falling_curve_cannot_be_nominal(base, tmp_path):
+def test_a_falling_thrust_curve_cannot_be_nominal(base, tmp_path):
     """The autopilot could not invert the curve, so nothing is written."""
     falling = {
         **{f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)},
@@ -243,7 +243,7 @@ def test_a_falling_curve_cannot_be_nominal(base, tmp_path):
 
 
 @pytest.mark.parametrize("part", ["vehicle", "nominal"])
-def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(nominal, part):
+def test_the_written_rotor_speed_limit_does_not_limit_the_thrust_curve(nominal, part):
     limited = getattr(nominal, part)
     assert limited.thrust_factor * limited.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
@@ -262,7 +262,7 @@ def test_rotor_time_constants_of_both_directions_are_written(base, tmp_path):
     assert vehicle.rotor_time_constant_down.normal.mean == 0.08
 
 
-def test_a_rotor_speed_limit_of_the_base_does_not_limit_the_curve(base, tmp_path):
+def test_the_rotor_speed_limit_of_the_base_does_not_limit_the_thrust_curve(base, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
     found = estimates_of(
@@ -478,7 +478,7 @@ def test_comments_have_the_indentation_of_their_fields(written):
     assert kinds >= {"key", "-"}
 
 
-def test_given_fields_are_inserted_unless_they_were_identified():
+def test_overrides_are_written_unless_they_set_an_identified_parameter():
     found = vehicle_file._Entry(0.5, "identified")
     tree = {"vehicle": {"mass": found}, "laboratory": {}, "control": {}}
     for given in (
@@ -500,7 +500,7 @@ def test_given_fields_are_inserted_unless_they_were_identified():
             vehicle_file._add_override(tree, wrong)
 
 
-def test_given_values_are_in_the_file_and_determine_the_nominal_full_thrust(root, tmp_path):
+def test_overrides_are_written_and_determine_the_nominal_full_thrust(root, tmp_path):
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
     found = estimates_of(
         {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}

@@ -65,7 +65,7 @@ def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
     assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
-def test_windows_use_flight_only() -> None:
+def test_windows_contain_only_airborne_samples() -> None:
     """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
