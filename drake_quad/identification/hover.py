@@ -1,7 +1,7 @@
 """White noise of the sensors and trim of the vehicle, from a log at rest and in hover.
 
-The white noise is estimated from third differences, in which a smooth signal vanishes. For independent errors with
-standard deviation σ, third differences have the variance 20 σ². If an estimator has filtered the signal, its errors are
+The white noise is estimated from third differences, in which a smooth signal vanishes. Third differences of independent
+errors with the standard deviation σ have the variance 20 σ². If an estimator has filtered the signal, its errors are
 not white, and their standard deviation is underestimated.
 """
 

@@ -230,7 +230,7 @@ class Predictor:
         return state
 
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
-        """Return the flight of the model at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
+        """Return the model flight at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, jacobian, reference, _, _ = self.initial
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
@@ -564,7 +564,7 @@ def _disturbance_rows(*names: str) -> set[int]:
 
 
 def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
-    """Return the rows of the state that the filter estimates, which are those on which the outputs depend."""
+    """Return the state rows that the filter estimates: the rows on which the outputs depend."""
     constant = _disturbance_rows("constant_x", "constant_y")
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
     if signals == {"position"}:

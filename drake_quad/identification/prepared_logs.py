@@ -191,7 +191,7 @@ def prepare(
         attitude_is_estimated: True if the attitude lags the gyroscope, so that body rates are predicted instead.
 
     Raises:
-        InputError: if a log lacks commands or outputs, or the logs have different rates.
+        InputError: if a log lacks commands or outputs, or the logs have different sample rates.
     """
     has_motor_throttles = any(record.motor_command is not None for record in records)
     if has_motor_throttles:
@@ -217,7 +217,7 @@ def prepare(
         has_motor_throttles,
         max((record.period for record, step in zip(prepared, steps, strict=True) if step > 1), default=0.0),
     )
-    common_period(prepared)  # raises an error if the logs have different rates
+    common_period(prepared)  # raises an error if the logs have different sample rates
     return logs, scenario
 
 

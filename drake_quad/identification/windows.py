@@ -1,7 +1,7 @@
 """Division of flight records into windows of equal length in which the vehicle is airborne.
 
-The predictor starts some time before each window, and forgets its initial state until the window starts. For a further
-time before that, only the rotors are simulated, which follow their commands:
+The predictor starts some time before each window, and has forgotten its initial state when the window starts. Before
+this settling time, only the rotors are simulated, which follow their commands:
 
     |- rotors follow -|- the predictor settles -|- predictions count -|
     start - settle - warm-up   start - settle   start                 start + length
@@ -57,7 +57,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
     """Return the common time between the samples of all logs, s.
 
     Raises:
-        InputError: if the logs have different rates.
+        InputError: if the logs have different sample rates.
     """
     period = float(np.median([record.period for record in records]))
     other = next((record for record in records if abs(record.period / period - 1.0) > _PERIOD_TOLERANCE), None)

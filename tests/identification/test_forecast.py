@@ -8,7 +8,7 @@ import pytest
 from drake_quad.identification.forecast import forecast, output_name
 from drake_quad.identification.prediction_errors import FORCE
 
-PERIOD = 0.1  # s
+PERIOD = 0.1  # s, sampling period
 NUM_SETTLING_SAMPLES = 3
 NUM_FORECAST_SAMPLES = 6
 NUM_WINDOWS = 4

@@ -103,7 +103,7 @@ def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     records += [(9, 7000 * i + 500, (7e-3 * i + 5e-4, 1.0, 2.0)) for i in range(-1, 16) if i >= 0]
     records += [(5, 20_000 * i, (6553 * i, 0, 0, 0)) for i in range(6)]
     record = read_log(written(crazyflie_log(kinds, sorted(records, key=lambda each: each[1]))))
-    start = 1e-3  # first tick with a known position
+    start = 1e-3  # s, first sample with a known position
     np.testing.assert_allclose(record.time, 1e-3 * np.arange(100), atol=1e-9)
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)

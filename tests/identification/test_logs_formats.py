@@ -61,7 +61,7 @@ ARDUPILOT = dataflash_log(
             ["DesRoll", "Roll", "DesPitch", "Pitch", "DesYaw", "Yaw"],
             rows(100, np.arange(NUM_SAMPLES), 200, np.arange(NUM_SAMPLES), 300, 9000),
         ),
-        # First instance of a message, as of several IMUs.
+        # Messages of the first of several IMUs.
         "IMU": (
             "Bffffff",
             ["I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"],

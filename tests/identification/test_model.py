@@ -52,7 +52,7 @@ def model_parameters(scenario):
 
 
 def in_world():
-    """Return the rotation from body axes to W in `STATE`."""
+    """Return the rotation from body axes to world axes in `STATE`."""
     return Rotation.from_euler("ZYX", [STATE.yaw, STATE.pitch, STATE.roll])
 
 

@@ -279,7 +279,7 @@ def test_samples_at_a_limit_are_distinguished_from_a_smooth_maximum():
     assert limited(cut)[smooth < 0.39].sum() == 0
 
 
-def test_hover_noise_and_missing_signals_are_refused(vehicle):
+def test_logs_without_a_moving_reference_or_a_required_signal_are_refused(vehicle):
     record = flown(vehicle)
     still = replace(record, reference_position=np.zeros((SAMPLES, 3)))
     with pytest.raises(InputError, match="use a log with a moving reference"):

@@ -62,7 +62,7 @@ def test_a_pid_has_an_integral_on_the_axes_that_have_one():
         ((0.019, 0.001), "pd"),
     ],
 )
-def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
+def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
     assert control_of(PD_GAINS | {"integral": integral})["position"]["kind"] == kind
 
 

@@ -614,7 +614,7 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
 
-def test_gains_on_a_reference_at_rest_are_not_identified(monkeypatch):
+def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     piece = flown(("position", "velocity", "integral"), Shape(0.05), noise=0.02)
     piece = piece._replace(
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)

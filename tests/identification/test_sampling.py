@@ -1,4 +1,4 @@
-"""Commands between samples, drifting clocks, and estimates that depend on the bandwidth of a log."""
+"""Missing commands between samples, drifting clocks, and estimates that missing commands distort."""
 
 from dataclasses import replace
 
@@ -112,7 +112,7 @@ def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
 @pytest.mark.parametrize(
     ("shifts", "drifts"),
     [
-        # A drift needs at least four parts and a standard deviation of 8 ms.
+        # A drift is found in at least four parts whose shifts have a standard deviation of at least 8 ms.
         ([[0.01, -0.01, 0.01]], False),
         ([[0.01, -0.01, 0.01, -0.01]], True),
         ([[0.0078, -0.0078] * 4], False),
@@ -124,7 +124,7 @@ def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
         ([[], []], False),
     ],
 )
-def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, drifts):
+def test_a_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkeypatch, shifts, drifts):
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
     monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))

@@ -11,8 +11,8 @@ from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, LogModel,
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
 
-PERIOD = 0.01  # s
-DURATION = 1.0  # s
+PERIOD = 0.01  # s, sampling period
+DURATION = 1.0  # s, duration of each flight
 COMMAND = np.array([196.0, 203.0, 199.0, 201.0])
 
 

@@ -95,7 +95,7 @@ class _Pair(NamedTuple):
         return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
 
     def excited(self, *, factor: float = 1.0) -> np.ndarray:
-        """Return a mask of the axes whose amplitude exceeds the threshold times a factor."""
+        """Return a mask of the axes whose amplitude exceeds `factor` times the threshold."""
         amplitudes = [np.sqrt(np.mean(side**2, axis=0)) for side in self.clipped()]
         return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
 

@@ -12,7 +12,7 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs from 0 or 1 by at most this is set to 0 or 1
+_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward ratio that differs from 0 or 1 by at most this is set to 0 or 1
 _NEGLIGIBLE_GAIN_RATIO = 0.005  # gains below this fraction of the position gain are negligible; all gains in SI units
 _UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine

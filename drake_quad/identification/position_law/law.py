@@ -179,7 +179,7 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
 
 
 def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, Spread]:
-    """Return the estimates of all parameters of a law."""
+    """Return the estimate of each parameter of a law, by name."""
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
     }

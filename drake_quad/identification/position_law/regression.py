@@ -34,7 +34,7 @@ _MIN_LIKELIHOOD_RATIO = 10.83
 # simulations.
 _MAX_UNEXPLAINED_RATIO = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
-_MAX_FILTER_TIME = 0.5  # s
+_MAX_FILTER_TIME = 0.5  # s, largest time constant of the velocity filter
 _LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for the limit of |e| begins
 
 

@@ -118,7 +118,7 @@ def write_vehicle(
 
 
 def nominal_estimates(scenario: Scenario) -> list[str]:
-    """Return the names of the parameters whose estimates are also in `nominal`, as `write_vehicle` can write them."""
+    """Return the names of the parameters whose estimates are also in `nominal` of a scenario from `write_vehicle`."""
     found = []
     for path, drawn in distributions_in(scenario).items():
         part, _, name = path.partition(".")

@@ -49,7 +49,7 @@ def with_throttles(scenario: Scenario) -> Scenario:
 
 
 def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
-    """Return the scenario with new values of parameters, by their names in `Estimates`, and with their effects."""
+    """Set parameters of a scenario, by their names in `Estimates`, and add the effects to which they belong."""
     extended = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
     result: Scenario = map_leaves(extended, lambda path, old: values.get(path, old))
