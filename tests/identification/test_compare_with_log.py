@@ -23,7 +23,7 @@ def compare(run):
 
 @pytest.mark.slow
 def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
-    """The flown error would be far outside if the velocity estimate were exact instead of the identified one."""
+    """The flown error would be far outside if the scenario had no errors of the velocity estimate."""
     log, scenario = LOGS / "log100.xz", f"{SCENARIO_FILE}:log100"
     status, printed, _ = compare(log, scenario, "--samples", 40, "--output", tmp_path)
     assert status == 0

@@ -305,7 +305,7 @@ def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch, rest):
-    """If velocities are logged, both must be zero as well."""
+    """If velocities are logged, the velocities of both samples must be zero as well."""
     asked = []
     fitted = reference._fitted_path
 

@@ -17,7 +17,7 @@ def crazyflie_log(kinds, records, *, version=2, checksum=True):
 
     Args:
         kinds: (id, name, [(variable, letter), ...]) of each event type.
-        records: (id, time in µs or ms, values) in their order.
+        records: (id, time in µs or ms, values) of each record.
         version: version of the format.
         checksum: True if the log ends with a checksum.
     """
@@ -88,7 +88,7 @@ def old_crazyflie_log(columns, rows, *, block=7):
 
     Args:
         columns: (name, letter) of each column except the time.
-        rows: (time in ms, values) in their order.
+        rows: (time in ms, values) of each row.
         block: number of rows per block.
     """
 
@@ -136,7 +136,7 @@ def blackbox_log(fields, rows, *, headers=None, interval=8):
 
     Args:
         fields: names of the fields after loopIteration and time.
-        rows: (time in µs, integer values) in their order.
+        rows: (time in µs, integer values) of each row.
         headers: further lines of the header, by name.
         interval: every `interval`-th row is written completely, and all other rows as differences from the row before.
     """

@@ -23,7 +23,7 @@ class FreeFlight(NamedTuple):
     Attributes:
         first: index of the first sample.
         end: index after the last sample.
-        lift_off: index of the last sample on the ground before the first one; None if the log begins in the air.
+        lift_off: index of the last sample on the ground before the free flight; None if the log begins in the air.
     """
 
     first: int
