@@ -1,4 +1,4 @@
-"""Information of flight windows about the parameters, and the uncertainty of the estimates.
+"""Information that flight windows contain about the parameters, and uncertainty of the estimates.
 
 To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
 and Jᵀ e to the score. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
@@ -11,11 +11,11 @@ where θ₋ᵦ is the estimate without block b. To first order it is the sandwic
 D. F. McCaffrey (Survey Methodology 28, 2002), which does not underestimate the covariance if there are few blocks.
 
 If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
-correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
-K. D. West, Econometrica 55, 1987).
+correlation. Half of the product of neighbouring scores is then added (Bartlett weights with one lag: W. K. Newey and K.
+D. West, Econometrica 55, 1987).
 
-A parameter that only a few blocks determine has few degrees of freedom. With c_b the diagonal of H⁻¹ H_b H⁻¹, they are
-the effective number of blocks, (Σ c_b)² / Σ c_b², minus one.
+A parameter that only a few blocks determine has few degrees of freedom. The degrees of freedom are the effective number
+of blocks, (Σ c_b)² / Σ c_b², minus one, where c_b is the diagonal of H⁻¹ H_b H⁻¹.
 """
 
 from typing import NamedTuple
@@ -31,8 +31,8 @@ class Uncertainty(NamedTuple):
 
     Attributes:
         covariance: (p, p) covariance of the errors.
-        degrees_of_freedom: (p,) degrees of freedom of Student's distribution of each error.
-        model: (p, p) covariance of the errors if model and noise were correct.
+        degrees_of_freedom: (p,) degrees of freedom of the Student's t-distribution that each error follows.
+        model: (p, p) covariance that the errors would have if the model and the noise were correct.
     """
 
     covariance: np.ndarray
@@ -63,9 +63,10 @@ class Evidence(NamedTuple):
 def jackknife(
     information: np.ndarray, scores: np.ndarray, *, prior: np.ndarray | None = None, adjacent: bool = False
 ) -> Uncertainty:
-    """Return the uncertainty of parameters by the jackknife over B blocks.
+    """Return the uncertainty of p parameters, estimated by the jackknife over B blocks.
 
-    Each variance is at least `Uncertainty.model`, and each parameter has at least one degree of freedom.
+    Each variance is at least the corresponding variance in `Uncertainty.model`, and each parameter has at least one
+    degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.
@@ -96,8 +97,8 @@ def jackknife(
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
 
-    The number is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. It is 1 for a parameter that influences no
-    block. Such a parameter keeps its prior mean, and is reported as not identified.
+    The number is (Σ c_b)² / Σ c_b², where c_b is the diagonal of H⁻¹ H_b H⁻¹. A parameter that influences no block has
+    the number 1. It keeps its prior mean, and is reported as not identified.
 
     Args:
         information: (B, p, p) information H_b of the blocks.
@@ -112,11 +113,11 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
 
 
 def pseudo_inverse(information: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inverse (..., p, p) of information, which is zero for parameters without information.
+    """Return the pseudo-inverse (..., p, p) of information, with zero rows for parameters without information.
 
     Args:
         information: (..., p, p) information.
-        total: (p, p) total information, which gives the scale of each parameter.
+        total: (p, p) total information, whose diagonal sets the scale of each parameter.
     """
     diagonal = np.diag(total)
     scales = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))

@@ -1,7 +1,7 @@
 """Estimation of the parameters from prediction errors, and of the noise by maximum likelihood.
 
-With the gains of the filter fixed, and with L_t the Cholesky factor of the covariance of the prediction errors e_t(θ),
-the parameters are
+Let L_t be the Cholesky factor of the covariance of the prediction errors e_t(θ). The gains of the filter are fixed. The
+parameters are then
 
     θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|² + ½ Σ_i (θ_i - θ̄_i)² / s_i²,
 
@@ -9,7 +9,7 @@ where the prior has mean θ̄ and standard deviations s. The minimum is found by
 noise is then estimated by maximising the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², and the gains are computed
 again. These steps are repeated until θ converges.
 
-The uncertainty of θ follows from blocks of windows (`drake_quad.identification.evidence`).
+The uncertainty of θ is computed from blocks of windows (`drake_quad.identification.evidence`).
 """
 
 from collections.abc import Sequence
@@ -26,23 +26,23 @@ from drake_quad.identification.prediction_errors import Gains, PredictionNoise, 
 
 # Step of the finite differences, relative to the scale of a parameter.
 _RELATIVE_STEP = 1e-5
-# Step of the central difference of the delay, in samples. The derivative is discontinuous at each whole sample.
+# Step of the central difference for the delay, in samples. The derivative is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
-_MAX_NUM_ROUNDS = 8
+_MAX_NUM_ROUNDS = 8  # largest number of rounds, each with a fit of the parameters and of the noise
 # The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
 # and each logarithm of the disturbance changes by less than `_LOG_DISTURBANCE_TOLERANCE`.
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
-_MAX_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# Largest plausible ratio of the log-likelihood that a search gains to the gain that the derivatives at its start
-# predict. A trial that would have to gain more is not fitted.
+_MAX_NUM_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
+# A search increases the log-likelihood by at most this multiple of the increase that the derivatives at its start
+# predict. A smaller disturbance that would require a larger increase is not fitted.
 _MAX_GAIN_RATIO = 3.0
 # Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Factors of the smaller disturbances (force along x, y, z, torque about x, y, z). They are tried because Fisher scoring
-# reduces a much too large disturbance only slowly.
-_SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
-_SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
+# Factors by which the disturbance (force along x, y, z, torque about x, y, z) is reduced in a trial. The trials are
+# needed because Fisher scoring reduces a much too large disturbance only slowly.
+_TORQUE_REDUCTION = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
+_FORCE_REDUCTION = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
 # local minimum in which a large disturbance explains the motion. The search then starts again from the prior mean,
 # with the disturbance multiplied by `_RESTART_DISTURBANCE`.
@@ -54,23 +54,23 @@ _MAX_WHITENED_ERROR = 1e6
 _MAX_NOISE_SAMPLES = 1500
 # Step of the finite differences with respect to the logarithms of the noise.
 _LOG_STEP = 1e-4
-# Largest change of a logarithm of the noise in one round, a factor of 12.
+# Largest change of the logarithm of a noise parameter in one round, which corresponds to a factor of 12.
 _MAX_LOG_CHANGE = 2.5
-_MAX_SCORING_STEPS = 5
+_MAX_SCORING_STEPS = 5  # largest number of Fisher scoring steps in a round
 _LIKELIHOOD_TOLERANCE = 0.1  # scoring ends when a step increases the log-likelihood by less than this
-_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps, and weak prior information in `noise_covariance`
+_INITIAL_DAMPING = 1e-3  # scale of the damping of scoring steps; also the weak prior information in `noise_covariance`
 MIN_NOISE = 1e-5
-"""Smallest estimate of the standard deviation of a measurement, in the SI unit of the signal."""
-_MAX_NOISE = 100.0  # largest such estimate
-_MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimate of the standard deviation of the disturbance
+"""Smallest estimated standard deviation of a measurement, in the SI unit of the signal."""
+_MAX_NOISE = 100.0  # largest estimated standard deviation of a measurement, in the SI unit of the signal
+_MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimated standard deviation of the disturbance
 NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 """Standard deviation below which a disturbance is negligible, m/s² or rad/s²."""
-_MAX_DISTURBANCE = 1e3  # m/s² or rad/s²
-_MIN_MEMORY = 0.02  # s, correlation time of the disturbance
-_MAX_MEMORY = 20.0  # s
+_MAX_DISTURBANCE = 1e3  # m/s² or rad/s², largest estimated standard deviation of the disturbance
+_MIN_CORRELATION_TIME = 0.02  # s, shortest correlation time of the disturbance
+_MAX_CORRELATION_TIME = 20.0  # s, longest correlation time of the disturbance
 # Largest correlation time of a disturbing force along the axes of B, s. A force along z that lasts longer is an error
 # of the thrust curve. If the disturbance included it, only large motions of the rotors would determine the curve.
-_MAX_THRUST_MEMORY = 0.25
+_MAX_THRUST_CORRELATION_TIME = 0.25
 # The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
 # If there are fewer windows than this, each is divided into parts, so that the scatter is estimated from many parts.
@@ -82,11 +82,11 @@ class PredictionFit(NamedTuple):
 
     Attributes:
         values: (p,) estimates of the parameters.
-        noise: estimated noise.
+        noise: estimated measurement noise and disturbance.
         gains: gains of the filter for these parameters.
         jacobian: (W, k, p) derivatives of the k whitened errors of each window, L⁻¹ ∂e/∂θ.
         errors: (W, k) whitened errors, L⁻¹ e.
-        prior: (p,) information of the prior on each parameter.
+        prior: (p,) information that the prior contains about each parameter.
     """
 
     values: np.ndarray
@@ -143,7 +143,7 @@ def fit(
 
     Args:
         predictor: predictor of the outputs.
-        parameters: p parameters of the model of the predictor.
+        parameters: p parameters of the predictor's model.
         noise: initial noise.
         start: (p,) initial parameters; by default the means of the priors.
 
@@ -157,7 +157,7 @@ def fit(
     untried: list[tuple[float, ...]] = []
     for round_number in range(1, _MAX_NUM_ROUNDS + 1):
         if round_number in _TRIAL_ROUNDS:
-            untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
+            untried = [_TORQUE_REDUCTION, _FORCE_REDUCTION]
         previous_values, previous_disturbance = point.values, point.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(previous_values, point.noise), point.noise)
         gains = predictor.gains(previous_values, noise)
@@ -188,10 +188,10 @@ def fit(
 def _with_smaller_disturbance(
     predictor: Predictor, parameters: Sequence[Parameter], point: "_Point", factors: Sequence[float]
 ) -> "_Point":
-    """Multiply the disturbance by the factors as long as the likelihood increases, and return the best point.
+    """Reduce the disturbance as long as the likelihood increases, and return the best point.
 
-    During these multiplications, the parameters are fixed. They are then fitted for the best disturbance, and for the
-    next smaller one; the fit with the higher likelihood is returned.
+    Each step multiplies the disturbance by the factors, at fixed parameters. The parameters are then fitted for the
+    best disturbance, and for the next smaller one. The fit with the higher likelihood is returned.
     """
 
     def reduced(noise: PredictionNoise) -> PredictionNoise:
@@ -282,7 +282,7 @@ class _Point(NamedTuple):
         *,
         min_likelihood: float = -np.inf,
     ) -> "_Point":
-        """Return the best parameters for a noise, with the gains of a filter that is linearised at the initial ones.
+        """Return the parameters that fit best for the given noise and the given filter gains.
 
         The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
         """
@@ -291,7 +291,7 @@ class _Point(NamedTuple):
 
 
 class _Evaluation(NamedTuple):
-    """Predictions, and the p + 1 condensed residuals of a search with their (p + 1, p) derivatives."""
+    """Predictions at a point of the search, with p + 1 condensed residuals and their (p + 1, p) derivatives."""
 
     predictions: _Predictions
     residuals: np.ndarray
@@ -310,8 +310,8 @@ def _least_squares(
     """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
 
     Returns:
-        (p,) parameters, which are the initial ones if the log-likelihood cannot exceed `min_likelihood`, and the
-        predictions with these parameters.
+        The (p,) parameters, and the predictions with them. The parameters are the initial ones if the log-likelihood
+        cannot exceed `min_likelihood`.
     """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
@@ -324,8 +324,8 @@ def _least_squares(
     def evaluate(x: np.ndarray) -> _Evaluation:
         """Return the residuals and their derivatives.
 
-        The last evaluation is cached, since the next call is often for the same point, and the best one, since the
-        search ends there.
+        Two evaluations are cached: the last one, since the next call is often for the same point, and the best one,
+        since the search ends there.
         """
         if x.tobytes() not in evaluations:
             values = variables.inverse @ x
@@ -360,15 +360,15 @@ def _least_squares(
         x_scale=variables.scale,
         xtol=1e-5,
         ftol=1e-6,
-        max_nfev=_MAX_EVALUATIONS,
+        max_nfev=_MAX_NUM_EVALUATIONS,
     )
     return np.asarray(variables.inverse @ solution.x), evaluate(solution.x).predictions
 
 
 def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return p + 1 residuals and their derivatives, which have the same least-squares solution as k residuals.
+    """Condense k residuals to p + 1 residuals that have the same least-squares solution.
 
-    Their normal equations and their sum of squares are equal. The search is much faster with few residuals.
+    The normal equations and the sum of squares are unchanged. The search is much faster with few residuals.
 
     Args:
         residuals: (k,) residuals.
@@ -401,7 +401,7 @@ def _whitened(
 
     Args:
         predictor: predictor of the outputs.
-        scales: (p,) scales of the parameters, to which the steps of the differences are relative.
+        scales: (p,) scales of the parameters. The finite-difference steps are proportional to them.
         parameters: (p,) parameters.
         gains: gains of the filter.
         noise: noise of the filter.
@@ -411,7 +411,7 @@ def _whitened(
     if delay_index is not None:
         increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period
     points = np.vstack([parameters, parameters + np.diag(increases), parameters - decreases])
-    # With parameters that are tried in a search, the model may diverge. The search rejects numbers that are not finite.
+    # The model may diverge for parameters that the search tries. The search rejects values that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         errors, states = _whitened_errors(predictor, points, gains, noise)
         return _Predictions(
@@ -426,7 +426,8 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
     """Return derivatives (a, b, p) by forward differences, and by a central difference for the delay.
 
     Args:
-        values: (a, b, 1 + p + 1) values at a point, with each parameter increased, and with the delay reduced.
+        values: (a, b, 1 + p + 1) values at a point, then with each parameter increased in turn, then with the delay
+            reduced.
         increases: (p,) increases of the parameters.
         delay_index: index of the delay among the parameters; None if the delay is fixed.
     """
@@ -441,11 +442,11 @@ def _jacobian(values: np.ndarray, increases: np.ndarray, delay_index: int | None
 def _noise_of(
     predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
 ) -> PredictionNoise:
-    """Return the maximum-likelihood noise by Fisher scoring of the logarithms of the noise parameters.
+    """Return the maximum-likelihood noise, found by Fisher scoring in the logarithms of the noise parameters.
 
     Args:
         predictor: predictor of the outputs.
-        gains: gains of the filter with the noise.
+        gains: gains of the filter for the initial noise.
         noise: initial noise.
         chosen: indices of the windows that are used; by default some evenly spaced windows.
     """
@@ -456,10 +457,10 @@ def _noise_of(
     if chosen is None:
         chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(int)
     log_noise = start = np.log(np.concatenate(noise))[group_rows]
-    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
-    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
+    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_CORRELATION_TIME], [m, 6, 6])
+    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_CORRELATION_TIME], [m, 6, 6])
     along_thrust = slice(m + 6, m + 9) if predictor.model.frame == "body" else slice(m + 8, m + 9)
-    largest_noise[along_thrust] = _MAX_THRUST_MEMORY
+    largest_noise[along_thrust] = _MAX_THRUST_CORRELATION_TIME
     lower = np.maximum(np.log(smallest_noise)[group_rows], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest_noise)[group_rows], start + _MAX_LOG_CHANGE)
     # The correlation time of a negligible disturbance is fixed, since it has no influence.
@@ -487,7 +488,7 @@ def _noise_of(
 
 
 def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
-    """Return the covariance (m + 12, m + 12) of the errors of the estimated logarithms of the noise.
+    """Return the error covariance (m + 12, m + 12) of the estimated logarithms of the noise parameters.
 
     This is the inverse of the Fisher information. A noise parameter that the logs do not identify has a large variance.
     """
@@ -507,13 +508,13 @@ def _likelihood_of(
     chosen: np.ndarray,
     free: np.ndarray,
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return log-likelihood, score and information of a noise that differs little from the noise of the filter.
+    """Return log-likelihood, score and information for noise parameters close to those of the filter.
 
     Args:
         predictor: predictor of the outputs.
         gains: gains of the filter.
         filter_noise: noise of the filter.
-        log_noise: (c,) logarithms of the noise, one for each group.
+        log_noise: (c,) logarithms of the noise parameters, one for each group.
         chosen: indices of the windows that are used.
         free: (f,) indices of the logarithms for which score and information are returned.
     """
@@ -525,12 +526,13 @@ def _likelihood_of(
 def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the log-likelihood of a noise with c parameters, its score (c,), and its Fisher information (c, c).
 
-    With ∂e and ∂S the derivatives of the errors and of their covariance, both whitened, the score is
-    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information is Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
+    The score is Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information is Σ ½ tr ∂S ∂S + ∂eᵀ ∂e. Here ∂e and ∂S are the
+    whitened derivatives of the errors and of their covariance.
 
     Args:
-        errors: (T, 1 + c, W, m) prediction errors with the noise, and with one of its parameters increased at a time.
-        covariances: (T, 1 + c, W, m, m) covariances of the errors.
+        errors: (T, 1 + c, W, m) prediction errors with the given noise, then with each noise parameter increased in
+            turn.
+        covariances: (T, 1 + c, W, m, m) covariances of the errors in the same order.
         step: increase of the logarithm of each parameter.
     """
     factor = np.linalg.cholesky(covariances[:, 0])

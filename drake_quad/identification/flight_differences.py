@@ -5,8 +5,8 @@ battery is at another position, propellers are exchanged, or motors are warm. A 
 the flights. This module estimates the deviation of each flight from this mean.
 
 Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The thrust of
-flight f relative to the thrust with the parameters θ is 1 + s_f, with the Gauss-Newton step along the direction d of
-the thrust parameters,
+flight f, divided by the thrust with the parameters θ, is 1 + s_f. Here s_f is the Gauss-Newton step along the direction
+d of the thrust parameters,
 
     s_f = -Σ_w dᵀ g_w / Σ_w dᵀ H_w d.
 
@@ -17,8 +17,8 @@ The filter estimates the force that the model does not explain. Its horizontal p
 where the trim force b turns with the heading ψ, and w is the force of a wind that is not logged. Both are estimated by
 least squares. If the heading hardly changes, b and w are indistinguishable, and the estimate of b includes w.
 
-With three or more flights, the variance between them is added to the variation of the estimates, so that the
-distributions in a vehicle file describe the next flight. With F flights and the variance s² between them, the next
+If there are three or more flights, the variance between them is added to the variation of the estimates, so that the
+distributions in a vehicle file describe the next flight. If F flights have the variance s² between them, the next
 flight has the variance s² (1 + 1/F) around their mean, with F - 1 degrees of freedom.
 """
 
@@ -47,7 +47,7 @@ MIN_FLIGHTS = 3
 # variance of their sum.
 _MIN_HEADING_VARIANCE = 0.1
 _MIN_FORCE_ERROR = 1e-9  # N, avoids a division by zero
-_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of the mean force of a flight is estimated
+_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of a flight's mean force is estimated
 
 
 def flight_differences(
@@ -80,7 +80,7 @@ def _flights(predictor: Predictor, count: int) -> np.ndarray:
 
 
 def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
-    """Return the direction (p,) in which all thrust parameters grow in proportion; zero if there are none."""
+    """Return the direction (p,) in which all thrust parameters grow in proportion; zero without thrust parameters."""
     mask = [name == "thrust_factor" or name.startswith("motors.curve") for name in names]
     return np.where(mask, values, 0.0)
 
@@ -135,12 +135,12 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
 
     Args:
         heading: (W, T) heading in W windows, rad.
-        force: (W, T, 2) horizontal force in W, N.
-        blocks: (W,) block number of each window, from 0. Errors of different blocks are taken as independent.
+        force: (W, T, 2) horizontal force along x and y of the world frame, N.
+        blocks: (W,) block number of each window, from 0. Errors of different blocks are treated as independent.
 
     Returns:
         `trim_force.x` and `.y` along the axes of B and, if the heading changes enough, `wind_force.x` and `.y` along
-        the axes of W.
+        the axes of the world frame.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     columns = [np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)]
@@ -206,14 +206,14 @@ def with_differences(
 def next_flight_variance(flights: Sequence[Spread]) -> float:
     """Return the variance of the next flight around the mean of F flights, s² (1 + 1/F).
 
-    s² is the variance of the estimates minus the mean variance of their errors, or zero if this is negative.
+    s² is the variance of the estimates minus the mean variance of their errors, or zero if the difference is negative.
     """
     between = np.var([each.value for each in flights], ddof=1) - np.mean([each.deviation**2 for each in flights])
     return max(0.0, float(between)) * (1.0 + 1.0 / len(flights))
 
 
 def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], scenario: Scenario) -> Estimates:
-    """Return the estimates with the mean trim force. The error of the mean excludes the variation between flights."""
+    """Add the mean trim force to the estimates. Its error does not include the variation between flights."""
     values = np.array([[each.value for each in axis_trims] for axis_trims in trims]).mean(axis=1)
     errors = np.array([[each.deviation**2 for each in axis_trims] for axis_trims in trims])
     freedoms = np.array([[each.degrees_of_freedom for each in axis_trims] for axis_trims in trims])

@@ -1,9 +1,9 @@
 """Forecast of held-out flight, and the fraction of the variance that the forecast explains.
 
-In each window, the filter first settles. From then on, the model is simulated with the logged commands, without
-measurements. The forecast ŷ of an output y explains the fraction 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of the variance of y,
-where ȳ is the prediction by persistence: the position changes at the initial velocity, the attitude changes at the
-initial body rates, and the body rates are constant. For a specific force, ȳ is the mean.
+The filter first settles in each window. The model is then simulated with the logged commands, without measurements. The
+forecast ŷ of an output y explains the fraction 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of the variance of y, where ȳ is the
+prediction by persistence: the position changes at the initial velocity, the attitude changes at the initial body rates,
+and the body rates are constant. The prediction ȳ of a specific force is its mean.
 """
 
 import numpy as np
@@ -15,7 +15,8 @@ from drake_quad.identification.result import ForecastOutput
 from drake_quad.identification.windows import wrapped_angles
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-_ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
+# First row of each signal's rates of change in the model state.
+_RATE_ROWS = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
@@ -33,7 +34,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
             persistence_errors[:, i] = measured[:, i] - measured[:, i].mean()
             continue
         start = initial_state[STATE_ROWS[signal] + column, 0]
-        rate = initial_state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
+        rate = initial_state[_RATE_ROWS[signal] + column, 0] if signal in _RATE_ROWS else 0.0 * start
         persistence_errors[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":
             persistence_errors[:, i] = wrapped_angles(persistence_errors[:, i])

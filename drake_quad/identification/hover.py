@@ -1,7 +1,7 @@
 """White noise of the sensors and trim of the vehicle, from a log at rest and in hover.
 
-The white noise is estimated from third differences, in which a smooth signal vanishes. For independent errors with
-standard deviation σ, third differences have the variance 20 σ². If an estimator has filtered the signal, its errors are
+The white noise is estimated from third differences, in which a smooth signal vanishes. Third differences of independent
+errors with the standard deviation σ have the variance 20 σ². If an estimator has filtered the signal, its errors are
 not white, and their standard deviation is underestimated.
 """
 
@@ -13,12 +13,12 @@ from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
 from drake_quad.identification.windows import airborne_mask, segment_numbers
 
-_DIFFERENCE_ORDER = 3
-_VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
+_DIFFERENCE_ORDER = 3  # order of the differences from which white noise is estimated
+_VARIANCE_FACTOR = 20.0  # variance of third differences if errors are independent and have unit variance
 _LANDING_TIME = 2.0  # s, duration before take-off and after landing that counts neither as rest nor as flight
-_MAX_HOVER_SPEED = 0.15  # m/s
-_MAX_HOVER_RATE = 0.5  # rad/s
-_MIN_HOVER_TIME = 1.0  # s
+_MAX_HOVER_SPEED = 0.15  # m/s, faster motion is not hover
+_MAX_HOVER_RATE = 0.5  # rad/s, faster rotation is not hover
+_MIN_HOVER_TIME = 1.0  # s, shortest hover from which trim is estimated
 _BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives the standard deviation of a mean
 _MIN_NUM_DIFFERENCES = 30  # smallest number of third differences from which noise is estimated
 _MAX_DELAY = 0.3  # s, largest delay from a command to the attitude
@@ -26,7 +26,7 @@ _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
 class HoverNoise(NamedTuple):
-    """White noise of each axis of a signal.
+    """White noise on each axis of a signal.
 
     Attributes:
         signal: name of the signal.
@@ -71,9 +71,9 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
 def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
     """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
-    For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
-    motor with a damaged propeller has a larger throttle. Standard deviations follow from the means of blocks of half a
-    second.
+    If throttles are logged, the result includes the mean thrust of a motor divided by the square of its throttle. A
+    motor with a damaged propeller has a larger throttle. The standard deviations are computed from means over
+    half-second blocks.
 
     Args:
         record: record of the flight.
@@ -106,7 +106,7 @@ def hover_means(record: FlightRecord, weight: float) -> dict[str, Spread]:
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
-    """Return the mean of values (n,), with the standard deviation from the means of blocks (n,)."""
+    """Return the mean of values (n,) and its standard deviation, given the block number (n,) of each value."""
     block_numbers, indices = np.unique(blocks, return_inverse=True)
     means = np.bincount(indices, weights=values) / np.bincount(indices)
     deviation = float(np.std(means, ddof=1) / np.sqrt(len(block_numbers))) if len(block_numbers) > 1 else np.nan
@@ -114,9 +114,10 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:
-    """Return the delay with the largest correlation of attitude and command, s; None if one of them is not logged.
+    """Return the delay, s, at which attitude and command correlate most; None if one of them is not logged.
 
-    This delay is a rough check of an identified delay. It is longer, since it includes the response of the vehicle.
+    The result is a rough check of an identified delay. It is longer than that delay, since it includes the response of
+    the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None

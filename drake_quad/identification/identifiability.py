@@ -24,7 +24,7 @@ from drake_quad.statistics.interval import plus_minus
 _MAX_RELATIVE_HALF_WIDTH = 1.0
 # Largest disturbing force along z, averaged over `_FORCE_WINDOW`, relative to the weight. It is 0.03 in strong wind.
 _MAX_VERTICAL_FORCE_RATIO = 0.15
-_FORCE_WINDOW = 0.5  # s
+_FORCE_WINDOW = 0.5  # s, duration over which the disturbing force is averaged
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
 
@@ -87,9 +87,9 @@ def parameters_below_disturbance(
 ) -> dict[str, str]:
     """Return a reason for each drag parameter whose drag force is smaller than the disturbing force.
 
-    A wind that is not logged varies with the position, so its force is correlated with the velocity. The interval of
-    the drag does not include this error. If the force of the wind is as large as the drag, the estimate mostly reflects
-    the wind.
+    A wind that is not logged varies with the position, so its force is correlated with the velocity. The confidence
+    interval of the drag does not account for this error. If the wind force is as large as the drag force, the estimate
+    mostly reflects the wind.
     """
     columns = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
     if len(columns) < 3:
@@ -111,9 +111,9 @@ def parameters_below_disturbance(
 
 
 def unexcited_parameters(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
-    """Return a reason for each parameter of the attitude response to a command that varies less than the noise.
+    """Return a reason for each attitude response parameter whose command varies less than the measurement noise.
 
-    The measured motion of such an angle is mostly noise, to which any response can be fitted.
+    The measured angle is then mostly noise, to which any response can be fitted.
     """
     reasons = {}
     for parameter in parameters:
@@ -135,7 +135,7 @@ def unexcited_parameters(logs: PreparedLogs, parameters: Sequence[Parameter], fi
 
 
 def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
-    """Return a reason for each parameter that no log determines."""
+    """Return a reason for each parameter that logs of this vehicle cannot determine, however it is flown."""
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
         reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"

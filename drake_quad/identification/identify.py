@@ -131,7 +131,7 @@ def _identified(synchronised_logs: SynchronisedRecords, scenario: Scenario, frac
 
 
 def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
-    """Return the scenario with the values of parameters, given by name, and with the voltage of the thrust curve."""
+    """Return the scenario with the named parameter values, and with the voltage for which the thrust curve holds."""
     numbers = {name: value for name, value in values.items() if name != DELAY}
     if DELAY in values:
         delay_ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
@@ -228,7 +228,7 @@ def _result(
 def _noise_estimates(
     predictor: Predictor, fitted: PredictionFit
 ) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
-    """Return names, values and covariance of the pose noise, and a reason for each noise that is not identified."""
+    """Return names, values and covariance of the pose noise parameters, and reasons for those not identified."""
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
     sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
     unidentified = {
@@ -245,7 +245,7 @@ def _noise_estimates(
 def _explained(
     parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, forecasts: Sequence[ForecastOutput]
 ) -> dict[str, Explained]:
-    """Return for each parameter, by name, the explained variance of the output that depends most on it."""
+    """Return, by parameter name, the explained variance of the output that depends most on the parameter."""
     num_outputs = len(predictor.outputs)
     jacobian = fitted.jacobian.reshape(len(fitted.jacobian), -1, num_outputs, len(parameters))
     outputs = np.argmax(np.einsum("wtop,wtop->op", jacobian, jacobian), axis=0)

@@ -4,7 +4,7 @@ The formulas are those of the simulation: `step_of_flight`, or `attitude_respons
 attitude loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
 
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
-B (for an attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if
+B (for an attitude response, accelerations of the angles). The force is constant during a step: along the axes of W if
 positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
 vehicle leans into the wind: along the axes of B, the force of a constant wind would always have a component along the
 thrust.
@@ -71,7 +71,7 @@ from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flig
 NUM_BODY = len(State._fields)
 NUM_DISTURBANCE = 8
 NUM_ROTORS = len(RotorSpeed._fields)
-# First row of each signal of a record in the state of the model.
+# First row of each signal in the model state.
 STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
 
 DELAY = "delay"
@@ -79,7 +79,8 @@ DELAY = "delay"
 MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
 """Names of the roll, pitch and yaw of the markers' frame in B, rad."""
 
-# Natural frequency of the attitude response of a vehicle that stays level, rad/s. Results do not depend on this value.
+# Natural frequency of the attitude response, rad/s, for a vehicle that stays level. Results do not depend on this
+# value.
 _LEVEL_FREQUENCY = 20.0
 _VOLTAGE_WINDOW = 0.1  # s, duration over which the logged voltage is averaged
 
@@ -87,7 +88,7 @@ DisturbanceFrame = Literal["world", "body"]
 
 
 class Disturbance(NamedTuple):
-    """Specific force and angular acceleration that represent model errors, with a constant part of the force."""
+    """Specific force and angular acceleration that represent model errors. The force has a constant part."""
 
     x: AccelerationB
     y: AccelerationB
@@ -432,7 +433,7 @@ class WindowInputs(NamedTuple):
         split: int,
         max_delay: float,
     ) -> "WindowInputs":
-        """Return the inputs of windows of records.
+        """Return the inputs in windows of the records.
 
         Args:
             records: records that contain the windows, with the commands of the model, see `with_commands`.

@@ -19,8 +19,8 @@ from drake_quad.scenario.models import Scenario
 # Limits of a positive parameter, relative to its value in the scenario.
 _MIN_POSITIVE_RATIO = 0.02
 _MAX_POSITIVE_RATIO = 50.0
-# The standard deviations of the priors of time constants and of the delay do not depend on the initial values, since
-# these may be zero.
+# The prior standard deviations of time constants and of the delay do not depend on the initial values, which may be
+# zero.
 _TIME_CONSTANT_SCALE = 0.04  # s, standard deviation of the prior
 _MIN_TIME_CONSTANT = 2e-3  # s, lower bound of an estimated time constant of the rotors
 _DELAY_SCALE = 0.02  # s, standard deviation of the prior
@@ -82,7 +82,8 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # In a log of heights, or with one command for all motors, thrusts stay near hover and identify only two powers.
+        # Thrusts stay near hover in a log of heights, or with one command for all motors. They identify only two
+        # powers.
         powers = (0, 1, 2) if has_motor_throttles and turning else (0, 1) if turning else (0, 2)
         for i in powers:
             yield f"motors.curve[{i}]", hover, "any"
@@ -105,7 +106,7 @@ def _candidates(scenario: Scenario, signals: set[str], has_motor_throttles: bool
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
     if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
         yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # Without a measured velocity, an accelerometer identifies only the product of drag and velocity.
+    # An accelerometer identifies only the product of drag and velocity if no velocity is measured.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:

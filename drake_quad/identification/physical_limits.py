@@ -8,7 +8,7 @@ The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not decrease,
 
     K0 ≥ 0,   K1 ≥ 0,   K1 + 2 K2 ≥ 0.
 
-At zero throttle, the four rotors carry at most half of the weight, since the vehicle must be able to descend.
+The four rotors carry at most half of the weight at zero throttle, since the vehicle must be able to descend.
 
 The fit takes these combinations as its search variables, so that it never violates a limit.
 """
@@ -22,17 +22,17 @@ from drake_quad.identification.parameters import Parameter
 
 _INERTIA = tuple(f"inertia[{axis}]" for axis in range(3))
 _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
-# In the following matrices, rows are search variables, and columns are parameters.
+# The rows of these matrices are search variables, and the columns are parameters.
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
-# point. Errors of identified moments of inertia are at least 0.1 %, so the limit excludes no flat vehicle. If the data
+# point. Identified moments of inertia have errors of at least 0.1 %, so the limit excludes no flat vehicle. If the data
 # sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
 _MIN_SECOND_MOMENT = 1e-3
 # Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
 _MAX_IDLE_THRUST = 0.5
 # A variable counts as being at a limit if its distance to the limit is less than this fraction of its scale.
-_AT_LIMIT = 1e-3
+_LIMIT_TOLERANCE = 1e-3
 
 
 class SearchVariables(NamedTuple):
@@ -81,7 +81,7 @@ class SearchVariables(NamedTuple):
         """
         variables = self.matrix @ values
         has_one_parameter = np.count_nonzero(self.matrix, axis=1) == 1
-        tolerance = _AT_LIMIT * self.scale
+        tolerance = _LIMIT_TOLERANCE * self.scale
         return np.asarray(
             has_one_parameter & ((variables < self.lower + tolerance) | (variables > self.upper - tolerance))
         )

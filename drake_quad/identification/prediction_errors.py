@@ -1,7 +1,7 @@
-"""One-step predictions of the measurements of a log, by an extended Kalman filter in each window.
+"""One-step predictions of logged measurements, by an extended Kalman filter in each window.
 
-The state of the filter consists of the state x of the vehicle and of a disturbance d. The disturbance is a force and a
-torque that follow first-order Gauss-Markov processes. Over the time Δ between two measurements,
+The filter state consists of the vehicle state x and of a disturbance d. The disturbance is a force and a torque that
+follow first-order Gauss-Markov processes. Over the time Δ between two measurements,
 
     x⁺ = f(x, d, u; θ),   d⁺ = exp(-Δ/T) d + σ_d √(1 - exp(-2Δ/T)) w,   y = h(x, d; θ) + σ_y w,
 
@@ -10,8 +10,8 @@ are white. Therefore estimates from prediction errors are consistent, although a
 into the commands. Estimates from simulated windows with free initial states are not consistent (L. Ljung, System
 Identification, 2nd ed., 1999, §13.4).
 
-The filter is linearised around its predictions for one set of parameters, which gives its gains. The predictions for
-other parameters use the same gains, so that they are smooth functions of the parameters.
+The gains of the filter follow from a linearisation around its predictions for one set of parameters. The predictions
+for other parameters use the same gains, so that they are smooth functions of the parameters.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, wrapped_an
 FORCE = "specific_force"
 # Rows of roll, pitch and yaw in the state.
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
-# Steps of the finite differences by which the filter is linearised, in the unit of each row of the state.
+# Finite-difference steps for the linearisation of the filter, each in the unit of its state row.
 _LINEARISATION_STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
 # Standard deviation of the constant horizontal specific force, m/s², which represents the force of an unlogged wind.
 _CONSTANT_FORCE_DEVIATION = 1.0
@@ -46,7 +46,7 @@ _LOGGED_ATTITUDE_DEVIATION = 0.03  # rad, standard deviation of a logged attitud
 
 
 class Output(NamedTuple):
-    """Output that is predicted: one column of a signal of a record."""
+    """Output that is predicted: one column of a logged signal."""
 
     signal: str
     column: int
@@ -56,7 +56,7 @@ class PredictionNoise(NamedTuple):
     """Noise of the measurements, and parameters of the disturbance.
 
     Attributes:
-        measured: (m,) standard deviation of the measurement noise of each output, in its unit.
+        measured: (m,) standard deviation of the measurement noise of each output, in the unit of the output.
         disturbance: (6,) stationary standard deviations σ_d of the force over mass, m/s², and of the torque over
             inertia, rad/s².
         memory: (6,) correlation times T of the disturbance, s.
@@ -84,7 +84,7 @@ class PredictionNoise(NamedTuple):
         return torque
 
     def mean_force(self, duration: float) -> np.ndarray:
-        """Return the standard deviations (3,) of time averages of the disturbing force over mass, m/s².
+        """Return the standard deviations (3,), m/s², of the time-averaged disturbing force over mass.
 
         The autocorrelation of the force is exp(-|t| / T). The variance of its average over a duration d T is therefore
         the variance of the force times 2 (d - 1 + exp(-d)) / d².
@@ -105,7 +105,7 @@ class Gains(NamedTuple):
         transition: (T, W, n, n) transition matrices to the next measurement.
         output: (T, W, m, n) derivatives of the outputs with respect to the state.
         errors: (T, m, W) prediction errors.
-        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in the other rows of the state.
+        disturbance: (T, n, W) predicted disturbance at the next measurement; 0 in all other rows of the state.
         initial_covariance: (W, n, n) covariance of the state at the first measurement.
         final_covariance: (W, n, n) covariance of the state at the measurement where the next window starts.
     """
@@ -129,7 +129,7 @@ class InitialStates(NamedTuple):
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
         continued: (W,) mask of the windows that start in the final state of the preceding window. The initial state of
-            the other windows is uncertain.
+            all other windows is uncertain.
     """
 
     state: np.ndarray
@@ -199,8 +199,8 @@ class Predictor:
     def noise_groups(self) -> np.ndarray:
         """Group number (m + 12,) of each noise parameter. Parameters of the same group have the same value.
 
-        All axes of a position or of an attitude form one group. The axes x and y of any other signal, and of the
-        disturbance, form a group, too.
+        The axes of a position form one group, and so do the axes of an attitude. The x and y axes of any other signal,
+        and of the disturbance, also form a group.
         """
         shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
         names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]
@@ -230,7 +230,7 @@ class Predictor:
         return state
 
     def _begin(self, parameters: np.ndarray) -> tuple[ModelFlight, np.ndarray]:
-        """Return the flight of the model at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
+        """Return the model flight at the first measurement for (K, p) parameters, and its state (rows, K, W)."""
         flight = ModelFlight(self.model, parameters, self.inputs, self.split * self.sizes.warm_up)
         state, jacobian, reference, _, _ = self.initial
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", jacobian, parameters - reference)
@@ -238,8 +238,8 @@ class Predictor:
     def continue_windows(self, states: np.ndarray, jacobian: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
         """Start each window in the final state of the preceding window, if the two are adjacent.
 
-        With a good model, the filter has a long memory. If it restarted in each window, it would treat the controller's
-        reaction to earlier disturbances as noise.
+        If the model is good, the state of the filter depends on measurements over a long time. If the filter restarted
+        in each window, it would treat the controller's reaction to earlier disturbances as noise.
 
         Args:
             states: (NUM_BODY + NUM_DISTURBANCE, W) states at the measurements where the next windows start.
@@ -281,7 +281,7 @@ class Predictor:
         return variances[self.rows]
 
     def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, n) of the state for C noises, divided by the filter's factors."""
+        """Return the decay factors (C, n) of the state for C sets of noise parameters, relative to the filter's."""
         ratios = np.ones((len(noises), NUM_BODY + NUM_DISTURBANCE))
         for c, noise in enumerate(noises):
             ratios[c, NUM_BODY:] = self._decay(noise) / self._decay(filter_noise)
@@ -369,7 +369,7 @@ class Predictor:
             parameters: (p,) parameters.
             gains: gains of the filter.
             noise: noise of the filter.
-            steps: numbers of samples in increasing order, at most the length of the windows.
+            steps: numbers of samples after that measurement, in increasing order, at most the length of the windows.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
         decay, states = self._decay(noise)[:, None, None], []
@@ -395,10 +395,13 @@ class Predictor:
     def linearised_errors(
         self, gains: Gains, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise], window_indices: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prediction errors for several noises, to first order around the predictions of the filter.
+        """Return the prediction errors for several sets of noise parameters, to first order.
+
+        The errors are linearised around the predictions of the filter.
 
         Let r be the decay factor of the disturbance divided by the decay factor in the filter, K the gain for the first
-        noise, and F = r A (I - K C). From the first noise to another one, the covariance of the state changes by
+        noise, and F = r A (I - K C). If the first noise is replaced by another one, the covariance of the state changes
+        by
 
             ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
 
@@ -407,7 +410,8 @@ class Predictor:
         Args:
             gains: gains of the filter.
             filter_noise: noise of the filter.
-            noises: a first noise, and C - 1 noises that differ from it so little that the first order is accurate.
+            noises: C sets of noise parameters. All sets differ so little from the first one that the first order is
+                accurate.
             window_indices: indices of w windows.
 
         Returns:
@@ -433,8 +437,7 @@ class Predictor:
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # With another correlation time, the filter's own disturbance decays by another factor, which adds to the
-            # deviation.
+            # A changed correlation time changes the decay of the filter's disturbance, which adds to the deviation.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)
@@ -452,10 +455,10 @@ class Predictor:
 
 
 class _OtherNoises:
-    """Changes of a Kalman filter from a first noise to c other noises, to first order.
+    """First-order changes of a Kalman filter if its set of noise parameters is replaced by each of c other sets.
 
-    Matrices of the c noises are stored side by side, as (w, rows, c, columns) for w windows, so that a single product
-    of matrices serves all noises.
+    The matrices for the c sets are stored side by side, as (w, rows, c, columns) for w windows, so that a single matrix
+    product serves all sets.
 
     Args:
         ratios: (1 + c, n) factors by which the n rows of the state decay, relative to the filter that was linearised.
@@ -475,9 +478,10 @@ class _OtherNoises:
         self._measured_changes = (
             self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
         )
-        # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
+        # Indices of the sets whose measurement noise differs from that of the first set, and of the sets whose
+        # correlation times differ.
         self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
-        self._with_other_memory = np.flatnonzero(self._ratio_changes.any(axis=1))
+        self._with_other_correlation_time = np.flatnonzero(self._ratio_changes.any(axis=1))
         self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))
         w, n, c, _ = self._covariances.shape
         self._deviations = np.zeros((w, c, n))
@@ -509,13 +513,13 @@ class _OtherNoises:
         disturbed: np.ndarray,
         propagated_covariance: np.ndarray,
     ) -> None:
-        """Predict the filters until the next measurement.
+        """Propagate the filters to the next measurement.
 
         Args:
             update: measurement update of the filter with the first noise.
             output: (w, m, n) output matrices.
             transition: (w, n, n) transition matrices.
-            disturbed: (w, n, 1) rows of the state that decay, before they decay with `ratios`.
+            disturbed: (w, n, 1) disturbance in the state, before it decays with `ratios`.
             propagated_covariance: (w, n, n) covariances A P Aᵀ with the first noise.
         """
         scaled = self._ratio[:, None] * transition
@@ -525,7 +529,7 @@ class _OtherNoises:
         closed_loop = scaled - gain @ output
         changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop)
         changes += self._process_changes
-        measured, memory = self._with_other_measured, self._with_other_memory
+        measured, memory = self._with_other_measured, self._with_other_correlation_time
         scaled_gain = gain[:, :, None, :] * self._variance_changes[measured]
         changes[:, :, measured] += _right_product(scaled_gain, gain)
         changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
@@ -550,17 +554,17 @@ def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:
 
 
 def _rows(signal: str, axes: str = "xyz") -> set[int]:
-    """Return the rows of the state that contain the given axes of a signal."""
+    """Return the row indices of the given axes of a signal in the state."""
     return {STATE_ROWS[signal] + "xyz".index(axis) for axis in axes}
 
 
 def _disturbance_rows(*names: str) -> set[int]:
-    """Return the rows of the state that contain the given fields of the disturbance."""
+    """Return the row indices of the given fields of the disturbance in the state."""
     return {NUM_BODY + Disturbance._fields.index(name) for name in names}
 
 
 def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
-    """Return the rows of the state that the filter estimates, which are those on which the outputs depend."""
+    """Return the state rows that the filter estimates: the rows on which the outputs depend."""
     constant = _disturbance_rows("constant_x", "constant_y")
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
     if signals == {"position"}:

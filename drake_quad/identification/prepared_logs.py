@@ -35,19 +35,19 @@ from drake_quad.vehicle.motors import thrust_of
 # averaged.
 _MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and duration before the window in which the filter settles, s. Without poses, windows are shorter,
-# because the predicted attitude and velocity drift.
+# Length of a window, and duration before the window in which the filter settles, s. Windows are shorter if no poses are
+# logged, because the predicted attitude and velocity drift.
 _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
-_MIN_WINDOW = 0.5  # s
+_MIN_WINDOW = 0.5  # s, shortest length of a window
 WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
-# Horizons of the forecast of held-out flight, s.
+# Horizons of forecasts, s.
 _POSE_HORIZON = 0.5
 _IMU_HORIZON = 0.1
 MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
 MIN_BLOCKS = 15  # smallest number of blocks for the jackknife of the estimates
 _BLOCK_DURATION = 4.0  # s, longer than the correlation time of model errors
-_MIN_WINDOWS = 4
+_MIN_WINDOWS = 4  # smallest number of windows for a fit or a forecast
 _POSE = ("position", "attitude")
 
 
@@ -79,9 +79,9 @@ class PreparedLogs(NamedTuple):
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 
-        The first of these that is known: `motors.voltage` of the vehicle, the voltage of its full battery, or the
-        median voltage in the logs. None if the logs contain no throttles of single motors, or if a log lacks the
-        voltage.
+        The voltage is `motors.voltage` of the vehicle. If this is not set, it is the voltage of the full battery, or
+        the median voltage in the logs if the vehicle has no battery. It is None if the logs contain no throttles of
+        single motors, or if a log lacks the voltage.
         """
         if not self.has_motor_throttles or any(record.battery_voltage is None for record in self.records):
             return None
@@ -108,12 +108,12 @@ class PreparedLogs(NamedTuple):
     def predictor(
         self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
     ) -> Predictor:
-        """Return the predictor of the outputs in windows of the usable parts of the records.
+        """Return a predictor of the outputs, in windows in the usable parts of the records.
 
         Args:
             names: names of the parameters.
             flying: (n,) mask of the usable samples of each record.
-            horizon: True for the short windows of a forecast, False for those of a fit.
+            horizon: True for the short windows of a forecast, False for the longer windows of a fit.
             delay: delay if it is not a parameter, s.
 
         Raises:
@@ -191,7 +191,7 @@ def prepare(
         attitude_is_estimated: True if the attitude lags the gyroscope, so that body rates are predicted instead.
 
     Raises:
-        InputError: if a log lacks commands or outputs, or the logs have different rates.
+        InputError: if a log lacks commands or outputs, or the logs have different sample rates.
     """
     has_motor_throttles = any(record.motor_command is not None for record in records)
     if has_motor_throttles:
@@ -217,7 +217,7 @@ def prepare(
         has_motor_throttles,
         max((record.period for record, step in zip(prepared, steps, strict=True) if step > 1), default=0.0),
     )
-    common_period(prepared)  # raises an error if the logs have different rates
+    common_period(prepared)  # raises an error if the logs have different sample rates
     return logs, scenario
 
 
@@ -248,7 +248,7 @@ def _outputs(records: Sequence[FlightRecord], attitude_is_estimated: bool) -> li
     """Return the outputs that are predicted. All records contain them.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
-    logged. In such logs, an estimator derives velocities and body rates from positions and attitudes, so they contain
+    logged. An estimator usually derives these velocities and body rates from positions and attitudes, so they contain
     the same noise with an additional delay.
     """
     logged = set.intersection(*(set(record.names) for record in records))
@@ -276,7 +276,7 @@ def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
     """Return the initial noise of a fit.
 
     The initial disturbance is large, so that the measurements correct a poor initial model before it diverges within a
-    window. In the first rounds of the fit, the maximum-likelihood estimate reduces it.
+    window. The maximum-likelihood estimate reduces the disturbance in the first rounds of the fit.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
     memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]

@@ -12,9 +12,10 @@ where μ is the mean of θ_b with weights 1 / (v_b + d²) (R. C. Paule and J. Ma
 If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual, because the test has little
 power (J. P. T. Higgins et al., BMJ 327, 2003).
 
-The variances v_b are the diagonal of the inverse of the information H_b with a weak prior. They are increased if the
-windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, this
-comparison is impossible. Then d² includes any further error, and only the sum v_b + d² is meaningful.
+The variances v_b follow from the inverse of the information of the stretch, to which a weak prior is added. They are
+increased if the windows within stretches differ by more than model and noise explain. This comparison is impossible if
+each stretch has fewer than two windows. In this case d² includes any further error, and only the sum v_b + d² is
+meaningful.
 """
 
 from collections.abc import Sequence
@@ -29,8 +30,8 @@ NUM_SEGMENTS = 10
 """Number of stretches into which the total flight time is divided. Each of them is held out once."""
 # Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
 _MIN_WINDOWS_PER_SEGMENT = 2
-_SIGNIFICANCE_LEVEL = 0.1
-_NUM_BISECTIONS = 40
+_SIGNIFICANCE_LEVEL = 0.1  # a parameter varies if its p-value is below this
+_NUM_BISECTIONS = 40  # steps of the search for the variance between stretches
 
 
 class Variation(NamedTuple):
@@ -39,7 +40,7 @@ class Variation(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the parameters between stretches. A variance is 0 if the parameter does not
             vary significantly, and NaN if its variation is unknown.
-        degrees_of_freedom: degrees of freedom of Student's distribution of the variation.
+        degrees_of_freedom: degrees of freedom of the variation, which follows Student's t-distribution.
         duration: duration of a stretch, s.
     """
 
@@ -64,7 +65,7 @@ class FlightSegments(NamedTuple):
         information: (B, p, p) information of each stretch.
         scores: (B, p) score of each stretch.
         estimates: (B, p) estimates, each from a single stretch.
-        variances: (B, p) variances of the errors of the estimates.
+        variances: (B, p) variances of the estimation errors.
         degrees_of_freedom: degrees of freedom of the variances; infinite if model and noise explain all errors.
         duration: duration of a stretch, s.
     """
@@ -116,7 +117,7 @@ class FlightSegments(NamedTuple):
         return -np.asarray(pseudo_inverse(total, total) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
-        """Return the uncertainty of the estimate of these stretches by the jackknife."""
+        """Return the jackknife uncertainty of the estimate from these stretches."""
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
@@ -141,7 +142,7 @@ class FlightSegments(NamedTuple):
     def correlation(self, between: np.ndarray) -> np.ndarray:
         """Return the correlations (p, p) of the parameters between stretches, given their variances d² (p,).
 
-        A parameter that is the same in all stretches is correlated with no other.
+        A parameter that is the same in all stretches has zero correlation with all other parameters.
         """
         weights = 1.0 / (self.variances + between)
         mean = np.sum(weights * self.estimates, axis=0) / np.sum(weights, axis=0)
@@ -171,9 +172,9 @@ def variation_of(evidence: Evidence) -> Variation | None:
 
 
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
-    """Return the uncertainty of the means of parameters that vary.
+    """Return the uncertainty of the mean values of parameters, of which some vary.
 
-    For a parameter that varies, the variance is the larger of the variances from short blocks and from whole stretches.
+    The variance of a parameter that varies is the larger of the variances from short blocks and from whole stretches.
 
     Args:
         uncertainty: uncertainty from shorter blocks.

@@ -45,9 +45,9 @@ class Spread(NamedTuple):
 
     Attributes:
         value: estimated value.
-        deviation: standard deviation of the error of the value.
+        deviation: standard deviation of the estimation error.
         unit: unit of the value and the standard deviation.
-        degrees_of_freedom: degrees of freedom of Student's distribution of the error.
+        degrees_of_freedom: degrees of freedom of the error, which follows Student's t-distribution.
     """
 
     value: float

@@ -24,13 +24,13 @@ _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
 # is 0.5 for white noise.
 _MIN_FAST_POWER_RATIO = 0.2
-# Prefixes of the names of parameters that determine the response to fast commands. The delay determines it as well, but
-# missing commands hardly change the estimate of the delay.
+# Parameters that determine the response to fast commands, by the beginning of their names. The delay determines it as
+# well, but missing commands hardly change the estimated delay.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
 # It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
-_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log that give the standard deviation of the shift
+_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log from which the standard deviation of the shift is computed
 _AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
 # If the body rates lead the attitude by at least this time, in s, the attitude is the output of an estimator.
 _MIN_LEAD = 2e-3
@@ -58,7 +58,7 @@ def synchronise(records: Sequence[FlightRecord]) -> SynchronisedRecords:
 
     If the time shift between attitude and body rates varies, the clock of the poses differs from the clock on board.
     The poses are then left out, since commands are logged on board. The times of the remaining signals are uncertain as
-    well, so their samples are averaged. In logs without gyroscope or accelerometer, all signals are kept.
+    well, so their samples are averaged. All signals are kept if the logs contain no gyroscope or accelerometer.
     """
     has_both = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
@@ -115,9 +115,9 @@ def distorted_parameters(
 
     A sample of a noisy command differs from the mean of the command over the period. Such errors in the input
     attenuate the fitted response (W. A. Fuller, Measurement Error Models, 1987, section 1.1), and a disturbing torque
-    explains the rest of the motion. In simulated flights with every fifth command in the log, the estimated inertia was
-    twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit needs no
-    disturbing torque, no commands are missing, even if the commands are fast.
+    explains the rest of the motion. If the log of a simulated flight contained only every fifth command, the estimated
+    inertia was twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit
+    needs no disturbing torque, no commands are missing, even if the commands are fast.
     """
     affected_logs = [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
     if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
@@ -127,7 +127,7 @@ def distorted_parameters(
 
 
 def fast_command_fraction(record: FlightRecord) -> float:
-    """Return the fraction of the power of airborne commands that is above half of the Nyquist frequency.
+    """Return the power fraction of airborne commands above half of the Nyquist frequency.
 
     The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
     commands.
@@ -146,11 +146,11 @@ def fast_command_fraction(record: FlightRecord) -> float:
 def with_averaging_error(
     uncertainty: Uncertainty, names: Sequence[str], values: np.ndarray, period: float
 ) -> Uncertainty:
-    """Return the uncertainty with the error of rotor lags that averaged commands cause.
+    """Return the uncertainty, including the error of rotor time constants that averaged commands cause.
 
-    A lag with the time constant τ is τ behind a ramp. If the ramp is averaged over a period h and held, the same lag is
-    τ + h² / (12 τ) behind it, as one can compute from the response to a held input. The difference is an error of the
-    identified time constant, which is smaller for commands that change faster or not at all.
+    A first-order lag with the time constant τ follows a ramp with a delay of τ. If the ramp is averaged over a period h
+    and held, the delay is τ + h² / (12 τ), as the response to a held input shows. The difference is an error of the
+    identified time constant. The error is smaller for commands that change faster, or that do not change.
 
     Args:
         uncertainty: uncertainty of p parameters.

@@ -77,8 +77,8 @@ class CheckedParameter(NamedTuple):
         name: name as in `Estimates`, or `DELAY`.
         true: value of the simulated vehicle.
         value: estimate.
-        deviation: standard deviation of the error of the estimate.
-        degrees_of_freedom: degrees of freedom of Student's distribution of the error.
+        deviation: standard deviation of the estimation error.
+        degrees_of_freedom: degrees of freedom of the error, which follows Student's t-distribution.
     """
 
     name: str
@@ -92,19 +92,21 @@ def _between(low: float, high: float) -> str:
     return f"{{uniform: {{min: {low}, max: {high}}}}}"
 
 
-_BODY = (
+_BODY_DISTRIBUTIONS = (
     f"vehicle.inertia=[{_between(0.0056, 0.0084)}, {_between(0.0056, 0.0084)}, {_between(0.0096, 0.0144)}]",
     f"vehicle.rotor_time_constant={_between(0.03, 0.07)}",
     f"vehicle.linear_drag={_between(0.05, 0.2)}",
     f"vehicle.centre_of_mass=[{_between(-0.004, 0.004)}, {_between(-0.004, 0.004)}]",
 )
-_ROTORS = (*_BODY, f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}")
+_ROTOR_VEHICLE_DISTRIBUTIONS = (*_BODY_DISTRIBUTIONS, f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}")
 _THROTTLES = "nominal.motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
 
 SYNTHETIC_FLIGHTS = {
-    "calm": SyntheticFlights("laboratory.yaml:nominal", 1.0, _ROTORS),
-    "wind": SyntheticFlights("laboratory.yaml:low_wind", 1.0, _ROTORS),
-    "delay": SyntheticFlights("laboratory.yaml:nominal", 1.0, (*_ROTORS, "laboratory.motion_capture.latency_frames=3")),
+    "calm": SyntheticFlights("laboratory.yaml:nominal", 1.0, _ROTOR_VEHICLE_DISTRIBUTIONS),
+    "wind": SyntheticFlights("laboratory.yaml:low_wind", 1.0, _ROTOR_VEHICLE_DISTRIBUTIONS),
+    "delay": SyntheticFlights(
+        "laboratory.yaml:nominal", 1.0, (*_ROTOR_VEHICLE_DISTRIBUTIONS, "laboratory.motion_capture.latency_frames=3")
+    ),
     "autopilot": SyntheticFlights(
         "neural_fly.yaml:still",
         1.25,
@@ -132,7 +134,7 @@ SYNTHETIC_FLIGHTS = {
         "laboratory.yaml:nominal",
         1.0,
         (
-            *_ROTORS,
+            *_ROTOR_VEHICLE_DISTRIBUTIONS,
             "laboratory.command_link.period=0.002",
             "laboratory.motion_capture.period=0.002",
             "vehicle.time_step=0.001",
@@ -143,7 +145,7 @@ SYNTHETIC_FLIGHTS = {
         "laboratory.yaml:nominal",
         1.0,
         (
-            *_BODY,
+            *_BODY_DISTRIBUTIONS,
             _THROTTLES,
             "vehicle.motors={kind: throttle, curve:"
             f" [{_between(0.0, 0.2)}, {_between(0.5, 1.5)}, {_between(2.9, 3.9)}]}}",

@@ -1,7 +1,7 @@
 """Division of flight records into windows of equal length in which the vehicle is airborne.
 
-The predictor starts some time before each window, and forgets its initial state until the window starts. For a further
-time before that, only the rotors are simulated, which follow their commands:
+The predictor starts some time before each window, and has forgotten its initial state when the window starts. Before
+this settling time, only the rotors are simulated, which follow their commands:
 
     |- rotors follow -|- the predictor settles -|- predictions count -|
     start - settle - warm-up   start - settle   start                 start + length
@@ -19,8 +19,8 @@ from drake_quad.identification.logs.timing import gaps
 
 # Specific force of a collision, m/s². Rotors give up to three times the weight along z, and little along x and y.
 _COLLISION_FORCE = 2.0 * 9.81
-# Time that is excluded around unusable samples, s, in which the vehicle may be about to crash, or in ground effect.
-_MARGIN = 1.0
+# Time before and after unusable samples that is excluded, s, since the vehicle may be crashing or in ground effect.
+_EXCLUDED_TIME = 1.0
 # Largest pitch of usable samples, rad. At 75°, the noise of roll and yaw is four times the noise in level flight.
 _MAX_PITCH = np.radians(75.0)
 _MIN_COMMAND_RATIO = 0.5  # command relative to its median; below this, the rotors do not carry the vehicle
@@ -57,7 +57,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
     """Return the common time between the samples of all logs, s.
 
     Raises:
-        InputError: if the logs have different rates.
+        InputError: if the logs have different sample rates.
     """
     period = float(np.median([record.period for record in records]))
     other = next((record for record in records if abs(record.period / period - 1.0) > _PERIOD_TOLERANCE), None)
@@ -83,7 +83,7 @@ def airborne_mask(record: FlightRecord) -> np.ndarray:
     """
     command = commanded_effort(record)
     flying = np.ones(len(record.time), dtype=bool)
-    num_margin_samples = min(max(1, round(_MARGIN / record.period)), len(record.time))
+    num_margin_samples = min(max(1, round(_EXCLUDED_TIME / record.period)), len(record.time))
     if command is not None:
         positive = command > 0.0
         mean = np.convolve(command, np.ones(num_margin_samples) / num_margin_samples, "same")
@@ -100,8 +100,8 @@ def steep_pitch_remarks(records: Sequence[FlightRecord]) -> list[str]:
     """Return a remark on each record with a pitch near ±90°."""
     return [
         f"the log {short_repr(record.name)} pitches beyond 75 degrees for"
-        f" {np.sum(_steep_pitch_mask(record)) * record.period:.2g} s, which are left out with {_MARGIN:g} s before and"
-        " after, because roll and yaw are then mostly noise"
+        f" {np.sum(_steep_pitch_mask(record)) * record.period:.2g} s, which are left out with"
+        f" {_EXCLUDED_TIME:g} s before and after, because roll and yaw are then mostly noise"
         for record in records
         if _steep_pitch_mask(record).any()
     ]
@@ -169,7 +169,7 @@ def _near(mask: np.ndarray, samples: int) -> np.ndarray:
 def split_into_windows(
     records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: WindowSizes
 ) -> list[LogWindow]:
-    """Return consecutive windows of the usable parts of records.
+    """Return consecutive windows in the usable parts of records.
 
     Args:
         records: records of flights.

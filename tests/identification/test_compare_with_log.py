@@ -12,7 +12,7 @@ from drake_quad.identification.validation import prediction
 
 ROOT = Path(__file__).parents[2]
 LOGS = Path("tests") / "data" / "crazyflie" / "crazyswarm2"
-SCENARIOS = Path("diagrams") / "crazyswarm2.yaml"
+SCENARIO_FILE = Path("diagrams") / "crazyswarm2.yaml"
 
 
 @pytest.fixture
@@ -23,8 +23,8 @@ def compare(run):
 
 @pytest.mark.slow
 def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
-    """With an exact velocity estimate instead of the identified one, the flown error is far outside."""
-    log, scenario = LOGS / "log100.xz", f"{SCENARIOS}:log100"
+    """The flown error would be far outside if the scenario had no errors of the velocity estimate."""
+    log, scenario = LOGS / "log100.xz", f"{SCENARIO_FILE}:log100"
     status, printed, _ = compare(log, scenario, "--samples", 40, "--output", tmp_path)
     assert status == 0
     verdict = r"^The measured RMSE, 3\.58 cm, is within the 95 % interval of 40 simulated flights, whose median is \d"
@@ -52,7 +52,7 @@ def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
 @pytest.mark.slow
 def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
     """The rotors of the data sheet are too slow for the gains of the flight."""
-    status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIOS}:sheet_08", "--samples", 1, "--output", tmp_path)
+    status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIO_FILE}:sheet_08", "--samples", 1, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^RMSE +all +5\.65 +crash +–$", printed, re.MULTILINE)
     assert "1 of 1 simulated flights crash" in printed
@@ -76,17 +76,17 @@ def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(com
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["none.xz", f"{SCENARIOS}:log08"], "none.xz"),
-        ([LOGS / "log08.xz", f"{SCENARIOS}:log09"], "there is no scenario 'log09'"),
-        ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--samples", 0], "--samples is 0, but must be between 1 and"),
+        (["none.xz", f"{SCENARIO_FILE}:log08"], "none.xz"),
+        ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log09"], "there is no scenario 'log09'"),
+        ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log08", "--samples", 0], "--samples is 0, but must be between 1 and"),
         (
-            [LOGS / "log08.xz", f"{SCENARIOS}:log08", "--start", 60],
+            [LOGS / "log08.xz", f"{SCENARIO_FILE}:log08", "--start", 60],
             "the log 'log08' has fewer than two samples to compare",
         ),
-        ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
+        ([LOGS / "log08.xz", f"{SCENARIO_FILE}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],
 )
-def test_wrong_input_gets_one_sentence_and_status_2(compare, tmp_path, arguments, words):
+def test_wrong_input_is_refused_with_one_sentence_and_exit_status_2(compare, tmp_path, arguments, words):
     status, printed, told = compare(*arguments, "--output", tmp_path / "out")
     assert (status, printed) == (2, "")
     errors = [line for line in told.splitlines() if line.startswith("error: ")]

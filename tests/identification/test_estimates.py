@@ -9,7 +9,7 @@ from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 
-FLIGHT = Source("least squares", "flight.bin")
+SOURCE = Source("least squares", "flight.bin")
 
 
 def estimates(**changes):
@@ -18,7 +18,7 @@ def estimates(**changes):
         "values": np.array([0.033, 3e-5]),
         "covariance": np.array([[4e-8, 1e-11], [1e-11, 1e-14]]),
         "degrees_of_freedom": 12.0,
-        "sources": FLIGHT,
+        "sources": SOURCE,
         **changes,
     }
     return Estimates(**given)
@@ -46,13 +46,13 @@ def test_estimates_are_written_with_units_and_intervals():
         ("inertia[0].x", "called 'inertia[0].x'"),
     ],
 )
-def test_names_are_those_of_the_language(name, words):
+def test_parameter_names_are_those_of_the_scenario_language(name, words):
     with pytest.raises(InputError) as caught:
         estimates(names=("mass", name))
     assert words in str(caught.value)
 
 
-def test_paths_are_those_of_scenarios():
+def test_parameters_have_a_path_in_a_scenario():
     assert scenario_path("inertia[2]") == "vehicle.inertia.2"
     assert scenario_path("thrust_factor_error[2]") == "vehicle.thrust_factor_error.rotor_3"
     assert scenario_path("autopilot.damping[0]") == "laboratory.autopilot.damping.0"
@@ -60,7 +60,7 @@ def test_paths_are_those_of_scenarios():
     assert scenario_path(position_noise) == position_noise
 
 
-def test_intervals_are_student_s():
+def test_intervals_use_students_t_distribution():
     found = estimates(degrees_of_freedom=np.array([5.0, np.inf]))
     low, high = found.intervals().T
     np.testing.assert_allclose(low, found.values - found.deviations * [2.570582, 1.959964], rtol=1e-6)
@@ -72,7 +72,7 @@ def test_intervals_are_student_s():
     assert tuple(estimates().intervals()[0]) == pytest.approx(expected)
 
 
-def test_the_variance_for_a_new_flight_is_that_of_the_mean_plus_the_variation():
+def test_the_variance_for_a_new_flight_is_the_error_variance_plus_the_variation():
     """The degrees of freedom of the sum follow from Satterthwaite's formula."""
     varies = Variation(np.array([[12e-8, 0.0], [0.0, 0.0]]), 9.0, 8.0)
     found = estimates(variation=varies).for_new_flight()
@@ -103,8 +103,8 @@ def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
     assert found.for_new_flight().degrees_of_freedom[1] == pytest.approx(12.0)
 
 
-def test_an_interval_of_few_degrees_of_freedom_is_students():
-    """With seven degrees of freedom, the half-width of the 95 % interval is 2.36 standard deviations."""
+def test_few_degrees_of_freedom_widen_an_interval():
+    """The half-width of the 95 % interval is 2.36 standard deviations for seven degrees of freedom."""
     assert Spread(1.0, 0.1, "N", 7.0).half_width == pytest.approx(0.2365, abs=1e-4)
     assert Spread(1.0, 0.1, "N").half_width == pytest.approx(0.1960, abs=1e-4)
 
@@ -114,13 +114,13 @@ def test_a_covariance_with_rounding_errors_becomes_symmetric():
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
 
 
-def test_a_part_contains_the_data_of_its_parameters():
+def test_a_subset_of_estimates_keeps_the_data_of_its_parameters():
     found = estimates(
         names=("mass", "inertia[2]", "arm_length"),
         values=[0.033, 3e-5, 0.05],
         covariance=np.diag([1.0, 4.0, 9.0]) + 0.1,
         degrees_of_freedom=[1.0, 2.0, 3.0],
-        sources=((FLIGHT,), (FLIGHT, Source("scale", "none")), (FLIGHT,)),
+        sources=((SOURCE,), (SOURCE, Source("scale", "none")), (SOURCE,)),
         explained={"mass": Explained(0.5, "thrust"), "arm_length": Explained(0.1, "roll")},
         not_identified={"drag_factor": "yaw was not moved", "mass": "it was"},
     )
@@ -128,7 +128,7 @@ def test_a_part_contains_the_data_of_its_parameters():
     assert part.names == ("arm_length", "inertia[2]")
     np.testing.assert_array_equal(part.values, [0.05, 3e-5])
     np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
-    assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (FLIGHT, Source("scale", "none")))
+    assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (SOURCE, Source("scale", "none")))
     assert part.explained == {"arm_length": Explained(0.1, "roll")}
     # A parameter that is not identified may be among the estimates, with the value of the data sheet.
     assert found.identified == ("inertia[2]", "arm_length")
@@ -148,7 +148,7 @@ def test_a_part_contains_the_data_of_its_parameters():
         ({"values": [0.033, np.nan]}, "'inertia\\[2\\]' has mean nan"),
         ({"covariance": np.diag([1.0, 0.0])}, "variance 0"),
         ({"degrees_of_freedom": 0.0}, "degrees of freedom"),
-        ({"sources": ((FLIGHT,),)}, "2 estimates need as many sources"),
+        ({"sources": ((SOURCE,),)}, "an item for each of the 2 estimates, not 1"),
         ({"not_identified": {"weight": "it was not weighed"}}, "no parameter .* called 'weight'"),
     ],
 )

@@ -12,7 +12,10 @@ from drake_quad.identification.validation import estimator
 from drake_quad.identification.validation.estimator import linear_drag, velocity_estimate
 from drake_quad.scenario.files.loading import load_undesigned
 
-PERIOD, SHARE, DRIFT, TIME = 0.004, 0.08, 0.03, 0.5  # s, relative scale error, m/s, s
+PERIOD = 0.004  # s, sampling period
+SCALE_ERROR = 0.08  # relative to the velocity
+DRIFT = 0.03  # m/s, standard deviation of the correlated velocity error
+CORRELATION_TIME = 0.5  # s
 GRAVITY, MASS = 9.81, 0.0375
 
 
@@ -20,7 +23,7 @@ def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
     """Return a flight along x whose logged velocity has a scale error and an Ornstein-Uhlenbeck error."""
     random = np.random.default_rng(3)
     time = PERIOD * np.arange(round(seconds / PERIOD))
-    decay = np.exp(-PERIOD / TIME)
+    decay = np.exp(-PERIOD / CORRELATION_TIME)
     steps = drift * np.sqrt(1.0 - decay**2) * random.normal(size=(len(time), 3))
     wanders = lfilter([1.0], [1.0, -decay], steps, axis=0)
     rate = 2.0
@@ -29,7 +32,7 @@ def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
         "made",
         time,
         position=-cosine / rate + noise * random.normal(size=(len(time), 3)),
-        velocity=(1.0 + SHARE) * sine + wanders,
+        velocity=(1.0 + SCALE_ERROR) * sine + wanders,
         attitude=np.zeros((len(time), 3)),
         thrust_command=np.full(len(time), MASS * GRAVITY),
     )
@@ -38,14 +41,14 @@ def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_scale_error_drift_and_correlation_time_are_recovered(noise):
     found = velocity_estimate(made(240.0, noise=noise))
-    assert abs(found.scale_error[0].value - SHARE) < 3.0 * found.scale_error[0].deviation
+    assert abs(found.scale_error[0].value - SCALE_ERROR) < 3.0 * found.scale_error[0].deviation
     assert found.scale_error[0].deviation < 0.02
     assert [fraction.value for fraction in found.scale_error[1:]] == [0.0, 0.0]
     # Standard deviation of the means over 0.1 s of this process. 240 independent values determine it to 5 %.
-    ratio = 0.1 / TIME
+    ratio = 0.1 / CORRELATION_TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
     np.testing.assert_allclose(found.drift, seen, rtol=0.15)
-    np.testing.assert_allclose(found.correlation_time, TIME, rtol=0.2)
+    np.testing.assert_allclose(found.correlation_time, CORRELATION_TIME, rtol=0.2)
 
 
 def test_position_noise_does_not_count_as_drift():
@@ -55,7 +58,7 @@ def test_position_noise_does_not_count_as_drift():
 
 
 @pytest.mark.parametrize(("record", "words"), [(made(20.0, speed=0.0), "hovers"), (made(0.4), "is too short")])
-def test_a_log_without_motion_or_too_short_is_refused(record, words):
+def test_a_short_log_or_a_log_without_motion_is_refused(record, words):
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     with pytest.raises(InputError, match=words):
         velocity_estimate(record)
@@ -98,13 +101,13 @@ def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time
     # The scale error of an axis without motion is zero, with the mean standard deviation of the other axes.
     flown = [fraction.deviation for fraction in found.scale_error[:2]]
     assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
-    # Without a sinusoidal error, the scale errors are exact.
+    # The scale errors are exact if there is no sinusoidal error.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
     np.testing.assert_allclose([fraction.value for fraction in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
 
 
-def test_the_deviation_of_a_scale_error_follows_from_the_scatter_of_blocks():
+def test_the_standard_deviation_of_a_scale_error_follows_from_the_scatter_between_blocks():
     random = np.random.default_rng(8)
     true, off = random.normal(size=(2, 300))
     blocks = np.repeat(np.arange(60), 5)
@@ -127,7 +130,7 @@ def test_the_drift_of_a_swinging_vehicle_does_not_contain_position_noise():
 
 
 def test_the_first_half_second_of_a_log_is_left_out():
-    """An estimator may still be settling then."""
+    """An estimator may still be settling in the first half second."""
     record = swinging(np.array([0.03, 0.03, 0.03]), 7.0)
     velocity = record.velocity + np.where(record.time < 3.4, 0.5, 0.0)[:, None]
     position = record.position + np.where(record.time < 3.2, 0.1, 0.0)[:, None]
@@ -143,7 +146,7 @@ def test_the_first_half_second_of_a_log_is_left_out():
         )
 
 
-def test_a_scale_error_is_the_regression_on_the_mean_velocity():
+def test_a_scale_error_is_a_regression_slope_over_the_mean_velocity():
     """The expected estimate follows from means over 0.1 s, and its standard deviation from blocks of 0.5 s."""
     log = made(12.0, speed=0.7)
     # The speed is below the minimum of 0.15 m/s RMS along y, and above it along z.
@@ -168,7 +171,7 @@ def test_a_scale_error_is_the_regression_on_the_mean_velocity():
         sums = np.array([left[blocks == block].sum() for block in np.unique(blocks)])
         count = len(sums)
         assert fraction.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
-        # Without position noise, the drift is the standard deviation of the residuals.
+        # The drift is the standard deviation of the residuals if there is no position noise.
         assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
     assert found.scale_error[1].value == 0.0
     assert found.scale_error[1].deviation == pytest.approx(
@@ -191,7 +194,7 @@ def test_the_noise_of_mean_velocities_follows_from_white_position_noise():
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3, 2.0])
-def test_the_correlation_time_ends_where_the_autocorrelation_falls_to_1_over_e_of_its_value_without_noise(noise):
+def test_the_correlation_time_is_the_lag_at_which_the_noise_free_autocorrelation_falls_to_1_over_e(noise):
     random = np.random.default_rng(10)
     rest = lfilter([1.0], [1.0, -0.95], random.normal(size=3000)) + 5.0
     off = rest - rest.mean()
@@ -204,7 +207,7 @@ def test_the_correlation_time_ends_where_the_autocorrelation_falls_to_1_over_e_o
 
 
 @pytest.mark.parametrize(("yaw", "slowness"), [(0.0, 1.0), (0.5 * np.pi, 1.0), (0.0, 60.0)])
-def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw, slowness):
+def test_drag_is_estimated_separately_along_body_x_and_body_y(yaw, slowness):
     """The wind is chosen so that its drag is exactly the force that accelerates a level vehicle.
 
     Force and air speed are averaged over 0.1 s, or over one sample of a slow log.
@@ -225,7 +228,7 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = PERIOD * np.arange(2500)
     drag, speed = 0.03, np.sin(2.0 * time)
-    # The wind is such that the air speed and the acceleration obey m a = -drag v + m g tan(tilt) with no tilt.
+    # The wind is chosen so that air speed v and acceleration a satisfy m a = -drag v + m g tan(tilt) without a tilt.
     velocity = np.column_stack([speed, 0.0 * time, 0.0 * time])
     acceleration = 2.0 * np.cos(2.0 * time)
     wind = velocity + np.column_stack([MASS * acceleration / drag, 0.0 * time, 0.0 * time])
@@ -239,7 +242,7 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
 
 
-def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
+def test_drag_is_estimated_from_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
     """The expected estimate is computed from means over 25 samples, without the first and the last 50 samples."""
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     random = np.random.default_rng(11)
@@ -260,11 +263,11 @@ def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_
 
 
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
-def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
+def test_noise_is_estimated_from_steps_of_at_most_twenty_milliseconds(period, steps):
     assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
 
 
-def test_the_deviation_of_a_regression_follows_from_the_scatter_of_blocks():
+def test_the_standard_deviation_of_a_slope_follows_from_the_scatter_between_blocks():
     """The regression line has an intercept. The number of degrees of freedom is the number of blocks minus one."""
     random = np.random.default_rng(8)
     air, force = random.normal(size=(2, 40)) + np.array([[0.3], [2.0]])

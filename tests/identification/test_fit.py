@@ -14,8 +14,8 @@ from drake_quad.identification.fit import PredictionFit, noise_likelihood
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import Gains, PredictionNoise
 
-NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
-NO_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
+EMPTY_GAINS = Gains(*(np.empty(0) for _ in Gains._fields))
+UNIT_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
 
 
 def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
@@ -25,13 +25,13 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     # An error is measured minus predicted.
-    return PredictionFit(found, NO_NOISE, NOTHING, -rows, values - rows @ found, np.zeros(2)), rows, values
+    return PredictionFit(found, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ found, np.zeros(2)), rows, values
 
 
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
 @pytest.mark.parametrize("adjacent", [False, True])
-def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
-    """For a linear model, one Gauss-Newton step is exact, so the test refits without each block in turn."""
+def test_the_covariance_is_the_jackknife_estimate_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
+    """One Gauss-Newton step is exact for a linear model, so the test refits without each block in turn."""
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
 
@@ -49,7 +49,7 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
     expected += inverse @ np.diag(prior) @ inverse
     # No variance is below the variance of the model.
     wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
-    found = PredictionFit(whole, NO_NOISE, NOTHING, -rows, values - rows @ whole, prior)
+    found = PredictionFit(whole, UNIT_NOISE, EMPTY_GAINS, -rows, values - rows @ whole, prior)
     if adjacent:
         own = found.uncertainty(blocks)
     else:
@@ -60,7 +60,7 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
 
 
-def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_that_of_the_model() -> None:
+def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_the_model_variance() -> None:
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
     found = jackknife(information, scores)
@@ -68,8 +68,8 @@ def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_that_of_th
     assert found.covariance[1, 1] == pytest.approx(9.0 / 10.0 * 10 * (3.0 / 9.0) ** 2)
 
 
-def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
-    """The columns differ by eight orders of magnitude, like the columns of an inertia and a lag."""
+def test_condensed_residuals_keep_the_normal_equations_and_the_sum_of_squares() -> None:
+    """The columns differ by eight orders of magnitude, like the derivatives for an inertia and a time constant."""
     rng = np.random.default_rng(4)
     jacobian, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
     few, short = fitting._condensed(residuals, jacobian)
@@ -79,9 +79,11 @@ def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
     np.testing.assert_allclose(short.T @ few, jacobian.T @ residuals, rtol=1e-9)
 
 
-def test_negative_correlation_of_adjacent_windows_makes_intervals_shorter() -> None:
-    """For the errors n_k - 0.8 n_(k-1) with white noise n, the mean has a fifth of the standard deviation of the mean
-    of n."""
+def test_negative_correlation_of_adjacent_windows_narrows_intervals() -> None:
+    """The errors are n_k - 0.8 n_(k-1) with white noise n.
+
+    The standard deviation of their mean is a fifth of the standard deviation of the mean of n.
+    """
     said, off = {}, []
     for seed in range(300):
         noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
@@ -101,13 +103,13 @@ def test_degrees_of_freedom_count_the_informative_blocks() -> None:
     jacobian = np.zeros((10, 5, 2))
     jacobian[:, :3, 0] = 1.0
     jacobian[:2, 3:, 1] = 1.0
-    fitted = PredictionFit(np.zeros(2), NO_NOISE, NOTHING, jacobian, np.zeros((10, 5)), np.zeros(2))
+    fitted = PredictionFit(np.zeros(2), UNIT_NOISE, EMPTY_GAINS, jacobian, np.zeros((10, 5)), np.zeros(2))
     found = fitted.uncertainty(np.arange(10)).degrees_of_freedom
     np.testing.assert_allclose(found, [9.0, 1.0])
 
 
 @pytest.mark.slow
-def test_intervals_of_correlated_errors_cover() -> None:
+def test_intervals_cover_the_true_values_if_errors_are_correlated() -> None:
     """The errors within a window are correlated, so intervals for independent samples would be far too short."""
     inside = 0
     for seed in range(400):
@@ -118,8 +120,8 @@ def test_intervals_of_correlated_errors_cover() -> None:
     assert 0.93 < inside / 800 < 0.99
 
 
-def test_score_and_information_are_those_of_normal_errors() -> None:
-    """With respect to log s, errors e of variance s² have the score Σ (e²/s² - 1) and the information 2 per sample."""
+def test_score_and_information_match_normally_distributed_errors() -> None:
+    """Errors e of variance s² have the score Σ (e²/s² - 1) and the information 2 per sample with respect to log s."""
     rng = np.random.default_rng(1)
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
@@ -133,7 +135,7 @@ def test_score_and_information_are_those_of_normal_errors() -> None:
 
 @pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
 def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
-    """Outputs of the same sample stay in one part."""
+    """All outputs of a sample stay in the same part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
     found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
@@ -168,7 +170,7 @@ class LinearPredictor:
 
     def gains(self, values: np.ndarray, noise: PredictionNoise) -> Gains:
         whitening = np.ones((*self.target.shape, 1, 1))
-        return NOTHING._replace(whitening=whitening)
+        return EMPTY_GAINS._replace(whitening=whitening)
 
     def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
         found = self.target[:, :, None] - self.rows @ parameters.T
@@ -187,7 +189,7 @@ def fitted_line(monkeypatch: pytest.MonkeyPatch, rows: np.ndarray, measured: np.
     return fitting.fit(LinearPredictor(rows, measured), linear_parameters(starts), noise)  # type: ignore[arg-type]
 
 
-def test_a_linear_problem_has_the_posterior_mean_as_its_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fit_of_a_linear_model_is_the_posterior_mean(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(2)
     rows = rng.normal(size=(30, 4, 2))
     measured = rows @ [2.0, -0.5] + rng.normal(size=(30, 4))
@@ -201,11 +203,13 @@ def test_a_linear_problem_has_the_posterior_mean_as_its_fit(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("true", [[5.0, -3.0, 1.0], [-1.0, 4.0, 0.5], [1.0, 6.0, -5.0]])
-def test_a_thrust_curve_is_the_best_increasing_one(monkeypatch: pytest.MonkeyPatch, true: list[float]) -> None:
+def test_the_fitted_thrust_curve_is_the_best_increasing_curve(
+    monkeypatch: pytest.MonkeyPatch, true: list[float]
+) -> None:
     """The fit equals non-negative least squares for the thrust at zero throttle and the derivatives at both ends."""
     u = np.random.default_rng(3).uniform(0.0, 1.0, size=(200, 1))
     rows = np.stack([np.ones_like(u), u, u**2], axis=2)
-    scale = 1e3  # hardly any prior
+    scale = 1e3  # standard deviation of a prior that hardly matters
     names = {f"motors.curve[{i}]": (start, scale) for i, start in enumerate((0.1, 1.0, 2.0))}
     k_0, k_1, k_2 = fitted_line(monkeypatch, rows, rows @ true, names).values
     basis = np.stack([np.ones_like(u), u - 0.5 * u**2, 0.5 * u**2], axis=2)
@@ -220,8 +224,8 @@ def test_an_identified_inertia_satisfies_the_triangle_inequality(monkeypatch: py
     measured = np.tile([1.0, 1.0, 3.0], (20, 1))
     names = {f"inertia[{i}]": (start, 1e3) for i, start in enumerate((1.0, 1.0, 1.5))}
     found = fitted_line(monkeypatch, rows, measured, names).values
-    # The violation I_z - I_x - I_y = 1 is distributed equally over the three moments. Second moments keep 2 % of the
-    # start.
+    # The violation I_z - I_x - I_y = 1 is distributed equally over the three moments. The lower limit of the second
+    # moments adds a small error.
     np.testing.assert_allclose(found, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
     assert found[0] + found[1] >= found[2]
 
@@ -235,7 +239,7 @@ def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.Monk
         fitting.fit(LinearPredictor(rows, measured), linear_parameters({"mass": (1.0, 1.0)}), noise)  # type: ignore[arg-type]
 
 
-def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_to_parameters_with_a_diverging_model_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Squared errors overflow for θ > 1.2. The minimum is at 1, and the first Gauss-Newton step goes to 2."""
 
     class Diverging(LinearPredictor):
@@ -254,7 +258,7 @@ def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("finite", [True, False], ids=["errors too large", "one slope not finite"])
-def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool) -> None:
+def test_a_search_that_begins_with_a_diverging_model_does_not_move(finite: bool) -> None:
     start = np.array([0.3, 0.2])
 
     class Diverging(LinearPredictor):
@@ -268,7 +272,7 @@ def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool)
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
+    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, UNIT_NOISE), UNIT_NOISE)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, start)
 
 
@@ -298,7 +302,7 @@ class DriftingPredictor(LinearPredictor):
         ([-1.0, 0.01], 3),
     ],
 )
-def test_rounds_continue_while_an_estimate_changes(
+def test_fitting_rounds_continue_while_an_estimate_changes(
     monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
 ) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
@@ -314,12 +318,12 @@ def test_rounds_continue_while_an_estimate_changes(
     ("factors", "rounds"),
     [([0.9, 0.9, 0.9], 3), ([1.5, 1.5, 1.5, 1.5, 1.1], 5), ([0.5, 0.5, 0.7, 0.7, 0.9], 5), ([2.0] * 20, 8)],
 )
-def test_rounds_continue_while_a_disturbance_changes(
+def test_fitting_rounds_continue_while_a_disturbance_changes(
     monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
 ) -> None:
     """The rounds end when the logarithm of the disturbance changes by less than 0.2.
 
-    The other five axes do not change.
+    All other axes of the disturbance do not change.
     """
     predictor = DriftingPredictor([])
 
@@ -342,7 +346,7 @@ def test_rounds_continue_while_a_disturbance_changes(
 
 
 class WhiteningPredictor(LinearPredictor):
-    """Predictor of a mean; the standard deviation of its prediction errors depends on the disturbance."""
+    """Predictor of a mean, whose prediction errors have a standard deviation that depends on the disturbance."""
 
     def __init__(self, mean: float, deviation: Callable[[float], float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.full((40, 5), mean))
@@ -353,7 +357,7 @@ class WhiteningPredictor(LinearPredictor):
         self.filters.append((float(values[0]), float(noise.disturbance[3])))
         errors, _ = self.errors(values[None])
         whitening = np.full((*self.target.shape, 1, 1), 1.0 / self.deviation(noise.disturbance[3]))
-        return NOTHING._replace(whitening=whitening, errors=errors[:, :, 0])
+        return EMPTY_GAINS._replace(whitening=whitening, errors=errors[:, :, 0])
 
 
 def noise_with(torque: float) -> PredictionNoise:
@@ -385,7 +389,7 @@ def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: 
     np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
 
 
-def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> None:
+def test_parameters_are_not_refitted_if_the_disturbance_is_at_its_lower_limit() -> None:
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
@@ -397,10 +401,10 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
 
 
 @pytest.mark.parametrize("scattered", [False, True])
-def test_a_smaller_disturbance_may_have_a_larger_likelihood_only_for_other_parameters(scattered: bool) -> None:
-    """With the initial parameters, the initial disturbance has the largest likelihood.
+def test_a_smaller_disturbance_may_become_likelier_only_after_a_refit(scattered: bool) -> None:
+    """The initial disturbance has the largest likelihood as long as the parameters are not refitted.
 
-    After a refit, a fifth of it has a larger likelihood if the data do not scatter.
+    A fifth of this disturbance has a larger likelihood after a refit if the data do not scatter.
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
@@ -417,8 +421,11 @@ def test_a_smaller_disturbance_may_have_a_larger_likelihood_only_for_other_param
 
 
 @pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
-def test_a_trial_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
-    """The derivatives predict a gain of 100; a search may gain up to three times as much."""
+def test_a_smaller_disturbance_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
+    """The derivatives predict that the log-likelihood increases by 100.
+
+    A search may increase it by up to three times as much.
+    """
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
     parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
@@ -441,7 +448,7 @@ def test_a_search_evaluates_its_result_once() -> None:
 
     predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    found = point_at(predictor, parameters, NO_NOISE)
+    found = point_at(predictor, parameters, UNIT_NOISE)
     assert points.count(found.values.tobytes()) == 1
     assert points[-1] != found.values.tobytes()
     errors, _ = predictor.errors(np.array([found.values]))
@@ -453,8 +460,10 @@ def test_a_search_evaluates_its_result_once() -> None:
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
 ) -> None:
-    """If the result is more than two prior standard deviations away, the search is repeated from the prior mean, and
-    the fit with the larger likelihood is returned."""
+    """The search is repeated from the prior mean if the result is more than two prior standard deviations away from it.
+
+    The fit with the larger likelihood is returned.
+    """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01
@@ -470,10 +479,8 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
-def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_separately(
-    monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    """If the likelihood depends on one of the two, only that one changes."""
+def test_smaller_disturbing_forces_and_torques_are_tried_separately(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """Only the one on which the likelihood depends changes."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
@@ -492,10 +499,10 @@ def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_separately(
 
 
 class QuadraticLikelihood:
-    """Log-likelihood that is a quadratic function of the logarithms of the noise, with a record of its calls.
+    """Log-likelihood that is quadratic in the logarithms of the noise parameters. It records its calls.
 
     Args:
-        best: (14,) logarithms of the noise of two outputs and of the disturbance at the maximum.
+        best: (14,) logarithms of the noise parameters at the maximum, for two outputs and the disturbance.
         fraction: ratio of the returned information to the true one.
 
     Attributes:
@@ -521,15 +528,17 @@ class QuadraticLikelihood:
         return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.fraction * 100.0 * np.eye(len(free))
 
 
-# The memory of a force along the thrust is limited.
-START = PredictionNoise(np.array([1e-2, 3e-2]), np.linspace(0.5, 1.0, 6), np.array([0.5, 0.6, 0.1, 0.8, 0.9, 1.0]))
-START_LOGS = np.log(np.concatenate(START))
+# The correlation time of the force along the thrust axis is short, since it is limited to 0.25 s.
+INITIAL_NOISE = PredictionNoise(
+    np.array([1e-2, 3e-2]), np.linspace(0.5, 1.0, 6), np.array([0.5, 0.6, 0.1, 0.8, 0.9, 1.0])
+)
+INITIAL_LOG_NOISE = np.log(np.concatenate(INITIAL_NOISE))
 
 
 def noise_found(
     monkeypatch: pytest.MonkeyPatch,
     likelihood: QuadraticLikelihood,
-    start: PredictionNoise = START,
+    start: PredictionNoise = INITIAL_NOISE,
     *,
     frame: str = "world",
     windows: int = 3,
@@ -543,27 +552,27 @@ def noise_found(
         windows=range(windows),
         model=SimpleNamespace(frame=frame),
     )
-    return np.log(np.concatenate(fitting._noise_of(predictor, NOTHING, start)))  # type: ignore[arg-type]
+    return np.log(np.concatenate(fitting._noise_of(predictor, EMPTY_GAINS, start)))  # type: ignore[arg-type]
 
 
 def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The search ends when the log-likelihood increases by less than 0.1."""
-    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+    best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best)
     np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
     assert (len(likelihood.asked), len(likelihood.derived)) == (3, 2)
     # A search that begins at the maximum stays there.
-    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(START_LOGS)), START_LOGS)
+    np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(INITIAL_LOG_NOISE)), INITIAL_LOG_NOISE)
 
 
-def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a quarter of the true information, a full step is four times too long."""
-    best = START_LOGS + np.linspace(-0.7, 0.9, 14)
+def test_a_scoring_step_that_lowers_the_likelihood_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full step is four times too long if the search uses a quarter of the true information."""
+    best = INITIAL_LOG_NOISE + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best, fraction=0.25)
     found = noise_found(monkeypatch, likelihood)
-    assert np.all(np.abs(found - best) < 0.5 * np.abs(START_LOGS - best))
+    assert np.all(np.abs(found - best) < 0.5 * np.abs(INITIAL_LOG_NOISE - best))
     distances = [float(np.linalg.norm(each - best)) for each in likelihood.asked]
     assert distances[1] > 2.0 * distances[0]
     assert np.linalg.norm(found - best) == pytest.approx(min(distances))
@@ -585,21 +594,22 @@ def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
         asked.append(arguments)
         return likelihood, np.full(14, np.nan), np.full((14, 14), np.nan)
 
-    np.testing.assert_allclose(noise_found(monkeypatch, unlikely), START_LOGS)  # type: ignore[arg-type]
+    np.testing.assert_allclose(noise_found(monkeypatch, unlikely), INITIAL_LOG_NOISE)  # type: ignore[arg-type]
     assert len(asked) == 1
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
-def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
+def test_noise_changes_by_at_most_a_factor_of_twelve_within_its_limits(
     monkeypatch: pytest.MonkeyPatch, direction: float
 ) -> None:
-    """Noise is limited to 1e-5 to 100, the disturbance to 1e-3 to 1e3, and its correlation time to 0.02 to 20 s.
+    """The limits are 1e-5 and 100 (noise), 1e-3 and 1e3 (disturbance), and 0.02 s and 20 s (correlation time).
 
-    The limit for a force along the thrust is 0.25 s, because a longer force is an error of the thrust curve.
+    The upper limit is 0.25 s for a force along the thrust axis, because a force that lasts longer is an error of the
+    thrust curve.
     """
     thrust = 8 + 2
-    best = START_LOGS + 30.0 * direction
-    expected = START_LOGS + 2.5 * direction
+    best = INITIAL_LOG_NOISE + 30.0 * direction
+    expected = INITIAL_LOG_NOISE + 2.5 * direction
     expected[thrust] = np.log(0.25 if direction > 0.0 else 0.02)
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(best)), expected)
     near = PredictionNoise(np.full(2, 2e-5), np.full(6, 2e-3), np.full(6, 0.04))
@@ -618,9 +628,9 @@ def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
         np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
 
 
-def test_the_memory_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_correlation_time_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     disturbance = np.array([1.0, 1.005e-3, 1.0, 1.02e-3, 1e-3, 1.0])
-    start = START._replace(disturbance=disturbance)
+    start = INITIAL_NOISE._replace(disturbance=disturbance)
     best = np.log(np.concatenate(start)) + 0.4
     likelihood = QuadraticLikelihood(best)
     found = noise_found(monkeypatch, likelihood, start)
@@ -634,7 +644,7 @@ def test_the_memory_of_a_negligible_disturbance_is_not_fitted(monkeypatch: pytes
 def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
     monkeypatch: pytest.MonkeyPatch, windows: int, rows: int, used: int
 ) -> None:
-    likelihood = QuadraticLikelihood(START_LOGS)
+    likelihood = QuadraticLikelihood(INITIAL_LOG_NOISE)
     noise_found(monkeypatch, likelihood, windows=windows, rows=rows)
     assert len(likelihood.chosen) == used
     assert (likelihood.chosen[0], likelihood.chosen[-1]) == (0, windows - 1)
@@ -642,8 +652,8 @@ def test_noise_is_estimated_from_about_1500_measurements_over_the_whole_flight(
 
 
 @pytest.mark.parametrize("delay", [None, 0, 2])
-def test_derivatives_are_forward_differences_and_central_ones_for_a_delay(delay: int | None) -> None:
-    """For a quadratic function, forward differences err by the step, and central differences are exact."""
+def test_derivatives_are_forward_differences_but_central_differences_for_a_delay(delay: int | None) -> None:
+    """Forward differences of a quadratic function err by the step, and central differences are exact."""
     up = np.array([1e-3, 2e-3, 5e-3])
     point = np.array([2.0, -1.0, 0.5])
     sizes = np.random.default_rng(1).normal(size=(4, 5, 3))
@@ -673,7 +683,7 @@ class DelayedPredictor:
         self.counted = np.array([False, True, True])
         random = np.random.default_rng(7)
         self.outputs, self.states = random.normal(size=(3, 2, 4)), random.normal(size=(5, 4))
-        self.gains = NOTHING._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
+        self.gains = EMPTY_GAINS._replace(whitening=np.tile(np.diag([2.0, 10.0]), (3, 4, 1, 1)))
 
     def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
         mass, delay = parameters.T
@@ -681,12 +691,12 @@ class DelayedPredictor:
         return np.einsum("tmw,k->tmkw", self.outputs, size), np.einsum("rw,k->rkw", self.states, size)
 
 
-def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
+def test_predictions_contain_derivatives_of_whitened_errors_and_states() -> None:
     """The central difference across the kink is the mean, 5, of the one-sided derivatives 4 and 6."""
     predictor = DelayedPredictor()
     at = np.array([0.7, predictor.period])
     errors, jacobian, states, state_jacobian = fitting._whitened(
-        predictor, np.array([0.7, 0.02]), at, predictor.gains, NO_NOISE  # type: ignore[arg-type]
+        predictor, np.array([0.7, 0.02]), at, predictor.gains, UNIT_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
     white = np.einsum("m,tmw->wtm", [2.0, 10.0], predictor.outputs[1:]).reshape(4, 4)
     np.testing.assert_allclose(errors, 2.1 * white)
@@ -695,7 +705,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
     np.testing.assert_allclose(state_jacobian, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
     # Above the kink, both one-sided derivatives are equal.
     _, jacobian, *_ = fitting._whitened(
-        predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
+        predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, UNIT_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
     np.testing.assert_allclose(jacobian, white[:, :, None] * [3.0, 6.0], rtol=1e-6)
 
@@ -711,7 +721,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
         (1.0, np.nan, 1.0, True),
     ],
 )
-def test_a_fit_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
+def test_a_fit_has_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
     value: float, noise: float, disturbance: float, diverged: bool
 ) -> None:
     found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
@@ -724,21 +734,23 @@ def test_a_fit_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
 
 
 def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
-    """For independent errors with standard deviation s, the log-likelihood is -Σ log s - ½ Σ (e / s)²."""
+    """The log-likelihood of independent errors e with standard deviation s is -Σ log s - ½ Σ (e / s)²."""
     deviations = np.array([0.5, 2.0])
     whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
     whitening[:2] *= 100.0
     counted = np.arange(5) >= 2
     errors = np.random.default_rng(2).normal(size=(3, 3, 2))
     found = fitting._likelihood(
-        SimpleNamespace(counted=counted), NOTHING._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
+        SimpleNamespace(counted=counted), EMPTY_GAINS._replace(whitening=whitening), errors / deviations  # type: ignore[arg-type]
     )  # fmt: skip
     normal = scipy.stats.norm(scale=deviations)
     constant = 0.5 * np.log(2.0 * np.pi) * errors.size
     assert found == pytest.approx(normal.logpdf(errors).sum() + constant)
 
 
-def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_variance_of_an_estimated_noise_parameter_is_the_inverse_of_its_information(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The information of all windows is added.
 
     Values of the same group have the same variance, and a value without information has a large variance.
@@ -755,7 +767,7 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood_of)
     predictor = SimpleNamespace(noise_groups=groups, windows=range(7))
     noise = PredictionNoise(np.array([1e-3, 1e-3, 0.5]), np.full(6, 2.0), np.full(6, 0.3))
-    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=NOTHING))  # type: ignore[arg-type]
+    found = fitting.noise_covariance(predictor, SimpleNamespace(noise=noise, gains=EMPTY_GAINS))  # type: ignore[arg-type]
     ((logs, windows, model_parameters),) = asked
     np.testing.assert_allclose(logs, np.log([1e-3, 0.5, 2.0, 0.3]))
     np.testing.assert_array_equal(windows, np.arange(7))
@@ -767,19 +779,19 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     assert found[-1, -1] >= 999.0
 
 
-def test_smaller_disturbances_are_tried_in_each_round_as_long_as_they_are_better(
+def test_smaller_disturbances_are_tried_as_long_as_the_likelihood_increases(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Two trials improve the torque, and no trial improves the force.
 
-    Both are tried again in the fourth of eight rounds.
+    Smaller torques and forces are tried again in the fourth of eight rounds.
     """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     tried: list[tuple[float, ...]] = []
 
     def smaller(predictor: object, parameters: object, at: object, factors: tuple[float, ...]) -> object:
         tried.append(factors)
-        improves = factors == fitting._SMALLER_TORQUE and tried.count(factors) <= 2
+        improves = factors == fitting._TORQUE_REDUCTION and tried.count(factors) <= 2
         return at._replace(likelihood=at.likelihood + 1.0) if improves else at  # type: ignore[attr-defined]
 
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", smaller)
@@ -787,5 +799,5 @@ def test_smaller_disturbances_are_tried_in_each_round_as_long_as_they_are_better
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
     fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
     assert predictor.rounds == 8
-    torque, force = fitting._SMALLER_TORQUE, fitting._SMALLER_FORCE
+    torque, force = fitting._TORQUE_REDUCTION, fitting._FORCE_REDUCTION
     assert tried == [torque, force, torque, torque, torque, force]

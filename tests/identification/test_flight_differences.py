@@ -32,7 +32,7 @@ WINDOWS, SAMPLES = 20, 30
 
 
 def turned(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return horizontal vectors of B along the axes of W."""
+    """Return horizontal vectors along the world axes, given along the body axes."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=-1)
 
@@ -59,13 +59,13 @@ def test_the_trim_force_at_one_heading_includes_the_wind(change: float) -> None:
     np.testing.assert_allclose(values_of(found, "trim_force"), expected, atol=0.5 * change**2)
 
 
-def test_a_flight_without_any_force_has_none_and_an_error_of_almost_none() -> None:
+def test_a_flight_without_a_force_has_no_trim_force_and_a_tiny_standard_deviation() -> None:
     found = forces_of(np.zeros((WINDOWS, SAMPLES)), np.zeros((WINDOWS, SAMPLES, 2)), np.arange(WINDOWS))
     assert values_of(found, "trim_force") == [0.0, 0.0]
     assert 0.0 < found["trim_force.x"].deviation < 1e-9
 
 
-def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
+def test_intervals_of_a_mean_force_cover_it_although_the_force_fluctuates() -> None:
     """The fluctuation has a correlation time of 0.5 s, so successive samples are not independent."""
     rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
     decay, held = np.exp(-period / time), 0
@@ -79,7 +79,7 @@ def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() ->
     assert 0.9 < held / trials < 0.98
 
 
-def test_intervals_for_the_next_flight_follow_from_the_spread_of_the_others() -> None:
+def test_the_interval_for_the_next_flight_follows_from_the_spread_of_earlier_flights() -> None:
     """The interval is Student's with F - 1 degrees of freedom for F flights."""
     rng, trials, flights = np.random.default_rng(1), 4000, 4
     values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
@@ -108,7 +108,7 @@ def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleN
     return Evidence(names, values, np.ones(3), information, scores, 60.0), predictor
 
 
-def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
+def test_flights_agree_after_correction_for_their_thrust_differences() -> None:
     scales = np.array([0.05, -0.02, -0.03])
     evidence, predictor = evidence_of(scales)
     logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "abc"], signals={"body_rates"})
@@ -133,7 +133,7 @@ def test_parts_of_windows_belong_to_the_flight_of_their_window() -> None:
     np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
 
 
-def test_the_error_of_a_thrust_is_that_of_the_jackknife_over_the_windows_of_the_flight() -> None:
+def test_the_error_of_a_thrust_difference_is_the_jackknife_estimate_over_the_windows_of_a_flight() -> None:
     evidence, predictor = evidence_of(np.array([0.05, -0.05]))
     scores = evidence.scores + 20.0 * np.random.default_rng(5).normal(size=evidence.scores.shape)
     logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
@@ -162,7 +162,7 @@ def test_a_flight_of_one_window_or_without_information_has_no_thrust_difference(
     assert [each.thrust is not None for each in found] == [False, True]
 
 
-LENGTH = 8
+WINDOW_LENGTH = 8
 
 
 def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
@@ -173,23 +173,23 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     """
     random, mass = np.random.default_rng(8), 0.7
     total, settle, period = sum(counts), 3, 0.02
-    windows = [(flight, 5 + LENGTH * i) for flight, count in enumerate(counts) for i in range(count)]
+    windows = [(flight, 5 + WINDOW_LENGTH * i) for flight, count in enumerate(counts) for i in range(count)]
     predictor = SimpleNamespace(
         windows=[SimpleNamespace(record=flight, start=start) for flight, start in windows],
-        sizes=SimpleNamespace(length=LENGTH),
+        sizes=SimpleNamespace(length=WINDOW_LENGTH),
         rows=np.arange(6, 20),
         period=period,
-        counted=np.arange(settle + LENGTH) >= settle,
+        counted=np.arange(settle + WINDOW_LENGTH) >= settle,
         duration=2.0 * total,
     )
-    own, constant = random.normal(size=(2, settle + LENGTH, 2, total))
+    own, constant = random.normal(size=(2, settle + WINDOW_LENGTH, 2, total))
     memory = np.array([0.05, 0.3, 9.0, 9.0, 9.0, 9.0])
-    disturbance = random.normal(size=(settle + LENGTH, 14, total))
+    disturbance = random.normal(size=(settle + WINDOW_LENGTH, 14, total))
     # Rows 12 to 19 of the state are the disturbance: x, y, z, p, q, r and the constant x and y.
     disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
     disturbance[:, 12:] = constant
     fitted = SimpleNamespace(noise=SimpleNamespace(memory=memory), gains=SimpleNamespace(disturbance=disturbance))
-    attitudes = [random.normal(size=(5 + LENGTH * count, 3)) for count in counts]
+    attitudes = [random.normal(size=(5 + WINDOW_LENGTH * count, 3)) for count in counts]
     records = [
         SimpleNamespace(name="abc"[flight], attitude=attitude, of={"attitude": attitude}.__getitem__)
         for flight, attitude in enumerate(attitudes)
@@ -199,7 +199,7 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
     return logs, predictor, fitted, mass * (own + constant)[settle:].transpose(2, 0, 1)
 
 
-def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
+def test_forces_of_a_flight_follow_from_the_filter_in_its_windows() -> None:
     """Two windows of two seconds form a block, but the blocks of the short flight are shorter, since each flight has at
     least five blocks."""
     counts = [24, 8]
@@ -208,7 +208,7 @@ def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
     found = flight_differences(logs, predictor, fitted, evidence)
     for flight, first in ((0, 0), (1, 24)):
         count = counts[flight]
-        heading = logs.records[flight].attitude[5:, 2].reshape(count, LENGTH)
+        heading = logs.records[flight].attitude[5:, 2].reshape(count, WINDOW_LENGTH)
         expected = forces_of(heading, force[first : first + count], blocks_of(count, 2.0 * count, 5))
         for name, spread in expected.items():
             own = found[flight].forces[name]
@@ -217,7 +217,7 @@ def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
         assert {*found[flight].forces} == {*TRIM_FORCE, "wind_force.x", "wind_force.y"}
 
 
-def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
+def test_trim_forces_require_positions_and_attitudes_in_all_logs() -> None:
     logs, predictor, fitted, _ = logs_with_forces([2, 2])
     evidence, _ = evidence_of(np.array([0.0, 0.0]), 2)
     assert all(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
@@ -228,7 +228,7 @@ def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
     assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
 
 
-def test_a_single_flight_or_a_vehicle_without_thrust_has_no_thrust_difference() -> None:
+def test_a_single_flight_or_a_model_without_thrust_parameters_has_no_thrust_difference() -> None:
     evidence, predictor = evidence_of(np.array([0.0]))
     logs = SimpleNamespace(records=[SimpleNamespace(name="a")], signals={"body_rates"})
     (found,) = flight_differences(logs, predictor, SimpleNamespace(), evidence)
@@ -290,7 +290,7 @@ def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() ->
     np.testing.assert_allclose(new.covariance[0, 0], 1e-4)
 
 
-def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> None:
+def test_two_flights_give_no_spread_and_logs_without_poses_give_no_trim_force() -> None:
     own, scenario = estimates(), load_scenario("hover")
     assert with_differences(own, differences([0.1, -0.1], [0.1, -0.1]), scenario, 20.0) is own
     found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
@@ -298,7 +298,7 @@ def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> No
     assert found.flight_variation.covariance[1, 2] == pytest.approx(0.01 * 4.0 / 3.0 * 6.0)
 
 
-def test_a_vehicle_without_thrust_has_no_spread_of_it_and_one_flight_without_forces_leaves_out_the_trim_force() -> None:
+def test_a_trim_force_is_estimated_only_if_all_flights_have_forces() -> None:
     scenario = load_scenario("hover")
     turning = Estimates(
         ("inertia[0]",), np.array([0.01]), np.array([[1e-8]]), 30.0, Source("prediction errors", "a, b, c")
@@ -312,7 +312,7 @@ def test_a_vehicle_without_thrust_has_no_spread_of_it_and_one_flight_without_for
     assert with_differences(turning, flights, scenario, 20.0).names == ("inertia[0]",)
 
 
-def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> None:
+def test_the_error_of_the_mean_trim_force_combines_all_flights() -> None:
     """The degrees of freedom follow Satterthwaite's formula. The variation of a trim force within a flight is
     unknown."""
     varying = replace(estimates(), variation=Variation(np.diag([1e-4, 0.0, 0.0]), 9.0, 8.0))
@@ -334,7 +334,7 @@ def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> Non
 
 
 @pytest.mark.slow
-def test_flights_of_a_vehicle_that_is_modified_between_them_show_each_change(root) -> None:
+def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
     known = SYNTHETIC_FLIGHTS["calm"]
     numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]

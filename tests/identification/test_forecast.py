@@ -8,7 +8,7 @@ import pytest
 from drake_quad.identification.forecast import forecast, output_name
 from drake_quad.identification.prediction_errors import FORCE
 
-PERIOD = 0.1  # s
+PERIOD = 0.1  # s, sampling period
 NUM_SETTLING_SAMPLES = 3
 NUM_FORECAST_SAMPLES = 6
 NUM_WINDOWS = 4
@@ -23,8 +23,10 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return windows of constant acceleration, of which the model misses a known fraction after the filter has
-    settled."""
+    """Return a predictor in windows of constant acceleration, and its data.
+
+    The model misses a known fraction of the acceleration after the filter has settled.
+    """
     random = np.random.default_rng(7)
     state = random.normal(size=(12, NUM_WINDOWS))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
@@ -70,7 +72,7 @@ def test_the_explained_fraction_refers_to_motion_beyond_coasting(predictor):
     np.testing.assert_allclose(found[0].predicted.T, state[1] + time * state[7] + 0.5 * curved[:, 0])
 
 
-def test_the_windows_of_an_output_follow_one_another(predictor):
+def test_forecast_windows_follow_one_another_in_time(predictor):
     """The outputs have the units of their signals."""
     made, *_ = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)
@@ -83,7 +85,7 @@ def test_the_windows_of_an_output_follow_one_another(predictor):
         assert output.deviation == NOISE.measured[i]
 
 
-def test_a_predictor_ignores_measurements_after_settling(predictor):
+def test_a_forecast_ignores_measurements_after_the_filter_has_settled(predictor):
     made, kept, *_ = predictor
     forecast(made, np.array([1.0, 2.0]), NOISE)
     np.testing.assert_array_equal(kept["gain"][:NUM_SETTLING_SAMPLES], 1.0)
@@ -102,5 +104,5 @@ def test_a_predictor_ignores_measurements_after_settling(predictor):
         (FORCE, 1, "specific force along y"),
     ],
 )
-def test_outputs_are_named(signal, column, words):
+def test_forecast_outputs_are_named_by_signal_and_axis(signal, column, words):
     assert output_name(signal, column) == words

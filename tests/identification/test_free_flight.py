@@ -14,10 +14,10 @@ TIME = 0.01 * np.arange(1000)
 # The vehicle is in the air from 2 to 8 s, above a ground at 0.3 m.
 HEIGHT = 0.3 + np.interp(TIME, [2.0, 3.0, 7.0, 8.0], [0.0, 1.0, 1.0, 0.0])
 REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])
-WORKING = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
+COMMAND = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
 
 
-def record_of(height=HEIGHT, reference=REFERENCE, command=WORKING):
+def record_of(height=HEIGHT, reference=REFERENCE, command=COMMAND):
     nothing = np.zeros_like(height)
     return FlightRecord(
         "log",
@@ -43,9 +43,9 @@ def test_a_log_whose_rotors_work_at_both_ends_is_in_the_air_throughout(command):
 
 def test_a_log_may_begin_or_end_in_the_air():
     whole = free_flight(record_of())
-    landing = free_flight(record_of(HEIGHT[400:], REFERENCE[400:], WORKING[400:]))
+    landing = free_flight(record_of(HEIGHT[400:], REFERENCE[400:], COMMAND[400:]))
     assert landing == FreeFlight(0, whole.end - 400, None)
-    take_off = free_flight(record_of(HEIGHT[:500], REFERENCE[:500], WORKING[:500]))
+    take_off = free_flight(record_of(HEIGHT[:500], REFERENCE[:500], COMMAND[:500]))
     assert take_off == FreeFlight(whole.first, 500, whole.lift_off)
 
 
@@ -87,7 +87,7 @@ def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
 
 
 def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_off():
-    """The rotors idle for a second, in which the estimate of the height rises by 2 cm; it stays there until 2 s."""
+    """The rotors idle for a second, in which the estimated height rises by 2 cm. It stays constant until 2 s."""
     drifted = np.interp(TIME, [0.0, 1.0], [0.0, 0.02])
     found = free_flight(record_of(HEIGHT + drifted))
     assert 0.01 * found.lift_off == pytest.approx(2.0, abs=0.011)
@@ -161,8 +161,8 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
     )
 
 
-def test_a_landing_does_not_count(take_off):
-    """After the landing, the setpoint jumps, as in logs of a Crazyflie, and the rotors are off."""
+def test_samples_after_a_landing_are_not_compared(take_off):
+    """The rotors are off after the landing, and the setpoint jumps, as in logs of a Crazyflie."""
     scenario, record = take_off
     after = 200
     end = record.time[-1] + record.period * np.arange(1, after + 1)

@@ -10,7 +10,7 @@ from drake_quad.identification.logs.record import FlightRecord
 RNG = np.random.default_rng(8)
 TIME = np.arange(3000) * 0.01
 WEIGHT = 0.3
-FLYING = (TIME > 8.0) & (TIME < 25.0)
+IS_FLYING = (TIME > 8.0) & (TIME < 25.0)
 
 
 @pytest.fixture(scope="module")
@@ -18,11 +18,11 @@ def record():
     def drawn(size):
         return RNG.normal(scale=size, size=(3000, 3))
 
-    moving = np.where(FLYING & (TIME > 15.0), np.sin(TIME - 15.0), 0.0)[:, None]
+    moving = np.where(IS_FLYING & (TIME > 15.0), np.sin(TIME - 15.0), 0.0)[:, None]
     attitude = drawn(0.004) + np.array([0.02, -0.01, 0.5])
     attitude[:, 1] += 0.1 * moving[:, 0]
     command = np.roll(0.1 * moving, -12, axis=0) * [0.0, 1.0, 0.0]
-    noise = np.where(FLYING[:, None], drawn(0.002), drawn(0.001))
+    noise = np.where(IS_FLYING[:, None], drawn(0.002), drawn(0.001))
     return FlightRecord(
         "made",
         TIME,
@@ -31,12 +31,12 @@ def record():
         attitude=attitude,
         body_rates=drawn(0.01),
         attitude_command=command,
-        thrust_command=np.where(FLYING, 0.3, 0.0),
+        thrust_command=np.where(IS_FLYING, 0.3, 0.0),
         torque_command=np.tile([1e-5, -2e-5, 0.0], (3000, 1)) + drawn(1e-6),
     )
 
 
-def test_white_noise_is_found_at_rest_and_in_flight(record):
+def test_white_noise_is_estimated_at_rest_and_in_flight(record):
     noise = {each.signal: each for each in white_noise(record)}
     assert set(noise) == {"position", "attitude", "body_rates"}
     np.testing.assert_allclose(noise["position"].at_rest, 0.001, rtol=0.15)
@@ -45,12 +45,12 @@ def test_white_noise_is_found_at_rest_and_in_flight(record):
     assert noise["attitude"].unit == "rad"
 
 
-def test_a_log_that_begins_in_the_air_has_nothing_at_rest(record):
+def test_a_log_that_begins_in_the_air_gives_no_noise_at_rest(record):
     noise = white_noise(record.subset(slice(1000, 2300)))[0]
     assert np.isfinite(noise.in_flight).all()
 
 
-def test_trim_is_the_mean_of_hover(record):
+def test_trim_is_the_mean_over_samples_in_hover(record):
     found = hover_means(record, WEIGHT)
     assert found["mean roll"].value == pytest.approx(0.02, abs=4.0 * found["mean roll"].deviation)
     assert found["mean pitch"].value == pytest.approx(-0.01, abs=1e-3)
@@ -133,7 +133,7 @@ def test_trim_is_the_mean_over_samples_below_the_limits_of_speed_and_rates(signa
         assert hover_means(logged, WEIGHT)["mean roll"].value == pytest.approx(expected)
 
 
-def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
+def test_the_standard_deviation_of_trim_follows_from_half_second_blocks():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
@@ -146,7 +146,7 @@ def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
-    # Without a logged command, its trim is missing.
+    # The trim of a command that is not logged is missing.
     bare = hovering(thrust_command=None)
     assert {*hover_means(bare, WEIGHT)} == {"mean roll", "mean pitch"}
     # At least one second of hover is required.
@@ -158,14 +158,14 @@ def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
 @pytest.mark.parametrize("lag", [0, 7, 29])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
-    """Delays up to 0.3 s are found, of roll or pitch, in the longest piece of the log."""
+    """Delays of roll or pitch up to 0.3 s are found in the longest piece of the log."""
     random = np.random.default_rng(5)
     command = np.zeros((2000, 3))
     command[:, axis] = np.cumsum(random.normal(size=2000))
     attitude = np.zeros_like(command)
     attitude[lag:, axis] = command[: 2000 - lag, axis]
     time = 0.01 * np.arange(2000) + np.where(np.arange(2000) > 500, 1.0, 0.0)
-    # The shorter piece before the gap has another delay.
+    # The shorter piece before the gap has another delay, which is ignored.
     attitude[:500] = np.roll(command[:500], 3, axis=0)
     logged = FlightRecord("log", time, attitude=attitude, attitude_command=command)
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
@@ -173,7 +173,7 @@ def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
     assert delay_by_correlation(bare) is None
 
 
-def test_an_answer_after_0_3_s_is_no_delay():
+def test_a_response_after_0_3_s_is_not_taken_as_a_delay():
     command = np.random.default_rng(6).normal(size=(2000, 3)).cumsum(axis=0)
     attitude = np.zeros_like(command)
     attitude[10:] = 0.5 * command[:-10]
@@ -182,7 +182,7 @@ def test_an_answer_after_0_3_s_is_no_delay():
     assert delay_by_correlation(logged) == pytest.approx(0.1)
 
 
-def test_a_log_of_one_sample_a_second_has_no_delay_and_a_single_block_no_deviation():
+def test_a_log_with_one_sample_per_second_gives_no_delay_and_a_single_block_no_standard_deviation():
     command = np.random.default_rng(6).normal(size=(50, 3)).cumsum(axis=0)
     assert (
         delay_by_correlation(FlightRecord("slow", np.arange(50.0), attitude=command, attitude_command=command)) == 0.0
@@ -193,7 +193,7 @@ def test_a_log_of_one_sample_a_second_has_no_delay_and_a_single_block_no_deviati
 
 
 def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():
-    """With T = K u², a motor with 0.8 times the thrust factor needs 1 / sqrt(0.8) times the throttle."""
+    """A motor with 0.8 times the thrust factor K in T = K u² needs 1 / sqrt(0.8) times the throttle u."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
     found = hover_means(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)

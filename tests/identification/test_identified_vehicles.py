@@ -45,7 +45,10 @@ def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, flo
 
 @pytest.mark.slow
 def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> None:
-    """With the true parameters, delay and noise, in calm air, the errors have unit variance and no autocorrelation."""
+    """The errors have unit variance and no autocorrelation.
+
+    The flight is in calm air, and the predictor has the true parameters, delay and noise.
+    """
     record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
     sizes = WindowSizes(length=100, settle=50, warm_up=25)
     windows = split_into_windows([record], [record.time > 1.0], sizes)
@@ -81,7 +84,7 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
 
 @pytest.mark.slow
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
-    """At the voltage in flight, the thrust is smaller by at least 1.4 %."""
+    """The thrust at the voltage in flight is smaller by at least 1.4 %."""
     record, scenario, begun = flown("battery", diagrams, "duration=12")
     found = identify([record], begun, held_out_fraction=0.0).vehicle.vehicle.motors
     assert found.voltage == 12.6

@@ -1,4 +1,4 @@
-"""Outputs, candidate parameters and refusals of an identification."""
+"""Outputs, candidate parameters and error messages of an identification."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from drake_quad.identification.prediction_errors import FORCE, Output, Predictio
 from drake_quad.identification.result import ForecastOutput
 
 PERIOD = 0.02  # s, sampling period
-POSES = ("position", "attitude")
+POSE_SIGNALS = ("position", "attitude")
 
 
 def record(seconds, *names, **signals):
@@ -34,7 +34,7 @@ def rotors(root):
 
 @pytest.fixture(scope="module")
 def attitudes(root):
-    """Return a scenario with an autopilot whose attitude responds as a whole."""
+    """Return a scenario with an autopilot whose closed attitude loop is modelled as a whole."""
     return load_scenario(root / "diagrams" / "neural_fly.yaml:still")
 
 
@@ -54,29 +54,31 @@ def test_measurements_are_predicted_and_derived_signals_are_not(logged, predicte
 
 
 def test_only_signals_that_all_logs_have_are_predicted():
-    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False)
+    found = prepared_logs._outputs(
+        [record(1.0, *POSE_SIGNALS, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False
+    )
     assert {output.signal for output in found} == {"body_rates", FORCE}
     # The late attitude of an estimator is replaced by the gyroscope's body rates.
-    found = prepared_logs._outputs([record(1.0, *POSES, "body_rates")], True)
+    found = prepared_logs._outputs([record(1.0, *POSE_SIGNALS, "body_rates")], True)
     assert {output.signal for output in found} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
     with pytest.raises(InputError, match="to identify a vehicle, logs need body_rates with specific_force, attitude"):
         prepared_logs._outputs([record(1.0, "specific_force")], False)
 
 
-def test_a_log_of_throttles_gives_the_vehicle_throttle_motors(rotors):
-    throttles = record(5.0, *POSES, motor_command=np.full((250, 4), 0.5))
+def test_a_vehicle_identified_from_throttles_has_throttle_motors(rotors):
+    throttles = record(5.0, *POSE_SIGNALS, motor_command=np.full((250, 4), 0.5))
     logs, scenario = prepared_logs.prepare([throttles], rotors)
     assert logs.scenario.vehicle.motors.take_throttles
     assert scenario.vehicle.motors.take_throttles
     assert logs.has_motor_throttles
-    logs, scenario = prepared_logs.prepare([record(5.0, *POSES)], rotors)
+    logs, scenario = prepared_logs.prepare([record(5.0, *POSE_SIGNALS)], rotors)
     assert scenario is rotors
 
 
 def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median_in_flight(rotors):
     def voltage(scenario, **signals):
-        logs, _ = prepared_logs.prepare([record(6.0, *POSES, **signals)], scenario)
+        logs, _ = prepared_logs.prepare([record(6.0, *POSE_SIGNALS, **signals)], scenario)
         return logs.voltage
 
     throttles = {"motor_command": np.full((300, 4), 0.5), "battery_voltage": np.linspace(12.0, 11.0, 300)}
@@ -114,7 +116,7 @@ def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitud
     )
 
 
-def test_without_a_log_there_is_nothing_to_identify(rotors):
+def test_an_identification_without_logs_is_refused(rotors):
     with pytest.raises(InputError, match="no log is given; at least one is needed to identify a vehicle"):
         identify([], rotors)
 
@@ -123,15 +125,15 @@ def test_a_short_flight_is_refused(rotors):
     with pytest.raises(
         InputError, match=r"^the flight in the logs contains only 3 windows of .* in the air; at least 4"
     ):
-        identify([record(2.0, *POSES)], rotors, held_out_fraction=0.0)
+        identify([record(2.0, *POSE_SIGNALS)], rotors, held_out_fraction=0.0)
 
 
-def test_logs_of_different_rates_are_refused(rotors):
+def test_logs_with_different_sample_rates_are_refused(rotors):
     slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
-        name: np.zeros((400, 3)) for name in POSES
+        name: np.zeros((400, 3)) for name in POSE_SIGNALS
     })  # fmt: skip
     with pytest.raises(InputError, match="identify from logs with the same sample rate"):
-        identify([record(20.0, *POSES), slow], rotors)
+        identify([record(20.0, *POSE_SIGNALS), slow], rotors)
 
 
 @pytest.mark.slow
@@ -139,7 +141,7 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     """Nothing is divided by a variance of zero; a NumPy warning would fail the test."""
     vehicle = rotors.vehicle
     speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
-    still = record(6.0, *POSES, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
+    still = record(6.0, *POSE_SIGNALS, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
     found = identify([still], rotors)
     assert found.estimates.value("thrust_factor") == pytest.approx(vehicle.thrust_factor, rel=1e-3)
     assert "thrust_factor" in found.estimates.identified
@@ -255,7 +257,10 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
 
 
 def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors):
-    """The vehicle moves at 1 m/s in x and y, so a drag of 0.2 N s/m is 0.2 N; the wind pushes with 0.1 or 0.3 m/s²."""
+    """The drag coefficient is 0.2 N s/m. The vehicle moves at 1 m/s in x and y, so the drag force is 0.2 N.
+
+    The wind causes an acceleration of 0.1 or 0.3 m/s².
+    """
     time = 0.02 * np.arange(50)
     measured = np.zeros((50, 3, 1))
     measured[:, :2, 0] = time[:, None]
@@ -276,7 +281,7 @@ def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors)
 def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_not_identified_with_a_reason():
     commands = np.zeros((300, 3))
     commands[:, 0] = 0.2 * np.sin(np.arange(300))
-    log = record(6.0, *POSES, attitude_command=commands)
+    log = record(6.0, *POSE_SIGNALS, attitude_command=commands)
     logs = SimpleNamespace(
         outputs=[Output("attitude", column) for column in range(3)], records=[log], flying=[np.full(300, True)]
     )
@@ -325,12 +330,12 @@ def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
         values = np.zeros((300, 3))
         values[:, 1] = size * np.sin(np.arange(300))
         values[~flying] = 3.0 * np.arange(np.sum(~flying))[:, None]
-        return record(6.0, *POSES, attitude_command=values), flying
+        return record(6.0, *POSE_SIGNALS, attitude_command=values), flying
 
     whole, half = np.full(300, True), np.arange(300) < 150
     parameters = [Parameter("autopilot.natural_frequency[1]", 0.5, 0.5, 0.01, 5.0), Parameter("mass", 1.0, 1.0)]
     noise = PredictionNoise(np.array([1e-9, 1e-9, 1e-9, 1e-9, 4e-3, 1e-9]), np.ones(6), np.ones(6))
-    outputs = [Output(name, column) for name in POSES for column in range(3)]
+    outputs = [Output(name, column) for name in POSE_SIGNALS for column in range(3)]
     for sizes, flying, held in (
         ([1e-3, 1e-2], [whole, whole], False),
         ([1e-2, 1e-3], [whole, whole], False),
@@ -349,8 +354,10 @@ def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
 @pytest.mark.parametrize(
     ("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)]
 )
-def test_an_interval_must_be_narrower_than_the_usual_error_and_not_contain_zero(lower, deviation, identified):
-    """With 30 degrees of freedom, the half-width is 2.04 standard deviations."""
+def test_an_identified_parameter_has_an_interval_narrower_than_its_prior_that_excludes_zero(
+    lower, deviation, identified
+):
+    """The half-width is 2.04 standard deviations for 30 degrees of freedom."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
     found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
@@ -362,20 +369,22 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
         options = {"has_motor_throttles": has_motor_throttles, "delay": 0.01, "max_delay": 0.1}
         return {parameter.name for parameter in parameters_of(scenario, {*signals}, **options)}
 
-    assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(rotors, *POSES)
-    # Without positions, an accelerometer determines only the product of drag and velocity.
+    assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(
+        rotors, *POSE_SIGNALS
+    )
+    # An accelerometer determines only the product of drag and velocity if no position is measured.
     assert "linear_drag" not in names(rotors, "body_rates", FORCE)
     # Heights determine no rotation.
     assert names(rotors, "position") >= {"thrust_factor", "rotor_time_constant"}
     assert "inertia[0]" not in names(rotors, "position")
-    behind = names(attitudes, *POSES)
+    behind = names(attitudes, *POSE_SIGNALS)
     assert {"autopilot.damping[0]", "motors.curve[0]", "motors.curve[1]"} <= behind
     assert not behind & {"inertia[0]", "motors.curve[2]"}
 
 
 def test_positive_parameters_have_limits_around_their_value(rotors):
     options = {"has_motor_throttles": False, "delay": 0.01, "max_delay": 0.1}
-    for parameter in parameters_of(rotors, {*POSES}, **options):
+    for parameter in parameters_of(rotors, {*POSE_SIGNALS}, **options):
         assert parameter.lower <= parameter.start <= parameter.upper
         if parameter.name.startswith(("inertia", "thrust_factor", "rotor_time_constant")):
             assert parameter.lower > 0.0

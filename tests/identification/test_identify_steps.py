@@ -20,8 +20,8 @@ from drake_quad.identification.results.estimates import Explained, quantile
 
 PERIOD = 0.01  # s, sampling period
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
-NOISES = [f"laboratory.motion_capture.{signal}_noise" for signal in ("position", "attitude")]
-NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
+NOISE_NAMES = [f"laboratory.motion_capture.{signal}_noise" for signal in ("position", "attitude")]
+EMPTY_GAINS = Gains(*(np.empty(0) for _ in Gains._fields))
 
 
 def log_of(seconds, *, period=PERIOD, **signals):
@@ -63,7 +63,7 @@ def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, nois
     return PredictionFit(
         np.array([parameter.start for parameter in parameters]),
         noise_of(predictor.outputs) if noise is None else noise,
-        NOTHING,
+        EMPTY_GAINS,
         jacobian,
         random.normal(size=(len(predictor.windows), size)),
         scales**-2.0,
@@ -77,7 +77,7 @@ def forecast_of(explained, outputs=POSE):
 
 
 class Recorded:
-    """Record of the calls of a search, which returns the prior means, and of a forecast."""
+    """Stub of search and forecast that records its calls. The search returns the prior means."""
 
     def __init__(self, monkeypatch, *, noise=None):
         self.fits, self.forecasts, self.noise = [], [], noise
@@ -126,7 +126,7 @@ def test_the_forecast_is_evaluated_on_flight_that_was_not_fitted(monkeypatch, ro
     assert len(found.outputs) == 6
 
 
-def test_without_held_out_flight_there_is_one_fit(monkeypatch, rotors):
+def test_the_parameters_are_fitted_once_if_no_flight_is_held_out(monkeypatch, rotors):
     log, calls = log_of(24.0), Recorded(monkeypatch)
     found = module.identify([log], rotors, held_out_fraction=0.0)
     (only,) = calls.fits
@@ -207,7 +207,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
     found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
     names, estimates = names_of(parameters), found.estimates
     own = [i for i, name in enumerate(names) if name != DELAY]
-    assert estimates.names == (*(names[i] for i in own), *NOISES)
+    assert estimates.names == (*(names[i] for i in own), *NOISE_NAMES)
     np.testing.assert_array_equal(estimates.values[: len(own)], fitted.values[own])
     np.testing.assert_array_equal(estimates.values[len(own) :], [1e-3, 4e-3])
     expected = fitted.uncertainty(window_blocks(predictor))
@@ -239,7 +239,10 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(mon
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
 def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, weak):
-    """The parameter stays among the estimates. For a delay, a remark is made, and the link is unchanged."""
+    """The parameter stays among the estimates.
+
+    An unidentified delay causes a remark, and leaves the command link unchanged.
+    """
 
     def without(fitted, names):
         jacobian = fitted.jacobian.copy()
@@ -275,10 +278,10 @@ def test_logs_that_determine_nothing_but_a_delay_are_refused(monkeypatch, rotors
         with pytest.raises(InputError, match="^cannot identify the vehicle: the logs determine none of its parameters"):
             result_of(rotors, monkeypatch, change=only(kept))
     found, *_ = result_of(rotors, monkeypatch, change=only(("thrust_factor",)))
-    assert set(found.estimates.identified) == {"thrust_factor", *NOISES}
+    assert set(found.estimates.identified) == {"thrust_factor", *NOISE_NAMES}
 
 
-def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
+def test_all_reasons_why_parameters_are_not_identified_are_reported(monkeypatch, rotors):
     def quiet(fitted, names):
         measured = fitted.noise.measured.copy()
         measured[:3] = 1.5e-5
@@ -287,10 +290,10 @@ def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
     found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
     reasons = found.estimates.not_identified
     assert reasons["linear_drag"] == "wind"
-    assert reasons[NOISES[0]] == "it is below 2e-05 m or rad"
+    assert reasons[NOISE_NAMES[0]] == "it is below 2e-05 m or rad"
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
-    assert NOISES[0] not in found.estimates.names
-    assert found.estimates.value(NOISES[1]) == 4e-3
+    assert NOISE_NAMES[0] not in found.estimates.names
+    assert found.estimates.value(NOISE_NAMES[1]) == 4e-3
     assert found.estimates.explained["thrust_factor"].fraction == 0.7
     assert len(found.outputs) == 6
 
@@ -301,7 +304,7 @@ def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch
     assert found.estimates.not_identified["inertia[0]"] == "commands are missing"
 
 
-def test_the_explained_fraction_of_a_parameter_is_that_of_the_most_sensitive_output():
+def test_the_explained_fraction_of_a_parameter_comes_from_the_most_sensitive_output():
     """The most sensitive output has the largest sum of squared derivatives over all windows."""
     outputs = [Output("position", 0), Output("position", 2), Output("attitude", 1)]
     parameters = [Parameter(name, 1.0, 1.0) for name in ("mass", DELAY, "inertia[1]", "linear_drag")]
@@ -319,7 +322,7 @@ def test_the_explained_fraction_of_a_parameter_is_that_of_the_most_sensitive_out
     assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}
 
 
-def test_remarks_name_what_a_log_does_not_distinguish():
+def test_remarks_name_effects_that_a_log_cannot_distinguish():
     predictor = SimpleNamespace(windows=range(8), duration=10.0)
     names = ["rotor_time_constant", "rotor_time_constant_down", "rotor_aerodynamics.climb"]
     fitted = SimpleNamespace(values=np.array([0.04, 0.06, 0.1]))
@@ -352,7 +355,7 @@ def test_undetermined_parameters_have_a_reason():
     assert set(module.undetermined_parameters(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
-def test_a_physically_impossible_inertia_is_remarked(monkeypatch, rotors):
+def test_a_physically_impossible_inertia_causes_a_remark(monkeypatch, rotors):
     impossible = rotors.vehicle.model_copy(update={"inertia": (1.0, 1.0, 3.0)})
     found = module.Identification(None, rotors.model_copy(update={"vehicle": impossible}), (), remarks=("first",))
     monkeypatch.setattr(module, "_identified", lambda *_: found)

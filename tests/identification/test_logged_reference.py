@@ -67,7 +67,7 @@ def test_rounded_and_held_values_hardly_change_the_path(velocity):
     assert distance(found, PATH, 1.0) > 5e-3
 
 
-def test_before_the_log_the_route_rests_at_the_first_position():
+def test_the_route_rests_at_the_first_position_before_the_log():
     knots = logged_reference(logged(PATH), rest=3.0).route.knots
     for knot in (knots[0], knots[1], knots[2]):
         np.testing.assert_allclose(knot.position, POINTS[0], atol=1e-4)
@@ -115,7 +115,7 @@ def test_a_gap_at_the_beginning_is_filled_from_rest(velocity):
     np.testing.assert_allclose([first.velocity, first.acceleration, first.jerk], 0.0, atol=1e-3)
 
 
-def test_yaw_is_the_logged_one_without_jumps_of_full_turns():
+def test_the_yaw_of_the_route_is_the_unwrapped_logged_yaw():
     time = np.arange(0.0, 4.0, 0.004)
     yaw = 3.0 + 0.8 * np.sin(time)
     record = logged(PATH, end=4.0 - 1e-9, reference_yaw=(yaw + np.pi) % (2.0 * np.pi) - np.pi)
@@ -126,7 +126,7 @@ def test_yaw_is_the_logged_one_without_jumps_of_full_turns():
 
 
 @pytest.mark.parametrize("attitude", [None, 0.3])
-def test_without_a_reference_yaw_the_measured_yaw_is_used(attitude):
+def test_the_measured_yaw_is_used_if_no_reference_yaw_is_logged(attitude):
     record = logged(PATH)
     if attitude is not None:
         angles = np.tile([0.0, 0.0, attitude], (len(record.time), 1))
@@ -189,7 +189,7 @@ def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
     found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The number of knots is the smallest whose spacing is at most the given one.
+    # The path has the smallest number of knots with a spacing of at most the given one.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
@@ -282,8 +282,8 @@ def test_the_yaw_has_the_knots_of_the_whole_route():
         assert moving[-1].time == pytest.approx(record.time[-1] + rest)
 
 
-def test_a_yaw_of_cubic_pieces_is_found_again_with_its_rates():
-    """Its acceleration jumps where two pieces meet, which are half a second long."""
+def test_a_yaw_of_cubic_pieces_is_recovered_with_its_rates():
+    """Each piece lasts half a second. The yaw acceleration jumps where two pieces meet."""
     random = np.random.default_rng(6)
     times = np.linspace(0.0, 4.0, 9)
     rows = random.uniform(-1.0, 1.0, (9, 2, 1))
@@ -305,7 +305,7 @@ def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
 def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch, rest):
-    """With a logged velocity, both velocities must be zero as well."""
+    """If velocities are logged, the velocities of both samples must be zero as well."""
     asked = []
     fitted = reference._fitted_path
 
@@ -346,7 +346,7 @@ def slowly_logged(record, period, *, offset=0.0):
 
 @pytest.mark.parametrize("velocity", [True, False])
 @pytest.mark.parametrize("period", [0.1, 0.2])
-def test_a_reference_that_is_logged_slowly_is_found_again_without_a_delay(period, velocity):
+def test_a_slowly_logged_reference_is_recovered_without_a_delay(period, velocity):
     """The reference rests for a second before it moves."""
     path = minimum_snap(POINTS, np.array([0.0, 2.0, 4.0, 6.0]))
     record = logged(path, velocity=velocity)
@@ -365,7 +365,7 @@ def test_a_reference_that_is_logged_slowly_is_found_again_without_a_delay(period
     assert np.abs(error).max() < 5e-3
 
 
-def test_velocities_that_contradict_the_positions_are_not_used_and_the_text_says_so():
+def test_velocities_that_contradict_the_positions_are_ignored_and_reported():
     """PX4 logs velocities that are not the derivatives of its positions while the vehicle lags behind."""
     record = logged(PATH)
     lagging = replace(record, reference_velocity=record.reference_velocity + np.array([0.0, 0.0, 0.3]))
@@ -377,7 +377,7 @@ def test_velocities_that_contradict_the_positions_are_not_used_and_the_text_says
     assert logged_reference(record, rest=1.0).velocity_deviation is None
 
 
-def test_each_of_several_equal_samples_of_a_slow_reference_counts():
+def test_equal_samples_of_a_slow_reference_all_count():
     """The reference logs three equal values at rest, and then moves."""
     time = 0.02 * np.arange(50)
     place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
@@ -406,7 +406,7 @@ def test_a_slow_reference_that_jumps_is_not_a_smooth_path(velocity):
 
 
 def test_a_smooth_reference_begins_at_the_lift_off():
-    """On the ground, PX4 commands a descending reference, which jumps to the position of the vehicle at take-off."""
+    """PX4 commands a descending reference on the ground, which jumps to the position of the vehicle at take-off."""
     record = logged(PATH)
     record = replace(record, position=record.reference_position)
     place, speed = record.reference_position.copy(), record.reference_velocity.copy()
@@ -421,8 +421,8 @@ def test_a_smooth_reference_begins_at_the_lift_off():
 
 
 @pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
-def test_a_step_at_the_take_off_makes_setpoints_of_a_reference_that_is_smooth_after_it(away, kind):
-    """With a smooth path from the reference at lift-off, the vehicle would not have to climb to its reference."""
+def test_a_smooth_reference_with_a_step_at_take_off_becomes_setpoints(away, kind):
+    """A smooth path from the reference at lift-off would leave out the climb to this reference."""
     flown = logged(PATH, velocity=False).reference_position
     place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
     standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))

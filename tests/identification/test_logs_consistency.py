@@ -45,7 +45,7 @@ def flight(noise=1.0):
     force = -sizes * frequencies**2 * np.sin(phase) + [0.0, 0.0, GRAVITY]
     thrust = force + 0.3 * velocity
     yaw = 0.8 * np.sin(0.7 * TIME)
-    # For Z-Y-X angles, the thrust along the heading's axes gives the tangents of pitch and roll.
+    # The thrust along the axes of the heading gives the tangents of pitch and roll, for Z-Y-X angles.
     along = thrust[:, 0] * np.cos(yaw) + thrust[:, 1] * np.sin(yaw)
     across = thrust[:, 1] * np.cos(yaw) - thrust[:, 0] * np.sin(yaw)
     pitch = np.arctan2(along, thrust[:, 2])
@@ -85,7 +85,7 @@ def found(changes=None, time=TIME):
 def test_a_physically_correct_flight_has_no_contradiction():
     assert found() == []
     assert list(inconsistencies(flight(noise=0.0), TIME)) == []
-    # The same holds with a gap, and for a shorter log.
+    # A log with a gap, and a shorter log, have no contradiction either.
     kept = (TIME < 8.0) | (TIME > 9.5)
     assert list(inconsistencies({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
     for count in (2, 30, 120):
@@ -103,7 +103,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     np.testing.assert_array_equal(grid.with_stride(7).starts(20), starts[::7])
 
 
-def test_windows_with_a_stride_are_compared_as_without_it():
+def test_a_stride_selects_every_nth_window_and_does_not_change_it():
     grid = _on_grid({**flight(), "reference_velocity": flight()["velocity"]}, TIME)
     for pair, strided in zip(_pairs(grid), _pairs(grid.with_stride(3)), strict=True):
         np.testing.assert_array_equal(strided.expected, pair.expected[::3])
@@ -111,7 +111,7 @@ def test_windows_with_a_stride_are_compared_as_without_it():
 
 
 @pytest.mark.parametrize("without", [None, "velocity"])
-def test_a_repaired_log_is_compared_as_a_log_without_the_fault(without):
+def test_a_log_with_a_repaired_fault_is_compared_like_a_correct_log(without):
     """Quantities that do not depend on the repaired signals are not computed again."""
     signals, time = {name: values[:200] for name, values in flight().items() if name != without}, TIME[:200]
     grid = _on_grid(signals, time)
@@ -144,7 +144,7 @@ def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(peri
 
 
 @pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
-def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds):
+def test_the_grid_averages_the_middle_of_a_log_over_its_steps(period, seconds):
     """The grid has at most 6000 steps of at least 10 ms. The mean of a ramp over a step is its value in the middle."""
     time = period * np.arange(round(seconds / period) + 1.0)
     grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
@@ -162,7 +162,7 @@ def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds)
     assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
 
 
-def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_ones_two():
+def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_signals_two():
     random = np.random.default_rng(3)
     one, other = random.normal(size=(2, 5000, 1))
     for measured, expected in ((one, 0.0), (other, 1.0), (-one, 2.0), (3.0 * one, 4.0 / 10.0)):
@@ -188,7 +188,7 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
     alone = _on_grid({"position": clean["position"]}, TIME)
     np.testing.assert_allclose(alone.velocity[1:-1], both.velocity[1:-1], atol=1e-3)
     assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
-    # A wrong sign of the specific force is found as well. A vehicle at rest has no acceleration to show it.
+    # A wrong sign of the specific force is found as well, although a vehicle at rest does not accelerate.
     signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
     assert list(inconsistencies(signals, TIME)) == []
     (remark,) = inconsistencies(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
@@ -279,7 +279,7 @@ def test_each_wrong_frame_is_named():
 
 
 def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
-    """At a tilt of 0.1 rad, the axes of the body and of the world show almost the same horizontal velocity."""
+    """The horizontal velocity along body axes is almost that along world axes at a tilt of 0.1 rad."""
     tilt = 0.1 * np.sin(2.0 * np.outer(TIME, [1.0, 0.8]))
     velocity = np.zeros((len(TIME), 3))
     velocity[:, :2] = scipy.integrate.cumulative_simpson(GRAVITY * np.tan(tilt), x=TIME, axis=0, initial=0.0)
@@ -308,7 +308,10 @@ def test_a_time_shift_is_measured(name, other, shift):
 
 @pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
 def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitude, seen):
-    """The mean force, the weight, is included when amplitudes are compared, but not when time shifts are."""
+    """The comparison of amplitudes includes the mean force, which is the weight.
+
+    The comparison of time shifts does not.
+    """
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
@@ -351,7 +354,7 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
 def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
-    """In correct logs, filters and radio links cause smaller shifts."""
+    """Filters and radio links cause smaller shifts in correct logs."""
     time = PERIOD * np.arange(-100.0, 1600.0)
     signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
     pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
@@ -363,14 +366,14 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     else:
         assert remarks == []
     assert list(_shift(pair, PERIOD, np.array([False]))) == []
-    # Without the largest shifts at both ends, each of eight parts has 25 windows.
+    # Each of eight parts has 25 windows after the windows within the largest shift of both ends are removed.
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
 
 
 def test_the_shift_of_a_slow_log_is_found_between_its_samples():
-    """At four samples a second, the largest shift is one sample; at one sample a second, there is none."""
+    """The largest shift is one sample at four samples per second. No shift can be found at one sample per second."""
     time = 0.25 * np.arange(400.0)
 
     def signal(at):
@@ -401,12 +404,12 @@ def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_erro
 
 
 def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
-    """With a vertical acceleration c, the horizontal one is (g + c) tan(tilt); the vehicle yaws by 90°."""
+    """The horizontal acceleration is (g + c) tan(tilt), for the vertical acceleration c. The vehicle yaws by 90°."""
     phases = np.outer(TIME, [1.1, 1.7, 0.9])
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
     acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
     thrust = acceleration + np.array([0.0, 0.0, GRAVITY])
-    # At a yaw of 90°, the body's x axis is along W's y, so pitch accelerates along y, and roll along x.
+    # The body's x axis is along the world's y axis at a yaw of 90°, so pitch accelerates along y, and roll along x.
     pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
@@ -436,7 +439,7 @@ def test_the_magnitude_of_a_force_is_compared_outside_of_gaps():
 
 @pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
 def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement(correlation, named):
-    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 more than what remains."""
+    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 plus the remaining disagreement."""
     rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
     velocity = np.sin(np.outer(TIME, rates))
     position = -np.cos(np.outer(TIME, rates)) / rates
@@ -463,7 +466,10 @@ def sized(values, size):
 def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
     name, threshold, other, multiple, contradicts
 ):
-    """Windows of 0.2 s hardly change such slow motions. A force is compared with a tilt along the horizontal axes."""
+    """The motions are slow, so averaging over 0.2 s hardly changes them.
+
+    A force is compared with a tilt along the horizontal axes.
+    """
     moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
     if name == "velocity":
@@ -520,15 +526,15 @@ def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_t
         ("attitude", ["attitude_command"]),
     ],
 )
-def test_a_shift_is_not_reported_if_delays_are_usual_between_two_signals(name, others):
+def test_a_shift_between_signals_that_usually_differ_by_a_delay_is_not_reported(name, others):
     clean = flight(0.0)
     clean = clean | {"reference_velocity": np.gradient(clean["reference_position"], PERIOD, axis=0)}
     shifted = np.column_stack([np.interp(TIME - 0.05, TIME, column) for column in clean[name].T])
     assert list(inconsistencies({each: clean[each] for each in others} | {name: shifted}, TIME)) == []
 
 
-def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
-    """With exact signals, the two differ only because the attitude changes within a window."""
+def test_a_body_force_is_compared_at_the_attitude_in_the_middle_of_a_window():
+    """With exact signals, expected and measured force differ only because the attitude changes within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     (pair,) = _pairs(grid, only=_force_in_body)
     means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
@@ -537,7 +543,7 @@ def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
     assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)
 
 
-def test_a_thrust_does_not_pull_a_vehicle_that_falls_faster_than_freely():
+def test_the_thrust_of_a_vehicle_that_accelerates_down_faster_than_gravity_counts_as_zero():
     time = TIME[:, None]
     velocity = -np.cos(time) * [0.0, 0.0, 15.0]
     grid = _on_grid({"attitude": np.tile([0.0, 0.5, 0.0], (len(TIME), 1)), "velocity": velocity}, TIME)
@@ -549,7 +555,7 @@ def test_a_thrust_does_not_pull_a_vehicle_that_falls_faster_than_freely():
 
 @pytest.mark.parametrize(("delay", "found"), [(10, 10), (20, 20), (30, None)])
 def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, found):
-    """A log of 70 samples has 59 windows of a tenth of a second."""
+    """The log has 70 samples, and 59 windows of a tenth of a second."""
     random = np.random.default_rng(12)
     command = random.normal(size=(110, 3)).cumsum(axis=0)
     grid = _on_grid({"attitude_command": command[40:], "attitude": command[40 - delay : 110 - delay]}, TIME[:70])
@@ -561,7 +567,7 @@ def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, 
         assert len(pair.expected) == windows - found
 
 
-def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
+def test_signals_that_agree_along_one_axis_do_not_contradict_each_other():
     """A single axis may disagree for another reason, such as noise of the yaw."""
     clean = flight()
     for name, columns, contradicts in (
@@ -612,7 +618,7 @@ def test_two_faults_are_both_named():
     assert any("g were taken for m/s²" in each for each in remarks)
 
 
-def test_without_an_attitude_the_size_of_gravity_is_known():
+def test_unit_and_sign_of_a_specific_force_are_checked_without_an_attitude():
     force = {"specific_force": flight()["specific_force"]}
     assert list(inconsistencies(force, TIME)) == []
     (remark,) = inconsistencies({"specific_force": force["specific_force"] / GRAVITY}, TIME)
@@ -638,12 +644,12 @@ def test_the_shipped_flights_have_no_contradiction(path):
 
 
 @pytest.mark.parametrize("place", [0.7, 1.6, 2.0, 3.3, 4.4])
-def test_the_refined_minimum_point_of_a_parabola_is_between_its_samples(place):
+def test_the_minimum_of_a_parabola_is_found_between_its_samples(place):
     assert _refined_minimum(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
-def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
+def test_a_smallest_value_at_an_end_is_not_a_minimum(errors):
     assert _refined_minimum(np.array(errors)) is None
 
 
@@ -651,7 +657,7 @@ def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
     ("parts", "fraction", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
 )
 def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, fraction, other):
-    """In the other parts, the other frame agrees slightly worse."""
+    """The other frame agrees slightly worse in the two remaining parts."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
     # The squared errors are multiplied by `fraction`.

@@ -8,19 +8,19 @@ from drake_quad.identification.logs import conversion
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping, SignalSource
 
-WIDTHS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "battery_voltage": 1}
+NUM_COLUMNS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "battery_voltage": 1}
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
-    """Return a signal with a separate clock, with values at some of its ticks."""
+    """Return a signal on a separate clock, with values at some of the clock's samples."""
     clock = begin + period * np.arange(round((end - begin) / period) + 1)
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
-        values = np.repeat(clock[rows][:, None], WIDTHS.get(signal, 3), axis=1)
+        values = np.repeat(clock[rows][:, None], NUM_COLUMNS.get(signal, 3), axis=1)
     return conversion._Channel(signal, clock, rows, values, SignalSource(columns=("a", "b"), unit="mm"))
 
 
-def test_commands_hold_and_measurements_do_not():
+def test_commands_are_held_between_samples_and_measurements_are_not():
     for name in ("motor_command", "thrust_fraction", "battery_voltage", "torque_command", "reference_position"):
         assert conversion.is_held(name)
     for name in ("position", "attitude", "body_rates", "specific_force", "wind", "hover_thrust_fraction"):
@@ -28,7 +28,7 @@ def test_commands_hold_and_measurements_do_not():
 
 
 @pytest.mark.parametrize(("lasts", "taken"), [(4.9, False), (5.1, True)])
-def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_time(lasts, taken):
+def test_the_record_has_the_fastest_measurement_clock_that_lasts_half_of_the_longest_duration(lasts, taken):
     slow, fast = channel("position", 0.0, 10.0, 0.01), channel("body_rates", 2.0, 2.0 + lasts, 0.002)
     commands = channel("motor_command", 0.0, 10.0, 0.001)
     for channels in ([slow, fast, commands], [commands, fast, slow]):
@@ -64,7 +64,7 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
         assert bool(conversion._sufficiently_logged([full], clock)[0]) == (fraction > 0.5)
 
 
-def test_a_record_has_the_ticks_at_which_all_signals_are_present():
+def test_a_record_has_the_samples_at_which_all_signals_are_known():
     clock = 0.1 * np.arange(101)
     late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
     inside, remarks = conversion._common_samples([late, early], clock)
@@ -90,7 +90,7 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
     held = conversion._resampled(channel("thrust_fraction", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
-    # Before its first sample, a command has the value of that sample.
+    # A command has the value of its first sample at all earlier times.
     before = conversion._resampled(channel("thrust_fraction", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
@@ -116,7 +116,7 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
     ("unit", "scale", "least", "most"),
     [("1", 1.0, -0.5, 1.5), ("uint16", 65535.0, -1e-3, 1.001), ("%", 100.0, -0.5, 1.5)],
 )
-def test_rows_with_impossible_commands_are_damaged(unit, scale, least, most):
+def test_rows_with_impossible_commands_are_left_out_as_damaged(unit, scale, least, most):
     source = {"columns": ["a", "b", "c", "d"], "unit": unit}
     mapping = Mapping(signals={"motor_command": source})
     width = most - least
@@ -158,7 +158,7 @@ def test_unread_columns_are_reported_by_group():
     assert list(conversion._unread_remarks(used, used)) == []
 
 
-def test_the_missing_columns_of_a_signal_are_those_of_its_first_partly_present_source():
+def test_missing_columns_are_reported_for_the_first_source_that_is_partly_present():
     sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
     mapping = Mapping(signals={"position": sources})
 
@@ -172,7 +172,7 @@ def test_the_missing_columns_of_a_signal_are_those_of_its_first_partly_present_s
     assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
-def test_columns_of_further_sources_of_a_signal_are_not_read():
+def test_alternative_sources_of_a_signal_are_not_read():
     """A signal is read from its first source with at least two samples."""
     mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
     columns = {name: np.zeros(20) for name in "abcdef"}
@@ -210,7 +210,7 @@ def test_a_column_in_two_tables_is_read_from_the_longer_one(reverse):
 
 
 def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
-    """Without an attitude, such vectors are left out. Vectors in the right frame are unchanged."""
+    """The vectors are left out if no attitude is logged. Vectors in the right frame are unchanged."""
     random = np.random.default_rng(2)
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])
@@ -266,8 +266,11 @@ def test_values_are_scaled_rotated_and_reordered():
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", [None, "NED"])
-def test_an_attitude_is_the_angles_of_its_quaternion(order, frame):
-    """The norm may be wrong by a factor of two. Zeros, with which logs begin, are not a quaternion."""
+def test_quaternions_are_converted_to_roll_pitch_and_yaw(order, frame):
+    """The norm of a quaternion may be wrong by a factor of two.
+
+    Zeros, with which many logs begin, are not a quaternion.
+    """
     random = np.random.default_rng(8)
     angles = random.uniform(-1.4, 1.4, size=(20, 3))
     quaternion = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]

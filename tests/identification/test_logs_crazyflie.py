@@ -1,4 +1,4 @@
-"""Logs of Crazyflies: written values are read in SI units and our frames, and real flights agree with physics."""
+"""Logs of Crazyflies: written values are read in SI units and record frames, and real flights agree with physics."""
 
 import lzma
 import math
@@ -10,7 +10,7 @@ from written_logs import DATA, crazyflie_log, quaternion_of
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 
-SHIPPED = sorted((DATA / "crazyflie").glob("*/*.xz"))
+SHIPPED_LOGS = sorted((DATA / "crazyflie").glob("*/*.xz"))
 ACC, GYRO, MOTORS = (
     [(f"{group}.{name}", letter) for name in names]
     for group, letter, names in (("acc", "f", "xyz"), ("gyro", "f", "xyz"), ("motor", "I", ("m1", "m2", "m3", "m4")))
@@ -31,7 +31,7 @@ def said(record, words):
     return any(words in remark for remark in record.remarks)
 
 
-def test_units_of_the_inertial_sensors_and_the_motors(written):
+def test_inertial_sensors_and_motors_are_converted_to_si_units(written):
     values = (0.5, -0.25, 1.0, 90.0, -45.0, 180.0, 0, 65535, 13107, 32768)
     data = crazyflie_log(
         [(0xFFFF, "fixedFrequency", ACC + GYRO + MOTORS)], [(0xFFFF, 5_000_000 + 1000 * i, values) for i in range(4)]
@@ -44,19 +44,19 @@ def test_units_of_the_inertial_sensors_and_the_motors(written):
     assert record.names == ("body_rates", "specific_force", "motor_command")
 
 
-def test_the_first_version_counts_milliseconds(written):
+def test_times_in_version_1_of_the_format_are_milliseconds(written):
     data = crazyflie_log([(0, "imu", ACC)], [(0, 100 + 10 * i, (0.0, 0.0, 1.0)) for i in range(5)], version=1)
     np.testing.assert_allclose(read_log(written(data)).time, [0.0, 0.01, 0.02, 0.03, 0.04], atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "begin"), [("imu", "imu: 1 sample"), ("fixedFrequency", "1 sample")])
-def test_a_clock_that_repeats_a_time_is_that_of_an_event_unless_there_is_one_for_all(written, name, begin):
+def test_a_repeated_time_is_reported_with_its_event_unless_all_events_share_a_clock(written, name, begin):
     times = [0, 10_000, 10_000, 20_000, 30_000]
     data = crazyflie_log([(0, name, ACC)], [(0, time, (0.0, 0.0, 1.0)) for time in times])
     assert any(remark.startswith(f"{begin} left out") for remark in read_log(written(data)).remarks)
 
 
-def test_the_pitch_of_the_older_frame_changes_its_sign_and_that_of_the_quaternion_does_not(written):
+def test_a_logged_pitch_angle_changes_its_sign_and_a_logged_quaternion_does_not(written):
     roll, pitch, yaw = 0.3, -0.2, 1.1
     old = [(f"stateEstimate.{name}", "f") for name in ("roll", "pitch", "yaw")]
     new = [(f"stateEstimate.q{name}", "d") for name in "wxyz"]
@@ -67,7 +67,7 @@ def test_the_pitch_of_the_older_frame_changes_its_sign_and_that_of_the_quaternio
 
 
 def packed(quaternion):
-    """Return a quaternion (w, x, y, z) packed like the firmware: two bits, then three times a sign and nine bits."""
+    """Return a quaternion (w, x, y, z) as the firmware packs it: two bits, then three times a sign and nine bits."""
     parts = [quaternion[1], quaternion[2], quaternion[3], quaternion[0]]
     largest = max(range(4), key=lambda i: abs(parts[i]))
     result = largest
@@ -103,7 +103,7 @@ def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     records += [(9, 7000 * i + 500, (7e-3 * i + 5e-4, 1.0, 2.0)) for i in range(-1, 16) if i >= 0]
     records += [(5, 20_000 * i, (6553 * i, 0, 0, 0)) for i in range(6)]
     record = read_log(written(crazyflie_log(kinds, sorted(records, key=lambda each: each[1]))))
-    start = 1e-3  # first tick with a known position
+    start = 1e-3  # s, first sample with a known position
     np.testing.assert_allclose(record.time, 1e-3 * np.arange(100), atol=1e-9)
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)
@@ -120,7 +120,7 @@ def test_logged_columns_that_no_signal_reads_are_reported(written):
     assert said(read_log(written(data)), "not read: baro, foo.bar")
 
 
-def test_a_user_defined_mapping(written, tmp_path):
+def test_a_user_defined_mapping_is_applied(written, tmp_path):
     data = crazyflie_log([(0, "e", [("my.v", "h"), ("my.w", "h")])], [(0, 1000 * i, (-i, 4000)) for i in range(3)])
     mapping = tmp_path / "mine.yaml"
     mapping.write_text("signals: {velocity: {columns: [my.v, 0.5, my.w], unit: mm/s, frame: NED}}")
@@ -128,21 +128,21 @@ def test_a_user_defined_mapping(written, tmp_path):
     np.testing.assert_allclose(record.velocity, [[0.0, -0.5e-3, -4.0], [-1e-3, -0.5e-3, -4.0], [-2e-3, -0.5e-3, -4.0]])
 
 
-GOOD = crazyflie_log([(0, "imu", GYRO)], [(0, 1000 * i, (i, 2.0, 3.0)) for i in range(50)])
-HEAD = len(GOOD) - 4 - 50 * 22
+VALID_LOG = crazyflie_log([(0, "imu", GYRO)], [(0, 1000 * i, (i, 2.0, 3.0)) for i in range(50)])
+HEADER_SIZE = len(VALID_LOG) - 4 - 50 * 22
 
 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (GOOD[:1] + b"\3\0" + GOOD[3:], "version 3; versions 1 and 2 can be read"),
-        (GOOD[:3], "is truncated: the header"),
-        (GOOD[: HEAD - 4], "is truncated: the header"),
-        (GOOD[:HEAD], "contains no complete record of imu"),
-        (GOOD[: HEAD + 21], "contains no complete record of imu"),
-        (GOOD[:HEAD] + b"\7\0" + GOOD[HEAD + 2 :], "7 is the id of no event type"),
-        (GOOD.replace(b"(f)", b"(z)"), r"gyro.x' in its header has the unknown type 'z'"),
-        (GOOD.replace(b"gyro.x(f)", b"gyro.x[f)"), "unknown type"),
+        (VALID_LOG[:1] + b"\3\0" + VALID_LOG[3:], "version 3; versions 1 and 2 can be read"),
+        (VALID_LOG[:3], "is truncated: the header"),
+        (VALID_LOG[: HEADER_SIZE - 4], "is truncated: the header"),
+        (VALID_LOG[:HEADER_SIZE], "contains no complete record of imu"),
+        (VALID_LOG[: HEADER_SIZE + 21], "contains no complete record of imu"),
+        (VALID_LOG[:HEADER_SIZE] + b"\7\0" + VALID_LOG[HEADER_SIZE + 2 :], "no event type has the id 7"),
+        (VALID_LOG.replace(b"(f)", b"(z)"), r"gyro.x' in its header has the unknown type 'z'"),
+        (VALID_LOG.replace(b"gyro.x(f)", b"gyro.x[f)"), "unknown type"),
         (crazyflie_log([], []), "without event types"),
         (crazyflie_log([(1, "a", GYRO), (1, "b", ACC)], []), "two event types in its header have the id 1"),
         (b"\xbc\2\0\1\0\0\0name" + b"x" * 500, "a name in its header has no end"),
@@ -158,23 +158,23 @@ def test_an_invalid_log_is_refused_with_one_sentence(written, data, words):
     assert str(caught.value).count("\n") == 0
 
 
-def test_the_whole_records_of_a_cut_log_are_read_and_the_loss_is_reported(written):
-    record = read_log(written(GOOD[: HEAD + 10 * 22 + 13]))
+def test_the_complete_records_of_a_truncated_log_are_read_and_the_loss_is_reported(written):
+    record = read_log(written(VALID_LOG[: HEADER_SIZE + 10 * 22 + 13]))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(10.0), atol=1e-9)
     assert said(record, "the checksum is wrong")
     assert said(record, "the last 13 bytes are not read: no complete record")
-    assert not said(read_log(written(GOOD)), "checksum")
+    assert not said(read_log(written(VALID_LOG)), "checksum")
 
 
-def test_after_a_record_of_an_unknown_event_nothing_is_read(written):
-    place = HEAD + 30 * 22
-    record = read_log(written(GOOD[:place] + b"\5\0" + GOOD[place + 2 :]))
+def test_reading_stops_at_a_record_of_an_unknown_event(written):
+    place = HEADER_SIZE + 30 * 22
+    record = read_log(written(VALID_LOG[:place] + b"\5\0" + VALID_LOG[place + 2 :]))
     assert len(record.time) == 30
-    assert said(record, "the last 444 bytes are not read: 5 is the id of no event type")
+    assert said(record, "the last 444 bytes are not read: no event type has the id 5")
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_shipped_logs_are_read_whole(path):
+@pytest.mark.parametrize("path", SHIPPED_LOGS, ids=lambda path: path.stem)
+def test_shipped_logs_are_read_completely(path):
     record = read_log(path)
     assert not said(record, "checksum")
     assert not said(record, "left out: the")
@@ -216,7 +216,7 @@ def test_the_specific_force_of_a_crazyflie_at_rest_is_its_weight():
     assert record.motor_command[at_rest].max() == 0.0
 
 
-def test_torques_of_the_motors_have_the_signs_of_our_layout():
+def test_motor_torques_have_the_signs_of_the_x_layout():
     """Rotors 1 and 2 (right) roll to the left, 2 and 3 (rear) pitch the nose down, and 2 and 4 yaw to the left."""
     record = read_log(DATA / "crazyflie/arpl/log15.xz")
     lag = 40

@@ -88,7 +88,7 @@ def test_garbage_after_a_whole_log_is_left_out(read, name):
 @pytest.mark.parametrize("fill", [b"", *FILL_BYTES])
 @pytest.mark.parametrize("name", LOGS)
 def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
-    """The record is a prefix of the whole log, and at most one whole record is lost to the cut."""
+    """The samples are the first ones of the complete log, and the cut loses at most one complete record."""
     data, first, longest = LOGS[name]
     whole = read(data)
     # Cuts every 53 bytes occur in all parts of a record.
@@ -147,7 +147,7 @@ def test_damage_is_reported_once(read):
 
 
 def test_a_whole_message_of_an_unknown_topic_is_reported(read):
-    """PyULog cannot assign such a message to a topic."""
+    """PyULog cannot assign a message of an unknown topic."""
     whole, damaged = read(ULOG), read(ULOG + message(b"D", struct.pack("<HQ", 77, 2_000_000)))
     np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
     told = "the log is damaged; only the complete messages that pyulog finds are read"
@@ -177,7 +177,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
 @pytest.mark.parametrize(
     "data", [b"PK\x03\x04\x14\0" + bytes(30), b"\x89PNG\r\n\x1a\n" + bytes(30), bytes(30)], ids=["zip", "png", "zeros"]
 )
-def test_a_binary_file_of_another_kind_is_refused(read, data):
+def test_a_binary_file_in_an_unknown_format_is_refused(read, data):
     with pytest.raises(InputError, match="is not a log in a known format: ArduPilot's .*, PX4's ULog, or CSV"):
         read(data)
 

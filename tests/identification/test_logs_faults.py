@@ -1,4 +1,4 @@
-"""Faults of the signals of a log and their repairs."""
+"""Possible faults of logged signals, and their repairs."""
 
 import re
 
@@ -58,7 +58,7 @@ def test_a_wrong_sign_names_its_axes(known: dict[str, Fault]) -> None:
         (("specific_force",), "mm/s² were taken for m/s²", 1e3),
     ],
 )
-def test_another_unit_is_a_factor_on_all_axes(
+def test_a_wrong_unit_scales_all_axes(
     known: dict[str, Fault], names: tuple[str, ...], what: str, factor: float
 ) -> None:
     assert {name for name in AXES if f"{name} looks as if {what}" in known} == {*names}
@@ -78,8 +78,8 @@ def test_another_unit_is_a_factor_on_all_axes(
         ("x and y were swapped", ["y", "x", "z"]),
     ],
 )
-def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
-    """For x, y and z of the faulty signal, `axes` contains the component of the correct signal and its sign."""
+def test_a_wrong_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
+    """`axes` contains the component of the correct signal, with its sign, for each axis of the faulty signal."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))
         wrong = np.column_stack([-columns[axis[1]] if axis[0] == "-" else columns[axis] for axis in axes])
@@ -118,7 +118,7 @@ def test_all_signals_may_be_rotated_by_half_a_turn(known: dict[str, Fault]) -> N
     for name, values in SIGNALS.items():
         np.testing.assert_array_equal(repaired[name], values)
     assert fault.num_axes == 2
-    # Without an attitude, neither a half turn of all signals nor a wrong frame is considered.
+    # Neither a half turn of all signals nor a wrong frame is considered if no attitude is logged.
     few = [*faults({"velocity": SIGNALS["velocity"], "position": SIGNALS["position"]})]
     assert {fault.signals for fault in few} == {("velocity",), ("position",)}
     assert not any(fault.is_frame for fault in few)

@@ -28,8 +28,8 @@ from drake_quad.identification.logs.mapping import load_mapping, shipped_mapping
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
 
-COUNT = 60
-TIMES = 20_000 * np.arange(COUNT)  # µs
+NUM_SAMPLES = 60
+TIMES = 20_000 * np.arange(NUM_SAMPLES)  # µs
 SECONDS = 1e-6 * TIMES
 
 
@@ -59,9 +59,9 @@ ARDUPILOT = dataflash_log(
         "ATT": (
             "ccccCC",
             ["DesRoll", "Roll", "DesPitch", "Pitch", "DesYaw", "Yaw"],
-            rows(100, np.arange(COUNT), 200, np.arange(COUNT), 300, 9000),
+            rows(100, np.arange(NUM_SAMPLES), 200, np.arange(NUM_SAMPLES), 300, 9000),
         ),
-        # First instance of a message, as of several IMUs.
+        # Messages of the first of several IMUs.
         "IMU": (
             "Bffffff",
             ["I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"],
@@ -78,15 +78,15 @@ ARDUPILOT = dataflash_log(
 )
 
 
-def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
+def test_an_ardupilot_log_is_converted_to_record_frames_and_rotor_order(read):
     """Half a turn about x converts NED to NWU.
 
     ArduPilot's rotors 1 to 4 are front right, back left, front left, back right.
     """
     record = read(ARDUPILOT)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
-    np.testing.assert_allclose(record.attitude[:, 0], np.radians(0.01 * np.arange(COUNT)), atol=1e-12)
-    np.testing.assert_allclose(record.attitude[:, 1], -np.radians(0.01 * np.arange(COUNT)), atol=1e-12)
+    np.testing.assert_allclose(record.attitude[:, 0], np.radians(0.01 * np.arange(NUM_SAMPLES)), atol=1e-12)
+    np.testing.assert_allclose(record.attitude[:, 1], -np.radians(0.01 * np.arange(NUM_SAMPLES)), atol=1e-12)
     np.testing.assert_allclose(record.attitude[:, 2], -0.5 * np.pi)
     np.testing.assert_allclose(record.attitude_command[0], np.radians([1.0, -2.0, -3.0]))
     np.testing.assert_allclose(record.body_rates[:, 2], -SECONDS, atol=1e-6)
@@ -103,7 +103,7 @@ def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
 def test_the_first_instance_of_a_sensor_is_read(read):
     instances = [row for time in TIMES.tolist() for row in ((time, 1, 7.0, 8.0, 9.0), (time + 9_000, 0, 0.1, 0.2, 0.3))]
     record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], instances)}))
-    np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
+    np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (NUM_SAMPLES, 1)), rtol=1e-6)
 
 
 def test_a_message_without_a_time_is_left_out(read):
@@ -131,7 +131,7 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
 
 
 def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
-    """In ArduPilot's parameter list, Quad is 1. A log without the parameter counts as a quadrotor's."""
+    """Quad is 1 in ArduPilot's parameter list. A log without the parameter counts as the log of a quadrotor."""
     classes = {
         2: "a hexarotor", 3: "an octorotor", 4: "an octorotor", 5: "a hexarotor with coaxial rotors", 6: "a helicopter",
         7: "a tricopter", 8: "a vehicle with one rotor", 9: "a vehicle with coaxial rotors",
@@ -161,8 +161,8 @@ def test_a_betaflight_log_is_converted_to_thrust_fractions_and_si_units(read):
     """Betaflight's rotors 1 to 4 are back right, front right, back left, front left."""
     record = read(BLACKBOX)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
-    np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(COUNT))
-    np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
+    np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(NUM_SAMPLES))
+    np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(NUM_SAMPLES))
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
     # Betaflight's columns `loopIteration` and `time` are not reported as unread.
@@ -172,14 +172,14 @@ def test_a_betaflight_log_is_converted_to_thrust_fractions_and_si_units(read):
 def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(short + BLACKBOX)
-    assert len(record.time) == COUNT
+    assert len(record.time) == NUM_SAMPLES
     assert said(record, "the log has 2 flights; only the longest is read, number 2")
 
 
-def test_the_longest_flight_may_be_the_first(read):
+def test_the_longest_flight_of_a_betaflight_log_may_be_the_first(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(BLACKBOX + short + short)
-    assert len(record.time) == COUNT
+    assert len(record.time) == NUM_SAMPLES
     assert said(record, "the log has 3 flights; only the longest is read, number 1")
 
 
@@ -192,14 +192,14 @@ def test_damaged_frames_of_a_betaflight_log_are_counted(read):
 OLD_CRAZYFLIE = old_crazyflie_log(
     [("stateEstimate.x", "f"), ("stateEstimate.y", "f"), ("stateEstimate.z", "f"), ("motor.m1", "H")]
     + [(f"motor.m{i}", "H") for i in (2, 3, 4)],
-    [(20 * i, 0.5 * i, 2.0, 3.0, 65535, 0, 13107, 26214) for i in range(COUNT)],
+    [(20 * i, 0.5 * i, 2.0, 3.0, 65535, 0, 13107, 26214) for i in range(NUM_SAMPLES)],
 )
 
 
-def test_an_old_crazyflie_log_has_the_names_of_the_new_one(read):
+def test_the_old_crazyflie_format_has_the_column_names_of_the_new_format(read):
     record = read(OLD_CRAZYFLIE)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
-    np.testing.assert_allclose(record.position[:, 0], 0.5 * np.arange(COUNT))
+    np.testing.assert_allclose(record.position[:, 0], 0.5 * np.arange(NUM_SAMPLES))
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 0.2, 0.4])
     assert said(record, "the mapping is crazyflie")
 
@@ -208,14 +208,14 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     damaged = bytearray(OLD_CRAZYFLIE)
     damaged[len(damaged) // 2] ^= 1
     record = read(bytes(damaged))
-    assert len(record.time) == COUNT - 7
+    assert len(record.time) == NUM_SAMPLES - 7
     assert said(record, "1 block of records is left out because of a wrong checksum")
     damaged[len(damaged) // 4] ^= 1
     fewer = read(bytes(damaged))
     assert said(fewer, "2 blocks of records are left out because of a wrong checksum")
-    assert COUNT > len(record.time) > len(fewer.time) > COUNT // 2
+    assert NUM_SAMPLES > len(record.time) > len(fewer.time) > NUM_SAMPLES // 2
     cut = read(OLD_CRAZYFLIE[:-1])
-    assert len(cut.time) == COUNT - COUNT % 7
+    assert len(cut.time) == NUM_SAMPLES - NUM_SAMPLES % 7
     assert said(cut, "bytes are not read: no complete block of records")
 
 
@@ -230,7 +230,7 @@ MAT_CONTENT = {
         "t": SECONDS,
         "p": np.column_stack([SECONDS, 2.0 + 0.0 * SECONDS, 3.0 + 0.0 * SECONDS]),
         # MATLAB users store a component as a row as often as a column.
-        "u": np.outer([10.0, 20.0, 30.0, 40.0], np.ones(COUNT)),
+        "u": np.outer([10.0, 20.0, 30.0, 40.0], np.ones(NUM_SAMPLES)),
         "vbat": 0.0 * SECONDS + 11.1,
     },
     "note": "flight 7",
@@ -244,7 +244,7 @@ signals:
 """
 
 
-def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
+def test_structs_and_matrices_of_a_mat_file_are_read(read, tmp_path):
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
     record = read(mat_file(MAT_CONTENT), tmp_path / "mine.yaml")
     np.testing.assert_allclose(record.time, SECONDS)
@@ -257,7 +257,7 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
 
 def test_a_matrix_of_times_is_refused(read, tmp_path):
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
-    content = {"log": {**MAT_CONTENT["log"], "t": np.ones((COUNT, 2))}}
+    content = {"log": {**MAT_CONTENT["log"], "t": np.ones((NUM_SAMPLES, 2))}}
     with pytest.raises(InputError, match=r"log\.t must be a vector of times"):
         read(mat_file(content), tmp_path / "mine.yaml")
 
@@ -265,13 +265,13 @@ def test_a_matrix_of_times_is_refused(read, tmp_path):
 def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
     """A remark names each variable once."""
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
-    content = {"log": {**MAT_CONTENT["log"], "gains": np.ones(5), "inertia": np.eye(3), "rpm": np.ones(COUNT)}}
+    content = {"log": {**MAT_CONTENT["log"], "gains": np.ones(5), "inertia": np.eye(3), "rpm": np.ones(NUM_SAMPLES)}}
     record = read(mat_file(content), tmp_path / "mine.yaml")
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
         assert remark == f"log.{name} is not read: its length differs from the length of log.t"
     assert said(record, "not read: log.rpm")
-    content["log"]["p"] = np.ones((COUNT - 1, 3))
+    content["log"]["p"] = np.ones((NUM_SAMPLES - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None
     assert said(shorter, "log.p is not read: its length differs from the length of log.t")
@@ -324,7 +324,7 @@ def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_
 
 
 def rows_of(kind, *times, behind=None):
-    """Return messages, each with a number and a time in ns; the header stamps are `behind` ns earlier."""
+    """Return messages, each with a number and a time in ns. The stamps in their headers are `behind` ns earlier."""
     rows = _Rows(kind, ["x"])
     for time in times:
         stamp = 0 if behind is None else time - behind
@@ -439,7 +439,7 @@ def json_mcap():
 JSON_MCAP = json_mcap()
 
 
-def test_json_in_mcap_is_read_with_a_mapping_and_up_to_a_cut(read, tmp_path):
+def test_json_messages_of_a_truncated_mcap_file_are_read_with_a_mapping(read, tmp_path):
     mapping = tmp_path / "mine.yaml"
     mapping.write_text('signals: {position: {columns: ["/state.pose.p[0]", "/state.pose.p[1]", "/state.pose.p[2]"]}}')
     record = read(JSON_MCAP, mapping)
@@ -449,22 +449,40 @@ def test_json_in_mcap_is_read_with_a_mapping_and_up_to_a_cut(read, tmp_path):
         read(JSON_MCAP)
     cut = read(JSON_MCAP[: len(JSON_MCAP) // 2], mapping)
     np.testing.assert_array_equal(cut.position, record.position[: len(cut.time)])
-    assert 10 < len(cut.time) < COUNT
+    assert 10 < len(cut.time) < NUM_SAMPLES
     assert said(cut, "the log is truncated or damaged; it is read up to this error")
 
 
-NANOBENCH = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx_vicon", "wy_vicon", "wz_vicon"]
-NANOBENCH += [f"motor_motor_m{i}" for i in (1, 2, 3, 4)]
+NANOBENCH_COLUMNS = [
+    "t",
+    "px",
+    "py",
+    "pz",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    "vx",
+    "vy",
+    "vz",
+    "wx_vicon",
+    "wy_vicon",
+    "wz_vicon",
+]
+NANOBENCH_COLUMNS += [f"motor_motor_m{i}" for i in (1, 2, 3, 4)]
 
 
-def test_rates_about_the_axes_of_the_world_are_turned_into_the_body(read, tmp_path):
+def test_rates_about_world_axes_are_converted_to_body_rates(read, tmp_path):
     """A vehicle that is rolled by 90° and turns about the vertical turns about its body y axis."""
     w, x, y, z = quaternion_of(0.5 * np.pi, 0.0, 0.0)
     cells = [0, 0, 1, x, y, z, w, 0, 0, 0, 0.0, 0.0, 1.5, *[32768] * 4]
-    text = "\n".join([",".join(NANOBENCH), *(",".join(map(str, [0.01 * i, *cells])) for i in range(COUNT))]) + "\n"
+    text = (
+        "\n".join([",".join(NANOBENCH_COLUMNS), *(",".join(map(str, [0.01 * i, *cells])) for i in range(NUM_SAMPLES))])
+        + "\n"
+    )
     record = read(text.encode())
     assert said(record, "the mapping is nanobench")
-    np.testing.assert_allclose(record.body_rates, np.tile([0.0, 1.5, 0.0], (COUNT, 1)), atol=1e-9)
+    np.testing.assert_allclose(record.body_rates, np.tile([0.0, 1.5, 0.0], (NUM_SAMPLES, 1)), atol=1e-9)
     mapping = tmp_path / "mine.yaml"
     rates = "time: {column: t}\nsignals: {body_rates: {columns: [wx_vicon, wy_vicon, wz_vicon], frame: NWU}%s}"
     mapping.write_text(rates % ", position: {columns: [px, py, pz]}")
@@ -509,7 +527,7 @@ def test_each_log_is_recognised_as_one_format_even_if_compressed(tmp_path):
     assert len({name for (name,) in names}) == len(logs)
     (tmp_path / "log.bbl.xz").write_bytes(lzma.compress(BLACKBOX))
     record = read_log(tmp_path / "log.bbl.xz")
-    assert (record.name, len(record.time)) == ("log", COUNT)
+    assert (record.name, len(record.time)) == ("log", NUM_SAMPLES)
 
 
 def test_shipped_mappings_are_valid():

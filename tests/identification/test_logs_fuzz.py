@@ -13,17 +13,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin
 from test_logs_formats import ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE
-from test_logs_ulog import ATTITUDE, LOCAL, XYZ, rows
+from test_logs_ulog import ATTITUDE, LOCAL_POSITION_FIELDS, XYZ, rows
 from written_logs import crazyflie_log, ros_1_bag, ros_2_bag, ulog
 
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 
-CASES = int(os.environ.get("FUZZ_CASES", "80"))
-PATIENCE = 2.0  # s of processor time per file
+NUM_CASES = int(os.environ.get("FUZZ_CASES", "80"))
+MAX_PROCESSOR_TIME = 2.0  # s of processor time per file
 
 
-def fuzz(test, cases=CASES):
+def fuzz(test, cases=NUM_CASES):
     limits = {"max_examples": cases, "derandomize": "FUZZ_CASES" not in os.environ, "database": None, "deadline": None}
     return settings(suppress_health_check=list(HealthCheck), **limits)(test)
 
@@ -36,7 +36,7 @@ CRAZYFLIE = crazyflie_log(
 )
 ULOG = ulog(
     {
-        "vehicle_local_position": (LOCAL, rows(50_000, lambda t: (t, 2.0, -3.0, 0.1, 0.2, -0.3))),
+        "vehicle_local_position": (LOCAL_POSITION_FIELDS, rows(50_000, lambda t: (t, 2.0, -3.0, 0.1, 0.2, -0.3))),
         "vehicle_attitude": (ATTITUDE, rows(50_000, lambda t: (1.0, 0.0, 0.0, 0.0))),
         "vehicle_angular_velocity": (XYZ, rows(20_000, lambda t: (t, 0.2, -0.3), sampled=0)),
     },
@@ -62,7 +62,7 @@ def check(path, data):
         assert all("\n" not in remark for remark in record.remarks)
         for _, values in record.signals():
             assert np.isfinite(values).all()
-    assert time.process_time() - start < PATIENCE
+    assert time.process_time() - start < MAX_PROCESSOR_TIME
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def path(tmp_path_factory):
 @pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
 @fuzz
 @given(data=st.data())
-def test_cut_anywhere(log, path, data):
+def test_a_log_cut_anywhere_is_read_or_refused(log, path, data):
     check(path, log[: data.draw(st.integers(0, len(log)))])
 
 
@@ -82,7 +82,7 @@ def test_cut_anywhere(log, path, data):
 @pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
 @fuzz
 @given(data=st.data())
-def test_bytes_flipped(log, path, data):
+def test_a_log_with_flipped_bytes_is_read_or_refused(log, path, data):
     changed = bytearray(log)
     head = st.integers(0, min(400, len(log) - 1)) | st.integers(0, len(log) - 1)
     for place in data.draw(st.lists(head, min_size=1, max_size=8)):
@@ -94,13 +94,13 @@ def test_bytes_flipped(log, path, data):
 @pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
 @fuzz
 @given(data=st.data())
-def test_pieces_repeated_left_out_and_put_in(log, path, data):
+def test_a_log_with_repeated_removed_or_inserted_pieces_is_read_or_refused(log, path, data):
     first, second = sorted(data.draw(st.tuples(*[st.integers(0, len(log))] * 2)))
     middle = data.draw(st.sampled_from([b"", log[first:second] * 2]) | st.binary(max_size=40))
     check(path, log[:first] + middle + log[second:])
 
 
-OTHERS = ["ardupilot", "betaflight", "old crazyflie", "matlab", "ros 1", "ros 2", "mcap"]
+OTHER_FORMATS = ["ardupilot", "betaflight", "old crazyflie", "matlab", "ros 1", "ros 2", "mcap"]
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +111,14 @@ def others(tmp_path_factory):
     mat = io.BytesIO()
     scipy.io.savemat(mat, {"time": np.arange(60.0), "pos": np.ones((60, 3)), "quat": np.ones((60, 4))})
     bags = [path.read_bytes() for path in (ros_1_bag(folder / "a.bag"), *bags)]
-    return dict(zip(OTHERS, [ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE, mat.getvalue(), *bags], strict=True))
+    return dict(zip(OTHER_FORMATS, [ARDUPILOT, BLACKBOX, OLD_CRAZYFLIE, mat.getvalue(), *bags], strict=True))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OTHERS)
-@functools.partial(fuzz, cases=max(CASES // 4, 10))
+@pytest.mark.parametrize("name", OTHER_FORMATS)
+@functools.partial(fuzz, cases=max(NUM_CASES // 4, 10))
 @given(data=st.data())
-def test_other_formats_cut_changed_and_with_pieces_put_in(others, name, path, data):
+def test_damaged_logs_of_other_formats_are_read_or_refused(others, name, path, data):
     log = bytearray(others[name])
     if data.draw(st.booleans()):
         log = log[: data.draw(st.integers(0, len(log)))]
@@ -132,23 +132,23 @@ def test_other_formats_cut_changed_and_with_pieces_put_in(others, name, path, da
     )
 
 
-STARTS = [b"", b"\xbc", b"\xbc\2\0", b"\xbc\1\0\1\0", b"ULog\x01\x12\x35", b"\x1f\x8b", b"\xfd7zXZ\0"]
-STARTS += [
+FILE_BEGINNINGS = [b"", b"\xbc", b"\xbc\2\0", b"\xbc\1\0\1\0", b"ULog\x01\x12\x35", b"\x1f\x8b", b"\xfd7zXZ\0"]
+FILE_BEGINNINGS += [
     b"\xa3\x95\x80",
     b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n",
     b"\2tick(I),",
     b"MATLAB 5.0 ",
 ]
-STARTS += [b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x89MCAP0\r\n"]
+FILE_BEGINNINGS += [b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x89MCAP0\r\n"]
 
 
 @fuzz
-@given(start=st.sampled_from(STARTS), rest=st.binary(max_size=200))
-def test_garbage(path, start, rest):
+@given(start=st.sampled_from(FILE_BEGINNINGS), rest=st.binary(max_size=200))
+def test_random_bytes_are_read_or_refused(path, start, rest):
     check(path, start + rest)
 
 
-TREES = st.recursive(
+YAML_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["t", "p", "wxyz", "NED", "mm", "x"]),
     lambda inner: (
         st.lists(inner, max_size=4)
@@ -163,8 +163,11 @@ TREES = st.recursive(
 
 @pytest.mark.slow
 @fuzz
-@given(signals=st.dictionaries(st.sampled_from(["position", "attitude", "motor_command", "wind"]), TREES), rest=TREES)
-def test_mappings(path, signals, rest):
+@given(
+    signals=st.dictionaries(st.sampled_from(["position", "attitude", "motor_command", "wind"]), YAML_VALUES),
+    rest=YAML_VALUES,
+)
+def test_random_mappings_are_loaded_or_refused(path, signals, rest):
     log = path.with_suffix(".csv")
     log.write_bytes(TABLE)
     mapping = {"time": {"column": "t"}, "signals": signals} | (rest if isinstance(rest, dict) else {})

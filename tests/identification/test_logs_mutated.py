@@ -11,7 +11,7 @@ from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 
 COUNT, PERIOD = 240, 0.02
-LARGEST = 2.0**62
+INTEGER_LIMIT = 2.0**62
 RNG = np.random.default_rng(8)
 
 
@@ -88,7 +88,9 @@ MUTATIONS = {
 
 def integer(value, bits):
     """Return a value as a signed integer that overflows, as in C; NaN is 0."""
-    whole = int(np.clip(np.nan_to_num(value, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST))
+    whole = int(
+        np.clip(np.nan_to_num(value, posinf=INTEGER_LIMIT, neginf=-INTEGER_LIMIT), -INTEGER_LIMIT, INTEGER_LIMIT)
+    )
     return (whole + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
 
 
@@ -200,7 +202,7 @@ CASES += [("nothing", write) for write in WRITERS[1:]]
 @pytest.mark.parametrize(
     ("mutation", "write"), CASES, ids=[f"{mutation}-{write.__name__[3:]}" for mutation, write in CASES]
 )
-def test_a_log_with_wrong_values_is_a_record_or_a_sentence(mutation, write, tmp_path):
+def test_a_log_with_impossible_values_is_read_or_refused_with_one_sentence(mutation, write, tmp_path):
     path = tmp_path / "log"
     with np.errstate(all="ignore"):
         path.write_bytes(write(MUTATIONS[mutation](flight())))

@@ -10,8 +10,8 @@ from drake_quad.identification.logs.record import QUANTITIES
 from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 
-# Value of one unit in SI units, and of zero in this unit.
-SCALES = {
+# Size of each unit in SI units.
+UNIT_SCALES = {
     "ms": known.milli,
     "us": known.micro,
     "ns": known.nano,
@@ -37,10 +37,10 @@ SCALES = {
 }
 
 
-def test_units_are_those_of_the_si():
+def test_unit_scales_agree_with_published_constants():
     for of, units in UNITS.items():
         for name, unit in units.items():
-            assert unit.scale == pytest.approx(1.0 if name == of else SCALES[name])
+            assert unit.scale == pytest.approx(1.0 if name == of else UNIT_SCALES[name])
             assert unit.zero == (1000.0 if name == "servo us" else 0.0)
     assert {quantity.unit for quantity in QUANTITIES.values()} <= {*UNITS}
 
@@ -81,7 +81,7 @@ def test_the_largest_of_several_jumps_is_reported():
 
 
 def test_a_jump_exceeds_the_noise_by_a_factor_of_eight():
-    """The median of the differences of successive steps measures white noise."""
+    """White noise is measured by the median difference between successive steps."""
     random = np.random.default_rng(1)
     time, place = path(count=4000)
     noisy = place + 0.05 * random.normal(size=place.shape)
@@ -154,7 +154,7 @@ def test_a_reference_is_reported_if_it_is_farther_than_two_metres_and_than_the_e
 
 
 @pytest.mark.parametrize(("fraction", "said"), [(0.045, False), (0.055, True)])
-def test_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(fraction, said):
+def test_time_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(fraction, said):
     time = np.cumsum(1.0 + fraction * np.where(np.arange(1000) % 2, 1.0, -1.0))
     median = np.median(np.diff(time))
     assert bool(list(timing_remarks(time))) == (np.std(np.diff(time)) > 0.05 * median) == said
@@ -179,7 +179,7 @@ def test_a_faulty_clock_is_reported_once_with_its_table(name):
     assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
     first, second = clocks.remarks
     assert second.startswith(f"{beginning}: the clock goes back once, by up to 0.5 s")
-    # The same clocks, and another one with the same fault, say nothing more.
+    # Reading the same clock again, or another clock with the same fault, adds no remark.
     assert clocks.of(table, "thrust_fraction")[0] is clocks.of(table, "motor_command")[0]
     clocks.of(Table(name, written.copy(), {}), "body_rates")
     assert clocks.remarks == [first, second]

@@ -44,7 +44,7 @@ signals:
 """
 
 
-def test_units_frames_rotors_and_constants(write):
+def test_a_mapping_converts_units_frames_and_rotor_order_and_may_contain_constants(write):
     record = read_log(write("log.csv", TABLE), write("m.yaml", MAPPING))
     i = np.arange(6.0)
     np.testing.assert_allclose(record.time, 0.01 * i, atol=1e-12)
@@ -59,8 +59,8 @@ def test_units_frames_rotors_and_constants(write):
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", ["NWU", "NED"])
-def test_an_attitude_from_a_quaternion(write, order, frame):
-    """Between NED/FRD and our frames, roll is unchanged, and pitch and yaw change sign."""
+def test_a_quaternion_is_read_as_an_attitude(write, order, frame):
+    """The conversion from NED and FRD leaves roll unchanged, and changes the signs of pitch and yaw."""
     sign = -1.0 if frame == "NED" else 1.0
     angles = np.array([[0.4, -0.7, 2.0], [-2.5, 0.2, -3.0]])
     rows = [quaternion_of(roll, sign * pitch, sign * yaw) for roll, pitch, yaw in angles]
@@ -73,7 +73,7 @@ def test_an_attitude_from_a_quaternion(write, order, frame):
 def test_cells_without_a_number_are_interpolated_or_held(write):
     """Missing measurements are interpolated, and missing commands held.
 
-    The log begins and ends where both are known.
+    The record begins and ends where measurements and commands are known.
     """
     rows = ["0,,1", "1,1,5", "2,,", "3,3,", "4,6,7", "5,nan,8"]
     mapping = "time: {column: t}\nsignals: {thrust_command: {columns: [u]}, rotor_speed: {columns: [x, x, x, x]}}"
@@ -108,9 +108,6 @@ def test_compressed_logs_are_read_and_cut_ones_up_to_the_cut(write, pack):
         read_log(write("log.csv.packed", data[:8]), mapping)
 
 
-# --- shipped mappings
-
-
 def neural_fly_rows(count):
     """Return rows in Neural-Fly's format, of a straight flight."""
     for i in range(count):
@@ -133,7 +130,7 @@ def neural_fly_rows(count):
         yield cells
 
 
-def test_neural_fly_s_format(tmp_path):
+def test_neural_fly_logs_are_read(tmp_path):
     rows = [*neural_fly_rows(30)]
     order = ["", "t", "p", "p_d", "v", "v_d", "q", "R", "w", "T_sp", "q_sp", "hover_throttle", "fa", "pwm"]
     path = write_table(tmp_path / "log.csv", {name: [row[name] for row in rows] for name in order})
@@ -150,7 +147,7 @@ def test_neural_fly_s_format(tmp_path):
     assert said(record, "not read: R, pwm")
 
 
-def test_crazyflow_s_state(tmp_path):
+def test_crazyflow_states_are_read(tmp_path):
     w, x, y, z = quaternion_of(0.1, -0.2, 0.3)
     columns = {"time": [0.0, 0.002, 0.004], "rotor_vel": ["[6000, 12000, 18000, 24000]"] * 3, "cmd_f": [0.3] * 3}
     columns |= {f"pos_{axis}": [float(i)] * 3 for i, axis in enumerate("xyz")}
@@ -165,7 +162,7 @@ def test_crazyflow_s_state(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["figure_eight.yaml", "onboard.yaml"])
-def test_our_own_flights(tmp_path, diagrams, name):
+def test_flights_saved_by_this_library_are_read(tmp_path, diagrams, name):
     flight = simulate(load_scenario(diagrams / name, ["duration=2", "laboratory.motion_capture.position_noise=0.01"]))
     flight.save(tmp_path)
     record = read_log(tmp_path / "flight.csv")
@@ -190,7 +187,7 @@ def test_our_own_flights(tmp_path, diagrams, name):
 
 
 @pytest.mark.parametrize("name", shipped_mappings())
-def test_shipped_mappings_are_valid_and_know_signals_only(name):
+def test_shipped_mappings_are_valid_and_contain_only_signals_of_a_record(name):
     _, mapping = load_mapping(name)
     assert {*mapping.signals} <= {*COLUMNS}
     assert mapping.description
@@ -200,9 +197,6 @@ def test_every_signal_has_units():
     assert {*QUANTITIES} == {*COLUMNS}
     for quantity in QUANTITIES.values():
         assert UNITS[quantity.unit][quantity.unit].scale == 1.0
-
-
-# --- errors
 
 
 HEADER = "time,pos,quat\n"
@@ -226,12 +220,12 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
         (HEADER + ROW.format(1) + ROW.format(1), "no signal with two samples"),
     ],
 )
-def test_a_table_that_cannot_be_read(write, text, words):
+def test_an_unreadable_table_is_refused(write, text, words):
     with pytest.raises(InputError, match=words):
         read_log(write("log.csv", text))
 
 
-def test_rows_that_are_cut_are_left_out(write):
+def test_truncated_rows_are_left_out(write):
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     record = read_log(write("log.csv", "t,x,y,z\n0,1,2,3\n1,1,2\n2,1,2,3\n3,1,2,3\n4,1,2,3.2"), mapping)
     np.testing.assert_array_equal(record.time, [0.0, 2.0, 3.0])
@@ -266,20 +260,20 @@ def test_rows_that_are_cut_are_left_out(write):
         ("[]", "must be a mapping of fields"),
         ("a: [", "is not YAML"),
         ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml must state the time column"),
-        ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "there is no 'q'; it has 't', 'x', 'y', 'z'"),
-        ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "there is no 's'; it has 't', 'x', 'y', 'z'"),
-        ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "it has 't,x,y,z,v,a,b,c,d'"),
-        ("time: {column: t}\nsignals: {}", "does not fit"),
+        ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "lacks 'q'; .* are 't', 'x', 'y', 'z'"),
+        ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "lacks 's'; .* are 't', 'x', 'y', 'z'"),
+        ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "are 't,x,y,z,v,a,b,c,d'"),
+        ("time: {column: t}\nsignals: {}", "does not fit the mapping m.yaml: the mapping has no signals"),
     ],
 )  # fmt: skip
-def test_a_mapping_that_is_wrong(write, text, words):
+def test_an_invalid_mapping_is_refused(write, text, words):
     log = write("log.csv", TABLE)
     with pytest.raises(InputError, match=words) as caught:
         read_log(log, write("m.yaml", text))
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_mapping(write, tmp_path):
+def test_a_missing_mapping_is_refused(write, tmp_path):
     log = write("log.csv", TABLE)
     with pytest.raises(InputError, match=r"'px5' is neither a YAML file nor a shipped mapping: ardupilot, betaflight"):
         read_log(log, "px5")
@@ -287,7 +281,7 @@ def test_a_missing_mapping(write, tmp_path):
         read_log(log, tmp_path / "none.yaml")
 
 
-def test_a_path_that_is_no_log(tmp_path, write):
+def test_a_path_that_is_not_a_log_is_refused(tmp_path, write):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         read_log(tmp_path / "none")
     with pytest.raises(InputError, match="is a folder, not a log$"):
@@ -312,7 +306,7 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
         read_log(write("log", TABLE))
 
 
-def test_the_name_of_a_log_gives_its_wind_and_the_mapping_its_vehicle(write):
+def test_wind_follows_from_the_name_of_a_log_and_the_vehicle_from_its_mapping(write):
     mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
     mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
     path = write("m.yaml", mapping)
@@ -365,7 +359,7 @@ def test_a_consistent_flight_has_no_remark(write):
 
 
 def test_rows_with_impossible_motor_commands_are_left_out(write):
-    """Such rows occur in logs that were extrapolated, and all of their columns are unreliable."""
+    """Rows with impossible commands occur in logs that were extrapolated, and all of their columns are unreliable."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
     assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")

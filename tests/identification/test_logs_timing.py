@@ -39,7 +39,7 @@ def test_samples_out_of_order_are_left_out(time, kept, words):
 
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
-def test_kept_samples_increase_and_increasing_clocks_are_kept(time):
+def test_the_times_of_kept_samples_increase_and_increasing_times_are_all_kept(time):
     chosen, remarks = rising_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
@@ -47,7 +47,7 @@ def test_kept_samples_increase_and_increasing_clocks_are_kept(time):
     assert rising_samples(in_order)[0].all()
 
 
-def test_gaps_and_the_parts_between_them():
+def test_a_record_is_divided_at_its_gaps():
     time = [0.0, 1.0, 2.0, 7.0, 8.0, 9.0, 12.5, 16.0, 17.0]
     assert np.flatnonzero(gaps(np.array(time))).tolist() == [2, 5, 6]
     assert segment_numbers(record(time)).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 3]
@@ -68,7 +68,7 @@ def test_jitter_is_reported_with_its_amplitude():
     assert "uneven: the median is 1.1 s, the standard deviation 0.1 s, and the range 0.9 to 1.1 s" in remark
 
 
-def test_the_gap_of_a_real_log():
+def test_the_gap_in_a_real_log_is_found():
     whole = read_log(DATA / "crazyflie/crazyswarm2/log145.xz")
     before, after = (whole.subset(segment_numbers(whole) == number) for number in range(2))
     assert len(before.time) + len(after.time) == len(whole.time)

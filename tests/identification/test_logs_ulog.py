@@ -1,4 +1,4 @@
-"""PX4's ULog: values known in NED and FRD are read in our frames, on one clock."""
+"""PX4's ULog: values in NED and FRD are read in the frames of a record, on one clock."""
 
 import sys
 from pathlib import Path
@@ -15,9 +15,9 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.windows import segment_numbers
 
-LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
+LOCAL_POSITION_FIELDS = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
-SECOND = 1_000_000
+MICROSECONDS_PER_SECOND = 1_000_000
 
 
 @pytest.fixture
@@ -34,18 +34,20 @@ def said(record, words):
     return any(words in remark for remark in record.remarks)
 
 
-def rows(period, values, *, start=SECOND, duration=SECOND, sampled=None):
-    """Return rows at a period (µs) with the values of a function of the time (s)."""
+def rows(period, values, *, start=MICROSECONDS_PER_SECOND, duration=MICROSECONDS_PER_SECOND, sampled=None):
+    """Return rows at a period (µs). Their values are a function of the time (s)."""
     times = range(start, start + duration + 1, period)
-    return [(t, *(() if sampled is None else (t - sampled,)), *values((t - SECOND) * 1e-6)) for t in times]
+    return [
+        (t, *(() if sampled is None else (t - sampled,)), *values((t - MICROSECONDS_PER_SECOND) * 1e-6)) for t in times
+    ]
 
 
-def test_frames_and_order_of_the_rotors(read):
-    """North is our X, east our -Y, and down our -Z. Roll is unchanged; pitch and yaw change sign."""
+def test_frames_and_rotor_order_of_a_ulog_are_converted(read):
+    """North becomes X, east becomes -Y, and down becomes -Z. Roll is unchanged, and pitch and yaw change sign."""
     attitude = quaternion_of(0.1, -0.2, 0.3)
     data = ulog(
         {
-            "vehicle_local_position": (LOCAL, rows(4000, lambda t: (1.0, 2.0, -3.0, 0.1, 0.2, -0.3))),
+            "vehicle_local_position": (LOCAL_POSITION_FIELDS, rows(4000, lambda t: (1.0, 2.0, -3.0, 0.1, 0.2, -0.3))),
             "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: attitude)),
             "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (0.5, 0.25, -0.125), sampled=0)),
             "vehicle_acceleration": (XYZ, rows(4000, lambda t: (0.5, 0.25, -9.81), sampled=0)),
@@ -89,7 +91,10 @@ def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(re
     """Measurements have the time of sampling, 2 ms before they are written, and commands the time of writing."""
     data = ulog(
         {
-            "vehicle_local_position": (LOCAL, rows(100_000, lambda t: (t, 2.0 * t, 0.0, 1.0, 2.0, 0.0))),
+            "vehicle_local_position": (
+                LOCAL_POSITION_FIELDS,
+                rows(100_000, lambda t: (t, 2.0 * t, 0.0, 1.0, 2.0, 0.0)),
+            ),
             "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t - 2e-3, 0.0, 0.0), sampled=2000)),
             "actuator_motors": ([("float[4]", "control")], rows(50_000, lambda t: (t / 2.0, 0.0, 0.0, 0.0))),
         },
@@ -162,16 +167,16 @@ def test_a_real_log_of_hover_agrees_with_physics():
     assert record.reference_position[flying, 2].mean() == pytest.approx(record.position[flying, 2].mean(), abs=0.2)
 
 
-GOOD = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))})
+VALID_LOG = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))})
 
 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (GOOD[:10], "is a ULog that cannot be read: Invalid file format"),
-        (GOOD[:40], "is a ULog without any of the topics"),
+        (VALID_LOG[:10], "is a ULog that cannot be read: Invalid file format"),
+        (VALID_LOG[:40], "is a ULog without any of the topics"),
         (ulog({"cpuload": ([("float", "load")], [(1, 0.5)])}), "without any of the topics actuator_motors"),
-        (GOOD.replace(b"float[3] xyz", b"float[3] abc"), "has no signal"),
+        (VALID_LOG.replace(b"float[3] xyz", b"float[3] abc"), "has no signal"),
         (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
     ],
 )
@@ -184,7 +189,7 @@ def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
     mapping = tmp_path / "mapping.yaml"
     columns = ", ".join(f"'vehicle_angular_velocity.xyz[{i}]'" for i in range(3))
     mapping.write_text(f"signals: {{body_rates: {{columns: [{columns}], frame: FRD}}}}")
-    record = read(GOOD, mapping)
+    record = read(VALID_LOG, mapping)
     np.testing.assert_allclose(record.body_rates[:, 0], record.time, atol=1e-6)
     assert len(record.time) == 251
 
@@ -192,11 +197,11 @@ def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
 @pytest.mark.parametrize(
     ("topic", "words"), [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")]
 )
-def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
+def test_topics_with_too_many_nested_fields_are_refused(read, topic, words):
     formats = {"wind": f"uint64_t timestamp;{topic}[5000] a;", "deep": "float[5000] b;"}
     messages = [message(b"B", bytes(40)), *(message(b"F", f"{name}:{each}".encode()) for name, each in formats.items())]
     with pytest.raises(InputError, match=words):
-        read(GOOD[:16] + b"".join(messages))
+        read(VALID_LOG[:16] + b"".join(messages))
 
 
 def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeypatch):
@@ -209,7 +214,7 @@ def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeyp
             super().__init__(*arguments, **options)
 
     monkeypatch.setattr(pyulog, "ULog", Watched)
-    read(GOOD)
+    read(VALID_LOG)
     assert header_alone == [True, False]
     header_alone.clear()
     with pytest.raises(InputError, match="the topic wind has 131,071 fields"):
@@ -219,18 +224,20 @@ def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeyp
 
 def test_a_file_that_pyulog_would_read_forever_is_refused(read):
     with pytest.raises(InputError, match="is a ULog that cannot be read"):
-        read(GOOD[:16] + b"\xff\xff\0" + b"x" * 20)
+        read(VALID_LOG[:16] + b"\xff\xff\0" + b"x" * 20)
 
 
-def test_without_pyulog_the_error_says_how_to_install_it(read, monkeypatch):
+def test_the_error_without_pyulog_says_how_to_install_it(read, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
-        read(GOOD)
+        read(VALID_LOG)
 
 
 def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
-    """In PX4's parameters, forward and right are positive. Rotors of this library are numbered clockwise from the front
-    right, as seen from above."""
+    """PX4's rotor positions are positive forward and to the right.
+
+    Rotors of this library are numbered clockwise from the front right, as seen from above.
+    """
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
@@ -327,7 +334,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
     ],
 )
 def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameters, fractions, words):
-    """Our order is front right, back right, back left and front left, which are PX4's rotors 1, 4, 2 and 3."""
+    """A record has the order front right, back right, back left, front left: PX4's rotors 1, 4, 2 and 3."""
     record = read(ulog({**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters=parameters))
     np.testing.assert_allclose(record.motor_command[-1], fractions, atol=1e-6)
     assert said(record, words)
@@ -343,10 +350,12 @@ def test_equal_pulse_limits_are_refused(read):
 
 def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     fields = [
-        *LOCAL,
+        *LOCAL_POSITION_FIELDS,
         *(("bool", name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "dead_reckoning")),
     ]
-    local = rows(10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else LATER_ROW)
+    local = rows(
+        10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else VALID_POSITION_ROW
+    )
     record = read(ulog({"vehicle_local_position": (fields, local)}))
     missing = {each.signal: each.missing_fraction for each in record.origins}
     assert (missing["position"], missing["velocity"]) == pytest.approx((40 / 101, 21 / 101))
@@ -354,11 +363,16 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
 
-LATER_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
+VALID_POSITION_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
 
 
 def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
-    local = [*LOCAL, ("uint8_t", "xy_reset_counter"), ("float[2]", "delta_xy"), ("uint8_t", "vz_reset_counter")]
+    local = [
+        *LOCAL_POSITION_FIELDS,
+        ("uint8_t", "xy_reset_counter"),
+        ("float[2]", "delta_xy"),
+        ("uint8_t", "vz_reset_counter"),
+    ]
     local += [("float", "delta_vz")]
 
     def moved(t):
@@ -402,7 +416,7 @@ def test_times_in_remarks_count_from_the_first_sample_of_any_signal(read):
     fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
     late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
-    record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
+    record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL_POSITION_FIELDS, late)}))
     assert said(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
 
 
@@ -415,25 +429,28 @@ def test_a_log_that_is_cut_is_reported(read, bytes_left):
 
 
 HEADER_AND_TWO_MESSAGES = b"ULog".ljust(16, b"\1") + message(b"F", b"12345") + message(b"D", b"1234567")
-END = 16 + 8 + 10
+INTACT_SIZE = 16 + 8 + 10
 
 
 @pytest.mark.parametrize(
     ("rest", "end", "goes_on", "words"),
     [
-        (b"", END, False, ""),
-        *((message(b"D", b"123456789")[:count], END, False, "no complete message") for count in (1, 2, 3, 4, 11)),
-        (message(b"D", b"123456789"), END + 12, False, ""),
-        (bytes(3), END, False, "all zeros"),
-        (bytes(40), END, False, "all zeros"),
-        (b"\xff" * 40, END, False, "all 0xff"),
+        (b"", INTACT_SIZE, False, ""),
+        *(
+            (message(b"D", b"123456789")[:count], INTACT_SIZE, False, "no complete message")
+            for count in (1, 2, 3, 4, 11)
+        ),
+        (message(b"D", b"123456789"), INTACT_SIZE + 12, False, ""),
+        (bytes(3), INTACT_SIZE, False, "all zeros"),
+        (bytes(40), INTACT_SIZE, False, "all zeros"),
+        (b"\xff" * 40, INTACT_SIZE, False, "all 0xff"),
         # A message that extends into zeros may be incomplete, unless it ends the file.
-        (message(b"D", b"12\0\0"), END + 7, False, ""),
-        (message(b"D", b"12\0\0") + bytes(5), END, False, "no complete message"),
-        (message(b"D", b"12\0\x01") + bytes(5), END + 7, False, "all zeros"),
+        (message(b"D", b"12\0\0"), INTACT_SIZE + 7, False, ""),
+        (message(b"D", b"12\0\0") + bytes(5), INTACT_SIZE, False, "no complete message"),
+        (message(b"D", b"12\0\x01") + bytes(5), INTACT_SIZE + 7, False, "all zeros"),
         # A message of unknown type is damage, after which reading may continue.
-        (message(b"Z", b"12345"), END, True, "damaged from byte 34 on"),
-        (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), END, True, "damaged from byte 34 on"),
+        (message(b"Z", b"12345"), INTACT_SIZE, True, "damaged from byte 34 on"),
+        (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), INTACT_SIZE, True, "damaged from byte 34 on"),
     ],
 )
 def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):

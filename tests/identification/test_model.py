@@ -31,8 +31,8 @@ from drake_quad.signals import Attitude, RotorSpeed, State, Throttle, Wind
 PERIOD = 0.01  # s, sampling period
 STATE = State(1.0, -2.0, 3.0, 0.4, -0.5, 1.2, 0.6, -0.3, 0.2, 1.1, -0.7, 0.4)
 SPEEDS = RotorSpeed(190.0, 204.0, 197.0, 211.0)
-PUSHED = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
-NOTHING = Disturbance(*(0.0,) * NUM_DISTURBANCE)
+DISTURBANCE = Disturbance(0.3, -0.8, 0.5, 2.0, -3.0, 1.5, 0.2, -0.4)
+NO_DISTURBANCE = Disturbance(*(0.0,) * NUM_DISTURBANCE)
 LEVEL, STILL = Attitude(0.0, 0.0, 0.0), Wind(0.0, 0.0, 0.0)
 
 
@@ -52,7 +52,7 @@ def model_parameters(scenario):
 
 
 def in_world():
-    """Return the rotation from body axes to W in `STATE`."""
+    """Return the rotation from body axes to world axes in `STATE`."""
     return Rotation.from_euler("ZYX", [STATE.yaw, STATE.pitch, STATE.roll])
 
 
@@ -62,27 +62,29 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(model_parameters, k
     h = 0.02
     quiet, pushed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), model_parameters, kind).body)
-        for d in (NOTHING, PUSHED)
+        for d in (NO_DISTURBANCE, DISTURBANCE)
     )
-    force = np.array([PUSHED.x + PUSHED.constant_x, PUSHED.y + PUSHED.constant_y, PUSHED.z])
+    force = np.array([DISTURBANCE.x + DISTURBANCE.constant_x, DISTURBANCE.y + DISTURBANCE.constant_y, DISTURBANCE.z])
     if kind == "body":
         force = in_world().apply(force)
     moved = pushed - quiet
     np.testing.assert_allclose(moved[:3], 0.5 * h**2 * force, atol=1e-12)
     np.testing.assert_allclose(moved[3:6], 0.0, atol=1e-12)
     np.testing.assert_allclose(moved[6:9], h * force, atol=1e-12)
-    np.testing.assert_allclose(moved[9:], h * np.array([PUSHED.p, PUSHED.q, PUSHED.r]), atol=1e-12)
+    np.testing.assert_allclose(moved[9:], h * np.array([DISTURBANCE.p, DISTURBANCE.q, DISTURBANCE.r]), atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_specific_force_is_the_acceleration_relative_to_free_fall(model_parameters, kind):
     """The expected value is computed in body axes from the change of velocity in a very short step."""
     h = 1e-6
-    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), model_parameters, kind).body
+    after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(h, 1.0), model_parameters, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
     expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, model_parameters.parameters.gravity]))
     np.testing.assert_allclose(
-        specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(h, 1.0), model_parameters, kind), expected, atol=1e-4
+        specific_force(STATE, SPEEDS, SPEEDS, STILL, DISTURBANCE, Span(h, 1.0), model_parameters, kind),
+        expected,
+        atol=1e-4,
     )
 
 
@@ -95,7 +97,8 @@ def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, 
         lag = vehicle.rotor_time_constant if told > now else vehicle.rotor_time_constant_down
         assert after == pytest.approx(told + (now - told) * np.exp(-h / lag))
     np.testing.assert_allclose(
-        found, step(STATE, SPEEDS, command, LEVEL, STILL, NOTHING, Span(h, 1.0), model_parameters, "world").rotors
+        found,
+        step(STATE, SPEEDS, command, LEVEL, STILL, NO_DISTURBANCE, Span(h, 1.0), model_parameters, "world").rotors,
     )
     assert rotors_at_rest(command, Span(h, 1.0), model_parameters) == pytest.approx(command)
 
@@ -119,7 +122,7 @@ def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     np.testing.assert_allclose(low, 0.9 * full)
 
 
-def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_relative_to_that_of_the_thrust_curve(scenario):
+def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_divided_by_the_thrust_curve_voltage(scenario):
     """The average of a ramp is the ramp itself. Averaging divides the variance of noise by the number of samples."""
     random = np.random.default_rng(0)
     time = PERIOD * np.arange(2000)
@@ -169,7 +172,7 @@ def test_inputs_contain_the_commands_and_steps_of_each_window(scenario, split):
 
 
 def test_inputs_contain_the_wind_and_the_voltage_of_each_record(scenario):
-    """Without a logged wind, the wind of the scenario is used. The period is the median over all records."""
+    """The wind of the scenario is used if no wind is logged. The period is the median over all records."""
     steady = load_scenario("laboratory:low_wind", ["laboratory.wind=[{kind: steady, velocity: [1.0, -2.0, 0.5]}]"])
     vehicle = LogModel(with_throttles(steady), (), voltage=12.0)
     random = np.random.default_rng(4)
@@ -252,7 +255,7 @@ def test_rotors_begin_in_equilibrium_and_follow_the_commands_of_the_warm_up(scen
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
 def test_a_command_delayed_by_a_fraction_of_a_sample_is_a_weighted_mean_of_two(scenario, delay):
-    """For commands that form a ramp, the mean is the command at the time one delay earlier."""
+    """If the commands form a ramp, the weighted mean is the command at the time one delay earlier."""
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
@@ -335,7 +338,7 @@ def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
     model.step(states)
     np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
     np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
-    # After a step, the inputs of the next sample apply.
+    # The inputs of the next sample apply after a step.
     np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
 
@@ -350,8 +353,8 @@ def test_a_payload_is_attached_throughout_all_windows():
         )
     )
     for formula in (
-        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(0.1, 1.0), own, "world").body,
-        lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, PUSHED, Span(0.1, 1.0), own, "world"),
+        lambda own: step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, DISTURBANCE, Span(0.1, 1.0), own, "world").body,
+        lambda own: specific_force(STATE, SPEEDS, SPEEDS, STILL, DISTURBANCE, Span(0.1, 1.0), own, "world"),
     ):
         np.testing.assert_array_equal(formula(soon), formula(late))
         assert np.abs(np.subtract(formula(soon), formula(never))).max() > 1e-3

@@ -1,4 +1,4 @@
-"""Commands of the model of a log: the logged ones, or the firmware's allocation of thrust and torque."""
+"""Commands that drive the model: logged commands, or the firmware's allocation of thrust and torque."""
 
 from dataclasses import replace
 
@@ -77,7 +77,7 @@ def test_the_firmware_reduces_the_component_without_priority(root, record, prior
     assert max(first) == pytest.approx(nominal.max_rotor_speed)
 
 
-def test_logged_motor_commands_have_priority(flight, record, responding):
+def test_logged_motor_commands_have_priority_over_allocated_commands(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
     found = with_commands(log, vehicle, vehicle)
@@ -103,7 +103,7 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
-def test_the_thrust_of_a_thrust_fraction_is_relative_to_that_of_hover(responding):
+def test_a_thrust_fraction_is_relative_to_the_hover_thrust_fraction(responding):
     scenario, log = responding
     fractions, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
@@ -119,7 +119,7 @@ def test_the_thrust_of_a_thrust_fraction_is_relative_to_that_of_hover(responding
         thrust_of_fraction(replace(told, hover_thrust_fraction=0.0 * hover), weight)
 
 
-def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, record):
+def test_a_logged_torque_is_ignored_if_the_vehicle_has_an_attitude_response(responding, record):
     scenario, _ = responding
     number = len(record.time)
     told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
@@ -149,11 +149,11 @@ def test_a_log_without_commands_is_refused(flight, record, left_out, words):
         with_commands(motors, flight.scenario, flight.scenario)
 
 
-def test_the_delay_of_a_scenario_is_that_of_link_and_cameras(responding):
+def test_the_delay_of_a_scenario_is_the_sum_of_link_delay_and_frame_age(responding):
     assert delay_of(responding[0]) == pytest.approx(0.02 + 0.01)
 
 
-def test_a_parameter_of_an_effect_that_is_off_is_zero(flight):
+def test_a_parameter_of_a_missing_effect_is_zero(flight):
     assert number_of(flight.scenario, "rotor_aerodynamics.climb") == 0.0
     assert number_of(flight.scenario, "linear_drag") == flight.scenario.vehicle.linear_drag
     assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
@@ -166,7 +166,10 @@ def test_commands_for_a_level_vehicle_are_level(flight, record):
 
 
 def test_measured_states_include_the_misalignment_of_markers(responding):
-    """With an autopilot, the states contain rates of the angles, which the kinematic matrix converts to body rates."""
+    """The states of a vehicle with an attitude response contain the rates of the angles.
+
+    The kinematic matrix converts them to body rates.
+    """
     scenario, _ = responding
     misalignment = [0.02, -0.03, 0.1]
     turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])

@@ -11,13 +11,13 @@ from drake_quad.scenario.layouts import arm_length_of
 DELAY, MAX_DELAY = 0.013, 0.15
 POSE, IMU = {"position", "attitude"}, {"body_rates", FORCE}
 INERTIA = [f"inertia[{axis}]" for axis in range(3)]
-CENTRE = ["centre_of_mass[0]", "centre_of_mass[1]"]
-MARKERS = [f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(2)]
-LINEAR = ["body_drag.linear[0]", "body_drag.linear[1]"]
-QUADRATIC = [f"body_drag.quadratic[{axis}]" for axis in range(3)]
-PRESSURE = ["body_drag.centre_of_pressure[2]"]
-RESPONSE = [f"autopilot.{name}[{axis}]" for name in ("natural_frequency", "damping") for axis in range(3)]
-ROTORS = ["thrust_factor", "rotor_time_constant"]
+CENTRE_OF_MASS = ["centre_of_mass[0]", "centre_of_mass[1]"]
+MARKER_MISALIGNMENT = [f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(2)]
+LINEAR_DRAG = ["body_drag.linear[0]", "body_drag.linear[1]"]
+QUADRATIC_DRAG = [f"body_drag.quadratic[{axis}]" for axis in range(3)]
+CENTRE_OF_PRESSURE = ["body_drag.centre_of_pressure[2]"]
+ATTITUDE_RESPONSE = [f"autopilot.{name}[{axis}]" for name in ("natural_frequency", "damping") for axis in range(3)]
+ROTOR_PARAMETERS = ["thrust_factor", "rotor_time_constant"]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def full() -> Scenario:
 
 @pytest.fixture(scope="module")
 def attitudes() -> Scenario:
-    """Return a vehicle with throttles whose attitude responds as a whole."""
+    """Return a vehicle with throttles, whose closed attitude loop is modelled as a whole."""
     return load_scenario("neural_fly:still", ["laboratory.autopilot.natural_frequency=[6.0, 7.0, 3.0]"])
 
 
@@ -61,14 +61,14 @@ def found_in(scenario: Scenario, signals: set[str], *, has_motor_throttles: bool
 @pytest.mark.parametrize(
     ("signals", "expected"),
     [
-        (POSE, [*ROTORS, *INERTIA, *CENTRE, *MARKERS, "linear_drag"]),
+        (POSE, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS, *MARKER_MISALIGNMENT, "linear_drag"]),
         # Velocities do not determine the axes along which the markers measure positions.
-        ({"attitude", "velocity"}, [*ROTORS, *INERTIA, *CENTRE, "linear_drag"]),
-        ({"attitude"}, [*ROTORS, *INERTIA, *CENTRE]),
-        # Without positions, an accelerometer determines only the product of drag and velocity.
-        (IMU, [*ROTORS, *INERTIA, *CENTRE]),
+        ({"attitude", "velocity"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS, "linear_drag"]),
+        ({"attitude"}, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
+        # An accelerometer determines only the product of drag and velocity if no position is measured.
+        (IMU, [*ROTOR_PARAMETERS, *INERTIA, *CENTRE_OF_MASS]),
         # Heights determine no rotation.
-        ({"position"}, [*ROTORS, "linear_drag"]),
+        ({"position"}, [*ROTOR_PARAMETERS, "linear_drag"]),
     ],
 )
 def test_parameters_of_rotors_are_candidates_if_the_outputs_depend_on_them(
@@ -80,26 +80,46 @@ def test_parameters_of_rotors_are_candidates_if_the_outputs_depend_on_them(
 @pytest.mark.parametrize(
     ("signals", "expected"),
     [
-        (POSE, [*INERTIA, *CENTRE, "rotor_inertia", *MARKERS, *LINEAR, *PRESSURE, "rotor_aerodynamics.climb"]),
+        (
+            POSE,
+            [
+                *INERTIA,
+                *CENTRE_OF_MASS,
+                "rotor_inertia",
+                *MARKER_MISALIGNMENT,
+                *LINEAR_DRAG,
+                *CENTRE_OF_PRESSURE,
+                "rotor_aerodynamics.climb",
+            ],
+        ),
         (
             POSE | IMU,
-            [*INERTIA, *CENTRE, "rotor_inertia", *MARKERS, *LINEAR, *QUADRATIC, *PRESSURE, "rotor_aerodynamics.climb"],
+            [
+                *INERTIA,
+                *CENTRE_OF_MASS,
+                "rotor_inertia",
+                *MARKER_MISALIGNMENT,
+                *LINEAR_DRAG,
+                *QUADRATIC_DRAG,
+                *CENTRE_OF_PRESSURE,
+                "rotor_aerodynamics.climb",
+            ],
         ),
-        (IMU, [*INERTIA, *CENTRE, "rotor_inertia", *PRESSURE]),
+        (IMU, [*INERTIA, *CENTRE_OF_MASS, "rotor_inertia", *CENTRE_OF_PRESSURE]),
         ({"position"}, ["rotor_aerodynamics.climb"]),
     ],
 )
 def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
     full: Scenario, signals: set[str], expected: list[str]
 ) -> None:
-    assert {*found_in(full, signals)} == {*ROTORS, "rotor_time_constant_down", *expected, "delay"}
+    assert {*found_in(full, signals)} == {*ROTOR_PARAMETERS, "rotor_time_constant_down", *expected, "delay"}
 
 
 def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Scenario) -> None:
     """A common thrust command varies around hover, so it determines two coefficients of the thrust curve."""
-    drag = [*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
+    drag = [*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
     thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
-    assert {*found_in(attitudes, POSE)} == {*thrust, *RESPONSE, *MARKERS, *drag, "delay"}
+    assert {*found_in(attitudes, POSE)} == {*thrust, *ATTITUDE_RESPONSE, *MARKER_MISALIGNMENT, *drag, "delay"}
     heights = {"motors.curve[0]", "motors.curve[2]", "rotor_time_constant", "delay"}
     vertical = {"rotor_aerodynamics.lift", "rotor_aerodynamics.climb"}
     assert {*found_in(attitudes, {"position"})} == heights | vertical
@@ -118,7 +138,7 @@ def test_only_throttles_of_single_motors_determine_a_whole_thrust_curve(throttle
 def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes: Scenario) -> None:
     found = found_in(full, POSE | IMU)
     vehicle = full.vehicle
-    starts = {name: found[name].start for name in (*INERTIA, *LINEAR, *PRESSURE, *ROTORS)}
+    starts = {name: found[name].start for name in (*INERTIA, *LINEAR_DRAG, *CENTRE_OF_PRESSURE, *ROTOR_PARAMETERS)}
     assert starts == dict(
         zip(
             starts,
@@ -127,35 +147,44 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
         )
     )
     # The prior mean of an effect that the scenario lacks is zero.
-    assert all(found[name].start == 0.0 for name in QUADRATIC)
+    assert all(found[name].start == 0.0 for name in QUADRATIC_DRAG)
     behind = found_in(attitudes, POSE)
-    assert [behind[name].start for name in RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
+    assert [behind[name].start for name in ATTITUDE_RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
     for delay in (found["delay"], behind["delay"]):
         assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
         # The prior allows delays that are one camera frame or one tick of the link longer, but not a delay of a second.
         assert 0.005 <= delay.scale <= 0.05
 
 
-def test_the_prior_deviation_of_a_positive_parameter_is_about_its_value(full: Scenario, attitudes: Scenario) -> None:
+def test_the_prior_standard_deviation_of_a_positive_parameter_is_about_its_value(
+    full: Scenario, attitudes: Scenario
+) -> None:
     """Positive parameters may change by a factor of up to fifty, but not change sign."""
     found = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
-    positive = ["thrust_factor", *INERTIA, "rotor_inertia", *RESPONSE]
+    positive = ["thrust_factor", *INERTIA, "rotor_inertia", *ATTITUDE_RESPONSE]
     for parameter in (found[name] for name in positive):
         assert parameter.lower == pytest.approx(0.02 * parameter.start)
         assert parameter.upper == pytest.approx(50.0 * parameter.start)
     for name in ("thrust_factor", *INERTIA, "rotor_inertia"):
         assert found[name].scale == pytest.approx(found[name].start)
-    for i, name in enumerate(RESPONSE):
+    for i, name in enumerate(ATTITUDE_RESPONSE):
         # Half of a natural frequency, and half of the critical damping.
         assert found[name].scale == (0.5 * found[name].start if i < 3 else 0.5)
-    for name in (*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift"):
+    for name in (*LINEAR_DRAG, *QUADRATIC_DRAG, "rotor_aerodynamics.lift"):
         assert (found[name].lower, found[name].upper) == (0.0, np.inf)
-    for name in (*CENTRE, *PRESSURE, *MARKERS, "rotor_aerodynamics.climb", "motors.curve[0]", "motors.curve[1]"):
+    for name in (
+        *CENTRE_OF_MASS,
+        *CENTRE_OF_PRESSURE,
+        *MARKER_MISALIGNMENT,
+        "rotor_aerodynamics.climb",
+        "motors.curve[0]",
+        "motors.curve[1]",
+    ):
         assert (found[name].lower, found[name].upper) == (-np.inf, np.inf)
 
 
 @pytest.mark.parametrize("constant", [0.0005, 0.004, 0.06, 0.3])
-def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(constant: float) -> None:
+def test_the_prior_of_a_time_constant_allows_errors_of_tens_of_milliseconds(constant: float) -> None:
     """The time constant stays above 2 ms, or above the value of the data sheet if that is smaller."""
     own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
     found = found_in(own, POSE)["rotor_time_constant"]
@@ -164,10 +193,10 @@ def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(cons
     assert found.upper == pytest.approx(50.0 * constant)
 
 
-def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
+def test_drag_priors_scale_with_the_mass_and_position_priors_with_the_arm_length(
     full: Scenario, attitudes: Scenario, throttles: Scenario
 ) -> None:
-    """Prior deviations of forces are relative to the weight, and those of positions to the arm length."""
+    """Prior standard deviations of forces are proportional to the weight, and those of positions to the arm length."""
 
     def larger(scenario: Scenario, **update: float) -> Scenario:
         changed = {"mass": 2.0 * scenario.vehicle.mass} | update
@@ -175,20 +204,20 @@ def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
 
     twice = larger(full, arm_length=3.0 * full.vehicle.arm_length)
     found, other = found_in(full, POSE | IMU), found_in(twice, POSE | IMU)
-    for name in (*QUADRATIC, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
+    for name in (*QUADRATIC_DRAG, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
         assert other[name].scale == pytest.approx(2.0 * found[name].scale), name
-    for name in (*CENTRE, *PRESSURE):
+    for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE):
         assert other[name].scale == pytest.approx(3.0 * found[name].scale)
         # The centre of mass is between the rotors.
         assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
     # The prior does not depend on an accelerometer.
     without = found_in(full, POSE)
-    for name in (*CENTRE, *PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
+    for name in (*CENTRE_OF_MASS, *CENTRE_OF_PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
         assert without[name].scale == found[name].scale
     # The prior standard deviation of a large drag is its value.
     assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
-    # Without a value on the data sheet, the drag at 8 m/s is less than the weight.
+    # If the data sheet contains no drag, the prior assumes that the drag at 8 m/s is less than the weight.
     assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
     assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
     assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
@@ -198,15 +227,15 @@ def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
     # An effect that a vehicle lacks has the prior of an effect whose coefficients are zero.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
     bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
-    for name in LINEAR:
+    for name in LINEAR_DRAG:
         assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
         assert light[name].scale == behind[name].start
         assert bare[name].start == 0.0
-    # In hover, each of four motors carries a quarter of the weight.
+    # Each of four motors carries a quarter of the weight in hover.
     curve = found_in(throttles, POSE, has_motor_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )
-    assert [found[name].scale < 0.1 for name in MARKERS] == [True, True]
+    assert [found[name].scale < 0.1 for name in MARKER_MISALIGNMENT] == [True, True]
     # The prior standard deviation of a drag on the data sheet is its value.
     assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

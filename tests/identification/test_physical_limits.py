@@ -28,7 +28,7 @@ def variables_by_name(parameters: list[Parameter], variables: np.ndarray) -> dic
     return dict(zip([parameter.name for parameter in parameters], variables.tolist(), strict=True))
 
 
-def test_variables_are_second_moments_of_a_body_and_values_at_the_ends_of_a_thrust_curve() -> None:
+def test_search_variables_are_second_moments_and_end_values_of_the_thrust_curve() -> None:
     """I_x = m_y + m_z. The derivatives of the thrust parabola at throttles 0 and 1 are K1 and K1 + 2 K2."""
     parameters = parameters_with()
     found = SearchVariables.of(parameters)
@@ -87,7 +87,7 @@ def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_the_data_sheet_valu
 
 
 @pytest.mark.parametrize("missing", ["inertia[1]", "motors.curve[2]"])
-def test_part_of_an_inertia_or_of_a_thrust_curve_has_no_common_limits(missing: str) -> None:
+def test_an_incomplete_inertia_or_thrust_curve_has_no_combined_limits(missing: str) -> None:
     parameters = [parameter for parameter in parameters_with() if parameter.name != missing]
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))

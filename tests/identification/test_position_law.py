@@ -160,7 +160,7 @@ def test_the_axes_along_the_heading_are_forward_left_and_up():
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
 def test_px4_subtracts_the_unproduced_output_from_its_integral(climb):
-    """PX4 subtracts 2 / k_p times this output from the velocity error that it integrates."""
+    """PX4 subtracts 2 / k_v times the unproduced output from the velocity error that it integrates."""
     gain, mass = 3.0, 0.7
     limits = AccelerationParameters(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
@@ -232,8 +232,8 @@ def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
         assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # the controller sums over samples
 
 
-def test_rounding_does_not_move_the_delay(vehicle):
-    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be wrong by 4.5 ms."""
+def test_rounded_signals_do_not_bias_the_delay(vehicle):
+    """Signals are rounded to 1 cm and 1 cm/s. The delay along Z would be wrong by 4.5 ms if they were not smoothed."""
     record = flown(vehicle, delay=0.0, filter_time=0.0, noise=0.0)
     rounded = replace(
         record,
@@ -246,7 +246,7 @@ def test_rounding_does_not_move_the_delay(vehicle):
         assert abs(fit.shape.delay) < 0.1 * PERIOD
 
 
-def test_the_rule_of_integration_changes_gains_by_half_a_period_times_the_integral_gain():
+def test_the_integration_rule_changes_gains_by_half_a_period_times_the_integral_gain():
     """The cascade has the gains 2 and 3, and integrates the velocity error with the gain 0.9."""
     cascade = {"position": 6.9, "velocity": 3.0, "reference_velocity": 3.0, "integral": 1.8}
     bounds = _integration_rule_bias(cascade, 0.02)
@@ -279,7 +279,7 @@ def test_samples_at_a_limit_are_distinguished_from_a_smooth_maximum():
     assert limited(cut)[smooth < 0.39].sum() == 0
 
 
-def test_hover_noise_and_missing_signals_are_refused(vehicle):
+def test_logs_without_a_moving_reference_or_a_required_signal_are_refused(vehicle):
     record = flown(vehicle)
     still = replace(record, reference_position=np.zeros((SAMPLES, 3)))
     with pytest.raises(InputError, match="use a log with a moving reference"):
@@ -335,13 +335,13 @@ def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_po
     assert control["command"] == {"kind": "acceleration", "feed_forward": 0.7}
 
 
-def test_an_integral_that_no_cascade_has_is_refused():
+def test_an_integral_gain_that_no_cascade_can_have_is_refused():
     law = law_of(position=1.0, velocity=1.0, reference_velocity=1.0, reference_acceleration=0.5, integral=2.0)
     with pytest.raises(InputError, match="no cascade of position and velocity represents the law"):
         control_layer(law)
 
 
-def test_an_axis_that_is_not_identified_is_not_written():
+def test_a_controller_is_not_written_if_an_axis_is_not_identified():
     law = replace(law_of(position=1.0, velocity=1.0), not_identified={"z": "why"})
     with pytest.raises(InputError, match="not identified on z"):
         control_layer(law)
@@ -355,7 +355,7 @@ def test_an_axis_that_is_not_identified_is_not_written():
         (cascade_law(2.0, 0.43, 0.0, 0.1, 0.0, "tilt"), "onboard", "pid_cascade"),
     ],
 )
-def test_the_written_controller_is_one_of_the_scenario_language(diagrams, law, base, kind, tmp_path):
+def test_the_written_controller_is_valid_in_the_scenario_language(diagrams, law, base, kind, tmp_path):
     path = tmp_path / "controller.yaml"
     write_controller(control_layer(law), law, path, "a command")
     assert YAML(typ="safe").load(path.read_text(encoding="utf-8"))["controller"]
@@ -365,7 +365,7 @@ def test_the_written_controller_is_one_of_the_scenario_language(diagrams, law, b
 
 
 def logged(flight):
-    """Return the log of a flight of this library, rounded to the resolution of a Crazyflie's log."""
+    """Return the log of a simulated flight, rounded to the resolution of a Crazyflie's log."""
     signals = flight.signals
     values = dict(zip(STATE_ROWS, np.split(signals["measurement"], len(STATE_ROWS), axis=1), strict=True))
     if "attitude_target" in signals:
@@ -377,19 +377,19 @@ def logged(flight):
     return FlightRecord("flight", flight.time, **{name: np.round(each, 3) for name, each in values.items()})
 
 
-PID = (
+PID_CONTROL = (
     "control={kind: cascade, position: {kind: pid, k_p: [2.5, 2.5, 6.0], k_d: [2.4, 2.4, 4.0], k_i: [0.8, 0.8, 2.0],"
     " integral_limit: 20.0, derivative: tracking_error, feed_forward: acceleration}}"
 )
-TILT = (
+TILT_CASCADE = (
     "control={kind: pid_cascade, position: {k_p: [1.2, 1.2, 1.5]}, velocity: {k_p: [0.3, 0.3, 4.0],"
     " k_i: [0.06, 0.06, 1.0]}, velocity_feed_forward: 0.0, command: {kind: tilt}}"
 )
-PX4 = (
+PX4_CASCADE = (
     "control={kind: pid_cascade, position: {k_p: [1.2, 1.2, 1.5]}, velocity: {k_p: [3.0, 3.0, 4.0],"
     " k_i: [0.6, 0.6, 1.0]}, velocity_feed_forward: 1.0, command: {kind: acceleration}}"
 )
-ON_BOARD = (
+ATTITUDE_CONTROLLER_ON_BOARD = (
     "laboratory.autopilot={kind: attitude, k_attitude: [8.0, 8.0, 3.0], k_rate: [25.0, 25.0, 8.0]}",
     "vehicle.time_step=0.0025",
 )
@@ -399,9 +399,17 @@ ON_BOARD = (
 @pytest.mark.parametrize(
     ("overrides", "form", "true"),
     [
-        ((*ON_BOARD, PX4), "decoupled", {"position": 7.0, "velocity": 4.0, "integral": 1.5, "reference_velocity": 4.0}),
-        ((PID,), "heading", {"position": 6.0, "velocity": 4.0, "integral": 2.0}),
-        ((*ON_BOARD, TILT), "tilt", {"position": 6.0, "velocity": 4.0, "integral": 1.5, "displacement": 1.0}),
+        (
+            (*ATTITUDE_CONTROLLER_ON_BOARD, PX4_CASCADE),
+            "decoupled",
+            {"position": 7.0, "velocity": 4.0, "integral": 1.5, "reference_velocity": 4.0},
+        ),
+        ((PID_CONTROL,), "heading", {"position": 6.0, "velocity": 4.0, "integral": 2.0}),
+        (
+            (*ATTITUDE_CONTROLLER_ON_BOARD, TILT_CASCADE),
+            "tilt",
+            {"position": 6.0, "velocity": 4.0, "integral": 1.5, "displacement": 1.0},
+        ),
     ],
 )
 def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true):

@@ -1,4 +1,4 @@
-"""Controls of the scenario language that fly an identified position law."""
+"""Conversion of identified position laws to the `control` section of a scenario."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 
-PD = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
+PD_GAINS = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
 
 
 def law_of(*axes, form="acceleration", reach=1e-3):
@@ -27,7 +27,7 @@ def control_of(*axes, **options):
 
 
 def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
-    control = control_of(*(PD | {"position": 4.0 + i, "velocity": 3.0 - 0.0123456789 * i} for i in range(3)))
+    control = control_of(*(PD_GAINS | {"position": 4.0 + i, "velocity": 3.0 - 0.0123456789 * i} for i in range(3)))
     assert control == {
         "position": {
             "kind": "pd",
@@ -39,14 +39,14 @@ def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
     }
 
 
-def test_without_a_limit_of_the_error_no_sample_is_at_a_limit():
-    for axis in law_of(PD, PD, PD).axes:
+def test_no_sample_is_at_the_error_limit_of_a_law_without_one():
+    for axis in law_of(PD_GAINS, PD_GAINS, PD_GAINS).axes:
         assert axis.at_error_limit == 0.0
         assert axis.gain("error_limit") == 0.0
 
 
 def test_a_pid_has_an_integral_on_the_axes_that_have_one():
-    control = control_of(PD, PD | {"integral": 2.0}, PD | {"integral": -0.0001})
+    control = control_of(PD_GAINS, PD_GAINS | {"integral": 2.0}, PD_GAINS | {"integral": -0.0001})
     assert control["position"]["kind"] == "pid"
     assert control["position"]["k_i"] == [0.0, 2.0, 0.0]
 
@@ -62,15 +62,16 @@ def test_a_pid_has_an_integral_on_the_axes_that_have_one():
         ((0.019, 0.001), "pd"),
     ],
 )
-def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
-    assert control_of(PD | {"integral": integral})["position"]["kind"] == kind
+def test_an_integral_gain_that_may_be_zero_is_left_out(integral, kind):
+    assert control_of(PD_GAINS | {"integral": integral})["position"]["kind"] == kind
 
 
 @pytest.mark.parametrize(
     ("reference_velocity", "derivative", "fraction"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # The ratio to the velocity gain of 3 is set to 0 or 1 if it differs by less than 5 % or its half-width.
+        # The ratio of the reference velocity gain to the velocity gain, 3, becomes 0 or 1 if it differs by less than 5
+        # % or its half-width.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),
@@ -90,7 +91,7 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
 def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_velocity, derivative, fraction, sign):
     """A ratio between 0 and 1 gives a cascade. The ratio does not depend on the sign of the gains."""
     value, reach = reference_velocity
-    control = control_of(PD | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
+    control = control_of(PD_GAINS | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
     if derivative is None:
         assert control["kind"] == "pid_cascade"
         assert control["velocity_feed_forward"] == pytest.approx(fraction, rel=1e-4)
@@ -124,7 +125,7 @@ def test_the_velocity_feedforward_is_the_mean_of_the_axes_that_determine_it():
     ],
 )
 def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expected):
-    control = control_of(PD | {"reference_acceleration": fed})
+    control = control_of(PD_GAINS | {"reference_acceleration": fed})
     if isinstance(expected, str):
         assert control["position"]["feed_forward"] == expected
     else:
@@ -132,9 +133,9 @@ def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expecte
 
 
 def test_a_pd_feeds_the_acceleration_forward_if_one_axis_does():
-    control = control_of(PD, PD | {"reference_acceleration": 0.0}, PD)
+    control = control_of(PD_GAINS, PD_GAINS | {"reference_acceleration": 0.0}, PD_GAINS)
     assert control["position"]["feed_forward"] == "acceleration"
-    control = control_of(PD | {"reference_acceleration": 0.2}, PD, {"position": 1.0, "velocity": 2.0})
+    control = control_of(PD_GAINS | {"reference_acceleration": 0.2}, PD_GAINS, {"position": 1.0, "velocity": 2.0})
     assert control["command"]["feed_forward"] == pytest.approx(0.6)
     control = control_of({"position": 1.0, "velocity": 2.0, "reference_velocity": 1.0})
     assert control["command"]["feed_forward"] == 0.0
@@ -143,7 +144,7 @@ def test_a_pd_feeds_the_acceleration_forward_if_one_axis_does():
 @pytest.mark.parametrize("name", ["displacement", "double_integral", "error_limit"])
 @pytest.mark.parametrize("axis", range(3))
 def test_a_law_with_a_term_that_a_pid_lacks_is_a_cascade(name, axis):
-    laws = [dict(PD) for _ in range(3)]
+    laws = [dict(PD_GAINS) for _ in range(3)]
     laws[axis][name] = 0.5
     assert control_of(*laws)["kind"] == "pid_cascade"
     laws[axis][name] = (0.5, 0.6)
@@ -152,22 +153,24 @@ def test_a_law_with_a_term_that_a_pid_lacks_is_a_cascade(name, axis):
 
 def test_a_limit_of_the_error_limits_the_velocity_of_a_cascade():
     """The limit of the velocity is the position gain times the limit of the error; 1000 m/s means no limit."""
-    control = control_of(PD | {"error_limit": 0.5}, PD, PD | {"velocity": 2.0, "reference_velocity": 2.0})
+    control = control_of(
+        PD_GAINS | {"error_limit": 0.5}, PD_GAINS, PD_GAINS | {"velocity": 2.0, "reference_velocity": 2.0}
+    )
     np.testing.assert_allclose(control["position"]["k_p"], [4.0 / 3.0, 4.0 / 3.0, 2.0], rtol=1e-4)
     np.testing.assert_allclose(control["position"]["limit"], [2.0 / 3.0, 1000.0, 1000.0], rtol=1e-4)
     assert "k_i" not in control["position"]
     assert "k_i" not in control["velocity"]
-    assert "limit" not in control_of(PD | {"displacement": 0.5})["position"]
+    assert "limit" not in control_of(PD_GAINS | {"displacement": 0.5})["position"]
 
 
-def test_a_law_with_a_tilt_as_its_output_is_a_cascade_without_an_acceleration():
-    control = control_of(PD, form="tilt")
+def test_a_law_that_commands_a_tilt_is_written_as_a_cascade_with_tilt_commands():
+    control = control_of(PD_GAINS, form="tilt")
     assert (control["kind"], control["command"]) == ("pid_cascade", {"kind": "tilt"})
     assert control["velocity_feed_forward"] == 1.0
 
 
 def test_axes_of_a_cascade_have_individual_gains():
-    """With half of the velocity fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
+    """If half of the velocity is fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(
@@ -190,25 +193,25 @@ def test_axes_of_a_cascade_have_individual_gains():
 
 
 def test_integral_gains_are_not_negative():
-    """This holds for the gain from the displacement, and for the one from the remaining integral."""
+    """The integral gains follow from the displacement gain and from the remaining integral gain."""
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})
     assert "k_i" not in control["position"]
     assert "k_i" not in control["velocity"]
     assert control["position"]["k_p"] == [2.0] * 3
-    # Without a double integral, the position loop has no integral action.
+    # The position loop has no integral action if the law has no double integral.
     control = control_of(base | {"displacement": 0.5, "integral": 9.0})
     assert "k_i" not in control["position"]
     assert control["velocity"]["k_i"] == [1.0] * 3
 
 
-def test_with_complete_velocity_feedforward_the_position_gain_is_the_larger_root():
+def test_the_position_gain_is_the_larger_root_if_the_velocity_feedforward_is_complete():
     """k_p = k K + k_i' and k_i = k_i' K with k = 2 are solved by K = 3 and k_i' = 4, and by K = 2 and k_i' = 6."""
     law = {"position": 10.0, "velocity": 2.0, "reference_velocity": 2.0, "reference_acceleration": 0.5}
     control = control_of(law | {"integral": 12.0})
     assert control["position"]["k_p"] == [3.0] * 3
     assert control["velocity"]["k_i"] == [4.0] * 3
-    # With the largest integral gain of a cascade, both roots coincide.
+    # Both roots coincide if the integral gain is the largest one that a cascade can have.
     control = control_of(law | {"integral": 12.5})
     assert control["position"]["k_p"] == [2.5] * 3
     control = control_of(law | {"integral": -1.0})

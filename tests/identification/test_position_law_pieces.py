@@ -134,7 +134,7 @@ def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_th
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
 
 
-def test_the_anti_windup_term_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(
+def test_the_anti_windup_term_is_the_integral_of_the_unproduced_horizontal_output(
     vehicle,
 ):
     """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
@@ -201,8 +201,11 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
         assert found["acceleration"][0].counted[400] == counts
 
 
-def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
-    """Without the time for delay and smoothing, the second of three stretches lasts 2.01 s, and the others 1.98 s."""
+def test_a_piece_ends_at_a_gap_and_must_contain_two_seconds_to_compare(vehicle):
+    """The second of three stretches has 2.01 s to compare, and the first and third have 1.98 s.
+
+    The time for delay and smoothing is subtracted.
+    """
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
@@ -219,8 +222,8 @@ def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
         prepared_pieces(record.subset(slice(217)), vehicle, [])
 
 
-def test_sixty_samples_of_a_piece_are_compared_if_the_log_is_slow(vehicle):
-    """At 20 Hz, delay and smoothing need seven additional samples."""
+def test_a_piece_of_a_slow_log_must_contain_sixty_samples_to_compare(vehicle):
+    """Delay and smoothing need seven additional samples at 20 Hz."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     assert piece.counted.sum() == 60
@@ -240,7 +243,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     assert len(limited) == 500
     # Values closer to the limit than 0.5 % of the range count as at the limit.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
-    # A smoothed sample depends on two others on each side.
+    # A smoothed sample depends on two neighbours on each side.
     usable = (np.arange(500) >= 15) & ~limited
     np.testing.assert_array_equal(piece.counted[:500], all_of_five(usable))
 
@@ -274,7 +277,7 @@ def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
 
 
 def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
-    """Without a measured attitude, the force is along the commanded attitude."""
+    """The force is along the commanded thrust axis if no attitude is measured."""
     random = np.random.default_rng(1)
     angles, thrust = random.uniform(-0.5, 0.5, (20, 3)), random.uniform(5.0, 15.0, 20)
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
@@ -289,8 +292,8 @@ def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
     np.testing.assert_allclose(in_heading(record, in_world), along, atol=1e-12)
 
 
-def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
-    """For angles above 78°, the cosine is set to 0.2."""
+def test_a_command_perpendicular_to_the_measured_thrust_causes_no_division_by_zero():
+    """The cosine is set to 0.2 for angles above 78°."""
     angles = np.array([[1.3, 0.0, 0.0], [1.4, 0.0, 0.0], [2.5, 0.0, 0.0]])
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)
@@ -302,7 +305,7 @@ def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
     np.testing.assert_allclose(decoupled[:, 2], 10.0 * axis[:, 2] - 9.81)
 
 
-def test_thrust_is_scaled_by_newtons_by_the_hover_thrust_or_by_the_median(vehicle):
+def test_specific_thrust_follows_from_newtons_from_the_hover_thrust_or_from_the_median_command(vehicle):
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
     fraction = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
     usable = fraction > 0.0
@@ -332,7 +335,7 @@ def limited(usable=None, *, thrust=TRIANGLE, roll=0.1 * TRIANGLE, pitch=0.1 * TR
 
 @pytest.mark.parametrize("name", ["thrust", "roll", "pitch"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_command_that_is_cut_off_is_at_a_limit(name, sign):
+def test_a_clipped_command_is_at_a_limit(name, sign):
     """Samples next to the limit, or at the other extreme, do not count."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
@@ -341,7 +344,7 @@ def test_a_command_that_is_cut_off_is_at_a_limit(name, sign):
     assert not limited().any()
 
 
-def test_a_tilt_that_is_cut_off_is_at_a_limit():
+def test_a_clipped_tilt_is_at_a_limit():
     """The vehicle yaws at a constant tilt half of the time, so neither roll nor pitch stays at an extreme."""
     tilt = np.minimum(0.15 * (TRIANGLE + 1.0), 0.2)
     direction = 0.037 * np.arange(2000)
@@ -352,7 +355,7 @@ def test_a_tilt_that_is_cut_off_is_at_a_limit():
     assert not found[tilt < 0.199].any()
 
 
-def test_a_limit_has_eight_samples_five_times_those_next_to_it_and_at_most_half_of_the_flight():
+def test_a_limit_is_recognised_by_the_number_of_samples_at_and_near_an_extreme():
     at_end = np.arange(2000)
     spread = 0.5 * TRIANGLE
 
@@ -371,7 +374,7 @@ def test_a_limit_has_eight_samples_five_times_those_next_to_it_and_at_most_half_
     assert found(15, 0, at_end >= 10) == 0
 
 
-def test_a_command_that_is_constant_is_at_no_limit():
+def test_a_constant_command_is_not_at_a_limit():
     assert not limited(np.arange(2000) < 15, thrust=np.ones(2000)).any()
     log = FlightRecord("log", 0.01 * np.arange(2000))
     cut = np.minimum(TRIANGLE, 0.8)

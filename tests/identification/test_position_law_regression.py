@@ -22,7 +22,7 @@ from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 
 PERIOD = 0.01  # s, sampling period
-BASIC = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")
+BASIC_TERMS = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")
 GAINS = {
     "position": 4.0,
     "velocity": 3.0,
@@ -56,7 +56,7 @@ def columns_at(time, shape):
     }
 
 
-def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):
+def flown(terms=BASIC_TERMS, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):
     """Return a stretch of flight under the law, in which the first second is not counted."""
     random = np.random.default_rng(round(begin))
     time = begin + PERIOD * np.arange(round(seconds / PERIOD))
@@ -83,14 +83,14 @@ def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, sett
 @pytest.mark.parametrize(
     ("terms", "shape", "free"),
     [
-        (BASIC, Shape(0.06), ("delay",)),
-        (BASIC, Shape(0.03, 0.08), ("delay", "filter_time")),
-        ((*BASIC, "double_integral"), Shape(0.1), ("delay",)),
-        (BASIC[:4], Shape(0.04, 0.0, 0.2), ("delay", "error_limit")),
+        (BASIC_TERMS, Shape(0.06), ("delay",)),
+        (BASIC_TERMS, Shape(0.03, 0.08), ("delay", "filter_time")),
+        ((*BASIC_TERMS, "double_integral"), Shape(0.1), ("delay",)),
+        (BASIC_TERMS[:4], Shape(0.04, 0.0, 0.2), ("delay", "error_limit")),
     ],
 )
 @pytest.mark.parametrize("axes", [(0,), (1, 2)])
-def test_a_law_without_noise_is_found(terms, shape, free, axes):
+def test_a_law_is_recovered_from_noise_free_commands(terms, shape, free, axes):
     pieces = [flown(terms, shape), flown(terms, shape, begin=20.0, seconds=5.0)]
     starts = [
         Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
@@ -107,9 +107,9 @@ def test_a_law_without_noise_is_found(terms, shape, free, axes):
 
 def test_the_search_begins_at_the_best_start():
     """A Nelder-Mead search does not move away from a limit that no error exceeds, since the objective is flat there."""
-    pieces = [flown(BASIC[:4], Shape(0.0, 0.0, 0.2))]
+    pieces = [flown(BASIC_TERMS[:4], Shape(0.0, 0.0, 0.2))]
     starts = [Shape(0.0, 0.0, limit) for limit in (50.0, 0.25, 20.0)]
-    assert search_fit(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(
+    assert search_fit(pieces, (0,), BASIC_TERMS[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(
         0.2, abs=1e-3
     )
 
@@ -118,24 +118,26 @@ def test_the_search_begins_at_the_best_start():
 def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
     """The squared residuals have a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
-    late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
+    late = regression._columns(piece, 0, BASIC_TERMS, Shape()) @ [GAINS[name] for name in BASIC_TERMS]
     command = np.interp(piece.time - delay, piece.time, late)
     counted = piece.counted & (piece.time >= 0.15)
     found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
     assert found.shape.delay == pytest.approx(delay, abs=2e-4)
-    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC], rtol=0.02)
-    assert (found.terms, found.free) == (BASIC, ("delay",))
+    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC_TERMS], rtol=0.02)
+    assert (found.terms, found.free) == (BASIC_TERMS, ("delay",))
 
 
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
-def test_a_delay_is_between_minus_one_sample_and_0_15_s(delay, expected):
+def test_an_identified_delay_is_between_minus_one_sample_and_0_15_s(delay, expected):
     pieces = [flown(shape=Shape(delay))]
-    assert search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
+    assert search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(
+        expected, abs=2e-4
+    )
 
 
 def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
     pieces = [flown(shape=Shape(0.0, 2.0))]
-    found = search_fit(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
+    found = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.0, 0.3)], ("filter_time",))
     assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
@@ -174,7 +176,7 @@ def stacked(pieces, axes, terms):
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
 def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(axes):
-    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCE_TERMS)
+    pieces, terms = noisy_pieces(), (*BASIC_TERMS[:5], *NUISANCE_TERMS)
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
@@ -189,10 +191,10 @@ def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(a
 
 def test_a_constant_command_is_not_explained():
     pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
-    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC, Shape(), ()).explained)
+    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC_TERMS, Shape(), ()).explained)
 
 
-def test_columns_are_the_terms_of_the_law():
+def test_the_regressors_are_the_terms_of_the_law():
     piece = noisy_pieces()[1]
     terms = (*GAINS, *NUISANCE_TERMS)
     found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
@@ -247,8 +249,8 @@ def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_z
     values = np.zeros_like(piece.error)
     values[5, 1] = 0.1
     pieces = [piece, piece._replace(**{name: values})]
-    assert excited_terms(pieces, (0,)) == excited_terms([piece], (0, 1, 2)) == BASIC
-    assert excited_terms(pieces, (0, 1)) == (*BASIC, name)
+    assert excited_terms(pieces, (0,)) == excited_terms([piece], (0, 1, 2)) == BASIC_TERMS
+    assert excited_terms(pieces, (0, 1)) == (*BASIC_TERMS, name)
 
 
 def direct_independent_samples(left):
@@ -275,7 +277,7 @@ def test_correlated_samples_are_less_informative_than_independent_ones():
 
 
 def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
-    """Return a fit whose last gain and last other parameter are both `last`."""
+    """Return a fit whose last gain and last nonlinear parameter are both `last`."""
     shape = Shape()._replace(**{free[-1]: last})
     return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, left, 0.9)
 
@@ -298,7 +300,7 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
     ],
 )
 @pytest.mark.parametrize("linear", [True, False])
-def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(
+def test_an_extended_law_is_taken_if_its_last_parameter_is_significant(
     monkeypatch, samples, fraction, last, better, linear
 ):
     # Residuals of alternating sign have no positive correlation.
@@ -316,7 +318,7 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(
     assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
 
 
-def test_of_two_laws_without_any_remaining_error_the_simpler_one_is_taken(monkeypatch):
+def test_the_simpler_of_two_exact_laws_is_taken(monkeypatch):
     """A constant command leaves no variance to explain."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
     simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
@@ -338,13 +340,13 @@ def rule_bias(named):
 
 @pytest.mark.parametrize("integral", [0.5, 1.5])
 @pytest.mark.parametrize("with_deviation", [False, True])
-def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rules(with_deviation, integral):
+def test_intervals_add_the_bias_of_signal_errors_and_of_the_integration_rule_to_the_jackknife(with_deviation, integral):
     """The jackknife leaves out each of fifteen blocks by one Gauss-Newton step.
 
     Errors of the logged position affect the regressors of the position error and of the deviation. With k_p = 4 and k_v
     = 3, a cascade has real gains for integral gains up to 4 / 3.
     """
-    terms, shape, free = (*BASIC[:3], *BASIC[4:]), Shape(0.02, 0.05), ("delay",)
+    terms, shape, free = (*BASIC_TERMS[:3], *BASIC_TERMS[4:]), Shape(0.02, 0.05), ("delay",)
     pieces = [flown(terms, shape, noise=0.2), flown(terms, shape, noise=0.2, begin=20.0, seconds=6.0)]
     pieces = [
         piece._replace(command=piece.command + (integral - GAINS["integral"]) * sines(1, piece.time - 0.02, -1))
@@ -363,7 +365,7 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
     ]
     jacobian = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
     count = len(jacobian) // 2
-    # Twelve seconds give fifteen blocks per axis, and the same block of both axes is left out together.
+    # Twelve seconds give fifteen blocks per axis. A block is left out on both axes at the same time.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     moves, fractions = [], []
@@ -388,16 +390,16 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
 @pytest.mark.parametrize(
     ("terms", "shape", "rich"),
     [
-        (BASIC, Shape(0.05), ()),
-        (BASIC, Shape(0.05, 0.1), ("filter_time",)),
-        ((*BASIC, "double_integral"), Shape(0.05), ("double_integral",)),
+        (BASIC_TERMS, Shape(0.05), ()),
+        (BASIC_TERMS, Shape(0.05, 0.1), ("filter_time",)),
+        ((*BASIC_TERMS, "double_integral"), Shape(0.05), ("double_integral",)),
     ],
 )
 def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
     """No filter, limit or double integral is found if the law has none."""
     piece = flown(terms, shape, noise=0.02)
     found = select_fit([piece], (0,))
-    assert {*found.terms, *found.free} == {*BASIC, "delay", *rich}
+    assert {*found.terms, *found.free} == {*BASIC_TERMS, "delay", *rich}
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
     assert found.shape.delay == pytest.approx(0.05, abs=0.01)
 
@@ -405,7 +407,7 @@ def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
 def test_the_search_for_a_limit_starts_at_errors_that_occur():
     """The error exceeds the limit in a fifth of the samples."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
-    found = fit_with_limit([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    found = fit_with_limit([flown(BASIC_TERMS[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
     assert found.free == ("delay", "error_limit")
     assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
     assert fit_with_limit([flown(noise=0.02)], (0,)).free == ("delay",)
@@ -455,7 +457,7 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch
     assert (found.not_identified, ["".join(each.axes) for each in found.axes]) == ({}, groups)
     for each in found.axes:
         factor = factors["xyz".index(each.axes[0])]
-        for name in BASIC:
+        for name in BASIC_TERMS:
             spread = each.gains[name]
             # About one of twenty 95 % intervals misses the true value by chance.
             assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.half_width)
@@ -476,7 +478,9 @@ def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
 
 
 def fit_of_everything(explained=0.99):
-    return Fit(BASIC, np.array([GAINS[name] for name in BASIC]), Shape(0.05), ("delay",), np.ones(4), explained)
+    return Fit(
+        BASIC_TERMS, np.array([GAINS[name] for name in BASIC_TERMS]), Shape(0.05), ("delay",), np.ones(4), explained
+    )
 
 
 @pytest.mark.parametrize(
@@ -550,8 +554,8 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
     reaches, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
     monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (reaches, freedoms))
     found = law._spreads([], axes, fit_of_everything(), form)
-    assert [*found] == [*BASIC, "delay"]
-    np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC), 0.05])
+    assert [*found] == [*BASIC_TERMS, "delay"]
+    np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC_TERMS), 0.05])
     np.testing.assert_allclose([each.half_width for each in found.values()], reaches)
     assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
     assert [each.unit for each in found.values()] == [*units, "s"]
@@ -592,12 +596,12 @@ def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typica
 
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
     """Essential gains and the shape of the law are kept."""
-    pieces = [flown(BASIC[:4], Shape(0.05), noise=0.02)]
-    fit = search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
+    pieces = [flown(BASIC_TERMS[:4], Shape(0.05), noise=0.02)]
+    fit = search_fit(pieces, (0,), BASIC_TERMS, [Shape(0.05)], ("delay",))
     weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
     monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(weak))
     found = law._axis_law(pieces, (0,), "heading", fit)
-    kept = tuple(name for name in BASIC if name != "displacement")
+    kept = tuple(name for name in BASIC_TERMS if name != "displacement")
     again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
     assert found.not_identified == weak
     assert {*found.gains} == {*kept} - {"position"}
@@ -610,7 +614,7 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
 
-def test_gains_on_a_reference_at_rest_are_not_identified(monkeypatch):
+def test_reference_gains_are_not_identified_if_the_reference_rests(monkeypatch):
     piece = flown(("position", "velocity", "integral"), Shape(0.05), noise=0.02)
     piece = piece._replace(
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
@@ -621,7 +625,7 @@ def test_gains_on_a_reference_at_rest_are_not_identified(monkeypatch):
     monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
     found = law._axis_law([piece], (0, 1), "heading", fit)
     assert found.axes == ("x", "y")
-    assert found.not_identified == dict.fromkeys(BASIC[2:5], "the reference does not move along this axis")
+    assert found.not_identified == dict.fromkeys(BASIC_TERMS[2:5], "the reference does not move along this axis")
     assert {*found.gains} == {"position", "velocity", "integral", "delay"}
     assert found.explained == fit.explained
     assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)

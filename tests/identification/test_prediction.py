@@ -25,7 +25,7 @@ from drake_quad.identification.validation.prediction import (
 )
 from drake_quad.scenario.files.loading import load_undesigned
 
-SIMPLE = (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
+PREDICTORS_WITHOUT_MODEL = (CONSTANT_VELOCITY, CONSTANT_ACCELERATION)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # With these values, the effect of a command is visible after one camera frame, the delay of the scenario.
+        # These values make the effect of a command visible after one camera frame, which is the delay of the scenario.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -43,7 +43,7 @@ def scenario(root):
 
 @pytest.fixture(scope="module")
 def record(scenario):
-    """Return a log of the state without noise, 10 ms late, and of the commands."""
+    """Return a log of the noise-free state, delayed by 10 ms, and of the commands."""
     flight = simulate(scenario, compiled=True)
     state = np.array([np.interp(flight.time - 0.01, flight.time, row) for row in flight["state"].T]).T
     command = np.concatenate([flight["rotor_speed_command"][1:], flight["rotor_speed_command"][-1:]])
@@ -67,9 +67,9 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     """Return a log of motion with constant accelerations, at 100 Hz.
 
     Args:
-        turning: (3,) rotation vector per second, rad.
+        turning: (3,) initial turn rate, rad/s.
         acceleration: (3,) constant acceleration, m/s².
-        angular: growth of the turn rate, 1/s².
+        angular: angular acceleration divided by the initial turn rate, 1/s.
         seconds: duration, s.
     """
     time = 0.01 * np.arange(round(100 * seconds))
@@ -94,7 +94,7 @@ def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out)
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     for quantity in found.errors:
         for horizon in found.horizons:
-            for simple in SIMPLE:
+            for simple in PREDICTORS_WITHOUT_MODEL:
                 assert found.rmse(quantity, simple, horizon).value < 1e-6, (quantity, simple)
 
 
@@ -102,7 +102,7 @@ def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out)
 @pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
 def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, left_out):
-    """With constant velocity, the errors are the displacement, velocity change and angle due to the accelerations."""
+    """The errors at constant velocity are the displacement, velocity change and angle that the accelerations cause."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
@@ -126,13 +126,13 @@ def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:
-        for simple in SIMPLE:
+        for simple in PREDICTORS_WITHOUT_MODEL:
             assert predictions.better(quantity, "right", simple, 0.5).low > 0.9
     assert predictions.losses("right") == ""
 
 
 @pytest.mark.slow
-def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
+def test_a_prediction_with_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
     """Position noise affects a velocity from a few samples much more than the velocity of a filter."""
     random = np.random.default_rng(1)
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
@@ -144,7 +144,7 @@ def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
 @pytest.mark.slow
 def test_the_estimated_disturbance_compensates_a_wrong_thrust(predictions):
     """If the first vehicle has 10 % too much thrust, its filter estimates a force that compensates this for a while."""
-    assert predictions.vehicles == ("stronger", "right", *SIMPLE, WITH_DISTURBANCE)
+    assert predictions.vehicles == ("stronger", "right", *PREDICTORS_WITHOUT_MODEL, WITH_DISTURBANCE)
     assert predictions.better("position", WITH_DISTURBANCE, "stronger", 0.1).low > 0.8
 
 
@@ -173,10 +173,10 @@ def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position
     return Predictions(names, (horizon,), np.array(["a"] * count), np.arange(1.0 * count), {quantity: errors[:, None]})
 
 
-def test_losses_state_quantity_and_horizon_if_the_loss_is_certain():
+def test_certain_losses_against_simple_predictors_state_quantity_and_horizon():
     sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * sure, sure, 3.0 * sure])
-    names = ("mine", *SIMPLE)
+    names = ("mine", *PREDICTORS_WITHOUT_MODEL)
     found = of_errors(errors, names, quantity="body_rates").losses("mine")
     assert found == "mine predicts worse than constant velocity or constant acceleration: body rates (0.5 s)"
     unsure = np.stack([np.array([1.0, 2.0, 1.0, 2.0, 1.0, 2.1]), np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]), 9.0 * sure])
@@ -185,8 +185,8 @@ def test_losses_state_quantity_and_horizon_if_the_loss_is_certain():
     assert of_errors(np.stack([sure, 2.0 * sure, 2.0 * sure]), names).losses("mine") == ""
 
 
-def test_intervals_follow_from_blocks():
-    """With one start per block, the interval is Student's for the logarithm of the mean square."""
+def test_intervals_of_an_rms_error_follow_from_blocks():
+    """If each block has one start, the interval of the log mean square follows Student's t-distribution."""
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
@@ -289,13 +289,13 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     assert np.isfinite(found.errors["position"][0, 0]).sum() > np.isfinite(found.errors["position"][0, 1]).sum() > 20
 
 
-def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_shortest_horizon_ends():
-    """Before a start, the filter needs half a second without a gap."""
+def test_starts_are_a_tenth_of_a_second_apart_and_leave_time_for_filter_and_horizon():
+    """The filter needs half a second without a gap before a start."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
-    # At two samples a second, each sample is a start.
+    # Each sample is a start at two samples per second.
     slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
     assert (slow[0], set(np.diff(slow))) == (6, {1})
     # The parabola may need more time than the filter.
@@ -304,7 +304,7 @@ def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_s
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
     times = gapped.time[starts]
     assert times[times < 2.0].max() + 0.2 < 2.0
-    # After a gap, the commands that the rotors follow are unknown.
+    # The commands that the rotors follow are unknown after a gap.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
     # If a fraction of the flight is given, only the starts in this last part count.
     late = prediction._starts(log, 6, (0.2,), 0.25)
@@ -345,7 +345,7 @@ def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
 
 
 def test_errors_are_distances_and_the_angle_between_two_attitudes():
-    """Without attitudes, only the vertical motion is predicted."""
+    """Only the vertical motion is predicted if no attitudes are logged."""
     random = np.random.default_rng(5)
     log = moving([0.3, -0.4, 0.9], seconds=1.0)
     starts, steps = np.array([10, 30, 60]), [5, 20]

@@ -30,7 +30,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def log(scenario):
-    """Return two seconds of a noisy log of unsteady hover."""
+    """Return a noisy log of two seconds of unsteady hover."""
     random = np.random.default_rng(3)
     time = PERIOD * np.arange(200)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
@@ -70,7 +70,7 @@ def noise_of(outputs, *, white=1.0, push=1.0, memory=1.0):
     )
 
 
-def test_a_measurement_correction_is_that_of_a_kalman_filter():
+def test_the_measurement_update_is_that_of_a_kalman_filter():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
@@ -102,7 +102,7 @@ def test_the_variance_of_a_disturbance_is_stationary(scenario, log):
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.5, 5.0])
-def test_the_variance_of_a_mean_force_follows_from_its_correlation(duration):
+def test_the_variance_of_a_mean_force_follows_from_its_correlation_time(duration):
     """The variance of the mean is the variance times the mean of exp(-|t - s| / T) over all pairs of times."""
     noise = noise_of(POSE)
     found = noise.mean_force(duration)
@@ -129,7 +129,10 @@ def test_equivalent_axes_share_one_noise_parameter(scenario, log):
 
 
 def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scenario, log):
-    """Without positions, no position is a state; without attitudes, no yaw; without forces, no velocity or force."""
+    """Positions are states if they are outputs, yaw if attitudes are outputs.
+
+    Velocities and disturbing forces are states if positions or specific forces are outputs.
+    """
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
         (POSE, set()),
@@ -153,8 +156,8 @@ def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_positi
     assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
 
 
-def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_two_degrees(scenario, log, values):
-    """A predicted attitude begins at the first of its own measurements, and one that is not logged is unknown."""
+def test_a_logged_attitude_that_is_not_predicted_is_initially_known_to_two_degrees(scenario, log, values):
+    """A predicted attitude begins at its first measurement. An attitude that is not logged is initially unknown."""
     bare = replace(log, attitude=None)
     for record, outputs, expected in ((log, IMU, 0.03), (bare, IMU, 0.5), (log, POSE, 0.5)):
         predictor = made(scenario, record, outputs)
@@ -165,7 +168,7 @@ def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_
         np.testing.assert_allclose(deviations[:, predictor.rows.tolist().index(9)], 10.0)
 
 
-def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
+def test_the_predicted_attitude_is_that_of_the_marker_frame(log, values):
     scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
     predictor = made(scenario, log)
     flown, state = predictor._begin(values[None])
@@ -176,7 +179,10 @@ def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
 
 @pytest.mark.parametrize("split", [1, 2])
 def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
-    """From then on, the gains are zero. Without a disturbance, the first step lacks its force and torque."""
+    """The gains are zero after this measurement.
+
+    A prediction without a disturbance lacks its force and torque from the first step on.
+    """
     predictor, noise = made(scenario, log, split=split), noise_of(POSE)
     gains = predictor.gains(values, noise)
     steps = [1, 3, 20]
@@ -199,7 +205,7 @@ def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(sc
     np.testing.assert_allclose((pushed - free)[9:12], PERIOD * torque, rtol=2e-2, atol=1e-4)
 
 
-def test_windows_begin_at_the_measured_states_and_others_at_zero(scenario, log, values):
+def test_windows_begin_at_the_measured_states_with_zeros_for_unmeasured_states(scenario, log, values):
     predictor = made(scenario, log)
     state = predictor.initial.state
     for w, start in enumerate((30, 50, 90)):
@@ -211,7 +217,7 @@ def test_windows_begin_at_the_measured_states_and_others_at_zero(scenario, log, 
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
     np.testing.assert_array_equal(state[[6, 7, 8, *range(NUM_BODY, NUM_BODY + NUM_DISTURBANCE)]], 0.0)
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
-    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s and 10 rad/s, then the ones of the disturbance and the wind
+    # The initial standard deviations are 1 m, 0.5 rad, 2 m/s and 10 rad/s, followed by those of disturbance and wind
     # force.
     noise = noise_of(POSE)
     first = predictor.gains(values, noise).initial_covariance
@@ -252,7 +258,7 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("split", [1, 2])
 def test_errors_computed_with_the_gains_of_a_filter_equal_the_filter_errors(scenario, log, values, outputs, split):
-    """With other parameters, the errors differ."""
+    """The errors differ from the filter errors if the parameters differ."""
     predictor, noise = made(scenario, log, outputs, split=split), noise_of(outputs)
     gains = predictor.gains(values, noise)
     more = values * [1.001, 1.0]
@@ -263,8 +269,8 @@ def test_errors_computed_with_the_gains_of_a_filter_equal_the_filter_errors(scen
 
 
 def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, values):
-    """The window at 50 directly follows the one at 30; the one at 90 does not follow any."""
-    # With constant commands, the rotor speeds are the same in all windows.
+    """The window at sample 50 directly follows the window at sample 30. The window at sample 90 follows no window."""
+    # The rotor speeds are the same in all windows, since the commands are constant.
     log = replace(log, rotor_speed_command=np.tile(log.rotor_speed_command[50], (200, 1)))
     predictor, noise = made(scenario, log), noise_of(POSE)
     gains = predictor.gains(values, noise)
@@ -280,11 +286,11 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
     again = predictor.gains(values, noise)
     np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
     np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
-    # The filter continues: the second window predicts as if both were one window.
+    # The filter continues, so the second window predicts as if both windows were one.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
     whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
-    # With other parameters, the window begins at the end of the previous one for these, to first order.
+    # For other parameters, the window begins, to first order, where the previous window ends with these parameters.
     flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
@@ -293,7 +299,7 @@ def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, valu
 
 @pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
 def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values, outputs, left):
-    """Compared with a filter for the other noise, the remaining error is a small fraction of the change."""
+    """The linearised errors differ from those of a filter for the changed noise by a small fraction of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([0, 2])
     others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
@@ -315,7 +321,7 @@ def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("first", [{"white": 1.1}, {"push": 0.8}, {"memory": 1.2}], ids=lambda first: next(iter(first)))
-def test_several_noises_are_linearised_together(scenario, log, values, outputs, first):
+def test_several_sets_of_noise_parameters_are_linearised_together(scenario, log, values, outputs, first):
     """For a change of the noise by 0.1 %, results differ from separate calls by at most 1 % of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([2, 0])
@@ -363,7 +369,10 @@ def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
 
 @pytest.mark.slow
 def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(scenario, log, values):
-    """The derivatives with respect to parameters inside their limits are zero; the others stay at their limits."""
+    """The derivatives with respect to parameters inside their limits are zero.
+
+    All other parameters stay at their limits.
+    """
     predictor, noise = made(scenario, log), noise_of(POSE)
     parameters = [
         Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
@@ -400,7 +409,7 @@ def test_a_yaw_that_wraps_is_predicted_like_one_that_does_not(scenario, log, val
 def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it(scenario, log, values):
     """White noise is known to 1 / √(2n) of its value from n measurements.
 
-    The correlation time of a disturbance of zero is unknown.
+    The correlation time is unknown if the disturbance is zero.
     """
     predictor = made(scenario, log)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))
@@ -412,7 +421,7 @@ def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it
 
 
 def test_every_window_has_the_same_weight_in_the_estimate_of_the_noise(scenario, values):
-    """One of three windows has three times the noise of the others."""
+    """One of three windows has three times the noise of the two other windows."""
     random = np.random.default_rng(4)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
     still = np.zeros((130, 3))

@@ -66,7 +66,7 @@ def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[floa
 def test_windows_are_as_long_as_the_flight_allows(
     rotors: Scenario, seconds: float, signals: tuple[str, ...], length: float
 ) -> None:
-    """Before each window, the filter settles for 0.4 s, and before that the rotors follow their commands for 0.4 s."""
+    """The rotors first follow their commands for 0.4 s, then the filter settles for 0.4 s, then the window begins."""
     logs, _ = prepare([log_of(seconds, *signals)], rotors)
     assert sizes_in_seconds(logs) == pytest.approx((length, 0.4, 0.4))
     assert len(logs.predictor((), logs.flying).windows) == int((seconds - 0.4 - 0.01) / length + 1e-9)
@@ -74,7 +74,7 @@ def test_windows_are_as_long_as_the_flight_allows(
 
 @pytest.mark.parametrize(
     ("seconds", "signals", "length"),
-    # The length is at most half of that of four windows in the held-out flight.
+    # A window is at most as long as an eighth of the held-out flight.
     [(30.0, POSE, 0.5), (30.0, IMU, 0.1), (3.2, POSE, 0.4), (1.6, POSE, 0.2), (1.6, IMU, 0.1)],
 )
 def test_forecasts_last_half_a_second_with_poses_and_a_tenth_without(
@@ -117,7 +117,7 @@ def test_a_predictor_has_the_given_parameters_and_delay(rotors: Scenario) -> Non
     np.testing.assert_array_equal(fixed.model.delays(np.ones((2, 1))), 0.2)
     assert fixed.inputs.margin * fixed.inputs.period >= 0.2
     assert logs.predictor(("rotor_aerodynamics.climb",), logs.flying).model.scenario.vehicle.rotor_aerodynamics
-    # Without poses, disturbing forces are along the axes of the body.
+    # Disturbing forces are along the axes of the body if no poses are logged.
     board, _ = prepare([log_of(10.0, *IMU)], rotors)
     assert (predictor.model.frame, board.predictor((), board.flying).model.frame) == ("world", "body")
 
@@ -138,7 +138,7 @@ def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
 
 
 def test_a_filter_starts_with_a_large_disturbance_of_short_correlation_time() -> None:
-    """The initial noise is within a factor of ten of usual sensors."""
+    """The initial noise differs from the noise of usual sensors by less than a factor of ten."""
     signals = ("position", "velocity", "attitude", "body_rates", FORCE)
     noise = initial_noise([Output(name, column) for name in signals for column in range(3)])
     usual = np.repeat([1e-3, 2e-2, 4e-3, 2e-2, 0.3], 3)
@@ -168,7 +168,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
     signals, thrust = {
         "thrust": ({"thrust_command": 40.0 * fractions}, 40.0 * fractions),
         "share of hover": (
-            # The thrust share is used, and not the thrust factor of the data sheet.
+            # The thrust fraction is used, and not the thrust factor of the data sheet.
             {"thrust_fraction": fractions, "hover_thrust_fraction": np.full(50, 0.4), "thrust_command": np.ones(50)},
             vehicle.mass * vehicle.gravity * fractions / 0.4,
         ),
@@ -181,7 +181,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
 
 
 def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Scenario, pushed: FlightRecord) -> None:
-    """A thrust share without a thrust curve, or only a hover share, does not give the commanded thrust."""
+    """Neither a thrust fraction without a thrust curve nor a hover thrust fraction gives the commanded thrust."""
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record

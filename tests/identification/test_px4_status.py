@@ -50,7 +50,7 @@ AIRFRAMES = {
     "Spacecraft 2D": (14, "a spacecraft"),
 }
 # From VEHICLE_TYPE in PX4's VehicleStatus.msg.
-WINGS = {"fixed wing": (2, "an aeroplane"), "rover": (3, "a ground rover"), "airship": (4, "an airship")}
+VEHICLE_TYPES = {"fixed wing": (2, "an aeroplane"), "rover": (3, "a ground rover"), "airship": (4, "an airship")}
 
 
 def test_types_of_vehicles_have_the_published_codes():
@@ -59,7 +59,7 @@ def test_types_of_vehicles_have_the_published_codes():
         for number in range(60):
             expected = f"{known[number]}, by the parameter {name}, {number}" if number in known else ""
             assert other_vehicle({name: number}, None) == expected
-    for field, table in (("system_type", MAV_TYPES), ("vehicle_type", WINGS)):
+    for field, table in (("system_type", MAV_TYPES), ("vehicle_type", VEHICLE_TYPES)):
         known = dict(table.values())
         for number in range(60):
             status = {field: np.full(5, number)}
@@ -108,7 +108,7 @@ def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, s
             f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
             f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
-    # Without its size, a reset is not reported.
+    # A reset is not reported if its size is not logged.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
 
 
@@ -156,7 +156,7 @@ def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
     assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
 
 
-def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
+def test_motor_pulses_are_read_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
     found, remarks = with_motor_pulses(data, parameters)

@@ -14,7 +14,7 @@ from drake_quad.identification.random_effects import (
 )
 from drake_quad.identification.results.held_out import hold_out_check
 
-SCALES = np.full(2, 1e6)
+PRIOR_SCALES = np.full(2, 1e6)
 
 
 def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
@@ -26,7 +26,7 @@ def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> E
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     errors = values - rows @ found
     return Evidence(
-        ("drag", "lag"), found, SCALES, rows.swapaxes(1, 2) @ rows, -np.einsum("wkp,wk->wp", rows, errors), 80.0
+        ("drag", "lag"), found, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, -np.einsum("wkp,wk->wp", rows, errors), 80.0
     )
 
 
@@ -61,13 +61,13 @@ def test_a_parameter_without_information_does_not_vary() -> None:
 
 
 def test_each_stretch_is_fitted_separately() -> None:
-    """For a linear model, one Gauss-Newton step is exact, so the test refits each stretch."""
+    """One Gauss-Newton step is exact for a linear model, so the test compares it with a refit of each stretch."""
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
     values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
     found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
     scores = -np.einsum("wkp,wk->wp", rows, values - rows @ found)
-    stretches = FlightSegments.of(Evidence(("a", "b"), found, SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
+    stretches = FlightSegments.of(Evidence(("a", "b"), found, PRIOR_SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
     for b in range(NUM_SEGMENTS):
         own = slice(2 * b, 2 * b + 2)
         by_hand = np.linalg.lstsq(rows[own].reshape(-1, 2), values[own].ravel(), rcond=None)[0]
@@ -80,7 +80,7 @@ def test_each_stretch_is_fitted_separately() -> None:
 
 @pytest.mark.parametrize("windows", [20, 23, 37])
 @pytest.mark.parametrize("noise", [0.2, 3.0])
-def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noise) -> None:
+def test_error_variances_follow_from_the_scatter_of_windows_within_a_stretch(windows, noise) -> None:
     """All windows have the same information h.
 
     If model and noise are right, the scores of the windows have the variance h, and the error of a stretch of n windows
@@ -103,7 +103,7 @@ def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noi
     assert stretches.duration == pytest.approx(0.5)
 
 
-def test_errors_are_those_of_the_model_with_one_window_in_a_stretch() -> None:
+def test_error_variances_are_those_of_the_model_if_each_stretch_has_one_window() -> None:
     own = evidence(np.random.default_rng(12), deviation=3.0, windows=NUM_SEGMENTS, samples=40)
     stretches = FlightSegments.of(own._replace(scales=np.full(2, 0.3)))
     nominal = np.linalg.inv(own.information + np.eye(2) / 0.09)
@@ -147,7 +147,7 @@ def test_parameters_that_vary_together_are_correlated() -> None:
     assert varied.duration == 8.0
 
 
-def test_a_variation_can_be_reduced_and_extended() -> None:
+def test_a_variation_can_be_restricted_to_parameters_and_extended_by_parameters() -> None:
     whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
     part = whole.subset([2, 0])
     np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])
@@ -158,7 +158,7 @@ def test_a_variation_can_be_reduced_and_extended() -> None:
 
 
 def test_the_variance_of_the_errors_is_subtracted_from_that_between_stretches() -> None:
-    """For sample variance s² and equal error variances v, the variance between stretches is s² - v."""
+    """The variance between stretches is s² - v, for the sample variance s² and equal error variances v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
     assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
@@ -175,7 +175,7 @@ def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
     assert np.sum(weights * (estimates - mean) ** 2) == pytest.approx(5.0)
 
 
-def test_chance_is_seldom_taken_for_variation() -> None:
+def test_random_scatter_is_seldom_taken_for_variation() -> None:
     """The significance level is ten per cent."""
     rng = np.random.default_rng(0)
     found = [variation_of(evidence(rng, deviation=0.0)) for _ in range(300)]
@@ -223,8 +223,8 @@ def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None
 
 
 @pytest.mark.parametrize("deviation", [0.3, 3.0])
-def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
-    """For small and large variation, the coverage is 95 %, to within three standard errors."""
+def test_intervals_cover_the_estimates_from_held_out_stretches(deviation) -> None:
+    """The coverage is 95 % for small and for large variation, to within three standard errors."""
     rng = np.random.default_rng(5)
     held = [
         [each.num_covered for each in hold_out_check(evidence(rng, deviation=deviation)).values()] for _ in range(60)
@@ -237,7 +237,7 @@ def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_model() -> None:
-    """The other stretches contain no information on this parameter, so it has one degree of freedom."""
+    """The parameter has one degree of freedom, since all other stretches contain no information on it."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
     alone = np.arange(60) * NUM_SEGMENTS // 60 == 3
     kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]

@@ -1,4 +1,4 @@
-"""Commands between samples, drifting clocks, and estimates that depend on the bandwidth of a log."""
+"""Missing commands between samples, drifting clocks, and estimates that missing commands distort."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from drake_quad.identification.sampling import (
 PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(4000)
 # Time shift in each part of two seconds, s.
-DRIFT = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
+CLOCK_SHIFTS = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
 
 
 def rolling(shifts, *, lost=()):
@@ -74,9 +74,9 @@ def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
     assert 8 <= len(shifts_of(half)) <= 10
 
 
-def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
-    drifting = rolling(DRIFT)
-    np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
+def test_only_on_board_sensors_are_used_if_clocks_drift():
+    drifting = rolling(CLOCK_SHIFTS)
+    np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(CLOCK_SHIFTS), rtol=0.2)
     (kept,), late, (remark,) = synchronise([drifting])
     assert {*kept.names} == {"body_rates", "specific_force", "motor_command"}
     assert kept.period == pytest.approx(0.03)
@@ -84,25 +84,25 @@ def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
     assert "not synchronised; position, velocity and attitude are left out" in remark
 
 
-def test_a_constant_shift_is_no_drift():
+def test_a_constant_shift_is_not_taken_for_a_drift():
     """Body rates that lag may be derived from the attitude."""
     record = rolling(np.full(20, -0.03))
     assert synchronise([record]) == ([record], False, [])
 
 
-def test_an_attitude_that_lags_behind_the_gyroscope_is_late():
+def test_an_attitude_that_lags_the_gyroscope_counts_as_estimated():
     record = rolling(np.full(20, 0.007))
     (kept,), late, (remark,) = synchronise([record])
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
-    # Without other signals, even a late attitude is used.
+    # A late attitude is used if there are no alternative signals.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
     assert synchronise([bare]) == ([bare], False, [])
 
 
-def test_without_an_accelerometer_a_drift_is_only_remarked():
-    record = rolling(DRIFT, lost=("specific_force",))
+def test_a_drift_causes_only_a_remark_in_logs_without_an_accelerometer():
+    record = rolling(CLOCK_SHIFTS, lost=("specific_force",))
     kept, late, (remark,) = synchronise([record])
     assert kept == [record]
     assert not late
@@ -112,7 +112,7 @@ def test_without_an_accelerometer_a_drift_is_only_remarked():
 @pytest.mark.parametrize(
     ("shifts", "drifts"),
     [
-        # A drift needs at least four parts and a standard deviation of 8 ms.
+        # A drift is found in at least four parts whose shifts have a standard deviation of at least 8 ms.
         ([[0.01, -0.01, 0.01]], False),
         ([[0.01, -0.01, 0.01, -0.01]], True),
         ([[0.0078, -0.0078] * 4], False),
@@ -124,7 +124,7 @@ def test_without_an_accelerometer_a_drift_is_only_remarked():
         ([[], []], False),
     ],
 )
-def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, drifts):
+def test_a_drift_is_recognised_by_the_scatter_of_shifts_within_logs(monkeypatch, shifts, drifts):
     records = [replace(rolling(np.zeros(20)), name=f"{i}") for i in range(len(shifts))]
     parts = iter(shifts)
     monkeypatch.setattr(sampling, "clock_shifts", lambda signals, time: np.array(next(parts)))
@@ -210,8 +210,11 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
 
 
 def test_a_rotor_lag_has_the_error_of_a_ramp_that_is_averaged_and_held():
-    """The expected error is found by simulating the ramp. It increases the variance of the lag; correlations and other
-    parameters are unchanged."""
+    """The expected error follows from a simulation of the ramp.
+
+    It increases the variance of the rotor time constant, and leaves all correlations and all other parameters
+    unchanged.
+    """
     lag, period = 0.05, 0.02
     decay, response = np.exp(-period / lag), 0.0
     for sample in range(400):

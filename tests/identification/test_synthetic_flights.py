@@ -80,7 +80,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
         assert record.thrust_fraction is None
-    # By default, a log has a row for each recorded sample.
+    # A log has a row for each recorded sample by default.
     np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 
@@ -128,7 +128,7 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         assert options == {"held_out_fraction": 0.0}
 
 
-def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monkeypatch):
+def test_the_identified_log_has_the_rows_that_its_condition_requires(diagrams, monkeypatch):
     """A slow log contains every fifth sample."""
     logs = []
 
@@ -141,7 +141,7 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
     assert logs[0].period == pytest.approx(0.01)
 
 
-def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):
+def test_a_flight_whose_log_is_refused_gives_no_parameters(diagrams, monkeypatch):
     def refuse(*_, **__):
         raise InputError("refused by this test")
 

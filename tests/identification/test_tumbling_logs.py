@@ -11,8 +11,8 @@ from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, LogModel,
 from drake_quad.identification.prediction_errors import Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
 
-PERIOD = 0.01  # s
-DURATION = 1.0  # s
+PERIOD = 0.01  # s, sampling period
+DURATION = 1.0  # s, duration of each flight
 COMMAND = np.array([196.0, 203.0, 199.0, 201.0])
 
 
@@ -62,7 +62,7 @@ def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, 
 def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     """The vehicle rolls at 3 rad/s with constant thrust.
 
-    At one sample, the roll is exactly 180°, so half of the perturbed angles around it wrap.
+    The roll is exactly 180° at one sample, so half of the perturbed roll angles at this sample wrap.
     """
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     vehicle = LogModel(scenario, ["mass"])

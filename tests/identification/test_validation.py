@@ -22,8 +22,8 @@ ROUTE = (
     "route={kind: waypoints, waypoints: [[0, 0, 1], [0.6, 0.2, 1.2], [0, 0.5, 1], [0, 0, 1]], times: [0, 1.5, 3, 4.5],"
     " top_speed: null, top_acceleration: null}"
 )
-UNCERTAIN = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
-REST = 2.0
+RANDOM_MASS = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
+REST_DURATION = 2.0
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +33,11 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def uncertain(diagrams):
-    return load_scenario(diagrams / "figure_eight.yaml", [ROUTE, UNCERTAIN])
+    return load_scenario(diagrams / "figure_eight.yaml", [ROUTE, RANDOM_MASS])
 
 
 def record_of(flight, begin=0.0):
-    """Return the log of the measurements of a flight from time `begin` (s) on; the clock of the log begins at zero."""
+    """Return the log of a flight's measurements from time `begin` (s) on. The clock of the log begins at zero."""
     state, reference = flight.record("measurement"), flight.record("reference")
     columns = {
         "position": (state.x, state.y, state.z),
@@ -56,11 +56,11 @@ def record_of(flight, begin=0.0):
 @pytest.fixture(scope="module")
 def flown(scenario):
     """Return the log of a flight that begins with a rest, as predictions do."""
-    begun = logged_reference(record_of(simulate(scenario, compiled=True)), rest=REST)
-    return record_of(simulate(on_route(scenario, begun), compiled=True), REST)
+    begun = logged_reference(record_of(simulate(scenario, compiled=True)), rest=REST_DURATION)
+    return record_of(simulate(on_route(scenario, begun), compiled=True), REST_DURATION)
 
 
-def test_error_figures_are_computed_per_axis_and_for_the_distance():
+def test_error_statistics_are_computed_per_axis_and_for_the_distance():
     """Errors of 3 along x and 4 along y are a distance of 5. The largest error omits the largest 5 % of the samples."""
     figures = ErrorStatistics.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
     np.testing.assert_allclose(figures.rmse, [3.0, 4.0, 0.0, 5.0])
@@ -73,31 +73,33 @@ def test_error_figures_are_computed_per_axis_and_for_the_distance():
 
 def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
     """The errors differ only because of the error of the fitted reference, whose acceleration is fed forward."""
-    found = compare_with_log(flown, scenario, samples=1, rest=REST)
+    found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     assert found.predicted.shape == (1, *found.logged_error.shape)
     assert np.abs(found.logged_error).max() > 0.02
     np.testing.assert_allclose(found.predicted[0], found.logged_error, atol=1e-3)
 
 
 def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
-    found = compare_with_log(flown, scenario, samples=1, rest=REST)
+    found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     gone = np.linalg.norm(flown.reference_position - flown.reference_position[0], axis=1)
     first = np.searchsorted(flown.time, found.time[0])
     assert gone[first] <= 0.01 < gone[first + 1]
     assert found.time[-1] == flown.time[-1]
-    assert compare_with_log(flown, scenario, samples=1, rest=REST, start=2.0).time[0] == pytest.approx(2.0, abs=0.02)
+    assert compare_with_log(flown, scenario, samples=1, rest=REST_DURATION, start=2.0).time[0] == pytest.approx(
+        2.0, abs=0.02
+    )
     with pytest.raises(InputError, match="the log 'log' has fewer than two samples to compare from 99 s on"):
         compare_with_log(flown, scenario, samples=1, start=99.0)
 
 
-def test_samples_equal_those_of_a_study_for_any_size_of_the_fleet(uncertain, flown, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.validation.comparison._FLEET_SIZE", 3)
+def test_samples_equal_those_of_a_study_for_any_batch_size(uncertain, flown, monkeypatch):
+    monkeypatch.setattr("drake_quad.identification.validation.comparison._BATCH_SIZE", 3)
     told = []
-    found = compare_with_log(flown, uncertain, samples=7, rest=REST, progress=lambda *done: told.append(done))
+    found = compare_with_log(flown, uncertain, samples=7, rest=REST_DURATION, progress=lambda *done: told.append(done))
     assert told == [(3, 7), (6, 7), (7, 7)]
     for sample in (0, 4, 6):
         flight = simulate(found.scenario, sample=sample, compiled=True)
-        z = np.interp(found.time + REST, flight.time, flight.record("measurement").z)
+        z = np.interp(found.time + REST_DURATION, flight.time, flight.record("measurement").z)
         np.testing.assert_allclose(found.target[:, 2] - found.predicted[sample, :, 2], z, atol=1e-9)
     heights = found.predicted[:, -1, 2]
     assert len(np.unique(heights)) == 7
@@ -105,20 +107,20 @@ def test_samples_equal_those_of_a_study_for_any_size_of_the_fleet(uncertain, flo
 
 
 def test_flights_without_random_parameters_do_not_vary(scenario, flown):
-    assert not compare_with_log(flown, scenario, samples=3, rest=REST).varies
+    assert not compare_with_log(flown, scenario, samples=3, rest=REST_DURATION).varies
 
 
 def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_another_vehicle_outside(
     scenario, uncertain, flown
 ):
-    found = compare_with_log(flown, uncertain, samples=40, rest=REST)
+    found = compare_with_log(flown, uncertain, samples=40, rest=REST_DURATION)
     assert found.within("rmse")[[2, 3]].all()
     median, low, high = found.interval("rmse")
     assert (low <= median).all()
     assert (median <= high).all()
     heavy = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"mass": 0.95})})
-    log = record_of(simulate(on_route(heavy, found.reference), compiled=True), REST)
-    assert not compare_with_log(log, uncertain, samples=40, rest=REST).within("rmse")[3]
+    log = record_of(simulate(on_route(heavy, found.reference), compiled=True), REST_DURATION)
+    assert not compare_with_log(log, uncertain, samples=40, rest=REST_DURATION).within("rmse")[3]
 
 
 def comparison_of(flown, predicted):
@@ -142,10 +144,10 @@ def test_a_crash_is_an_infinite_error():
 def test_the_typical_sample_has_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).median_sample() == 4
-    # For an even number of samples, it has the smaller of the two middle errors.
+    # If the number of samples is even, the typical sample has the smaller of the two middle errors.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).median_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).median_sample() == 0
-    # The error is the distance over all axes. Of equal samples, the first is chosen.
+    # The error is the distance over all axes. The first of several equal samples is chosen.
     sideways = errors * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).median_sample(), 0)
 
@@ -153,8 +155,8 @@ def test_the_typical_sample_has_the_median_error():
 def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
     window = scenario.metrics.model_copy(update={"start": 1.0, "first_lap": 1, "end": 2.0})
     given = scenario.model_copy(update={"metrics": window, "duration": 3.0})
-    reference = logged_reference(flown, rest=REST)
-    for start in (REST, -1.5):
+    reference = logged_reference(flown, rest=REST_DURATION)
+    for start in (REST_DURATION, -1.5):
         found = on_route(given, reference._replace(start=start))
         assert (found.metrics.start, found.metrics.first_lap, found.metrics.end) == (max(start, 0.0), None, None)
         assert found.duration is None
@@ -162,7 +164,7 @@ def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
 
 
 def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown):
-    found = compare_with_log(flown, uncertain, samples=3, rest=REST)
+    found = compare_with_log(flown, uncertain, samples=3, rest=REST_DURATION)
     flights = flights_to_compare(found)
     assert list(flights) == ["flown", "predicted"]
     log, predicted = flights.values()
@@ -171,11 +173,11 @@ def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
     # The predicted flight is the typical sample. Both flights show measured states and the same reference.
     flight = simulate(found.scenario, sample=found.median_sample(), compiled=True)
-    np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
+    np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST_DURATION])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
     np.testing.assert_allclose(log["reference"][:, 3:6], flown.reference_velocity[: len(log.time)], atol=1e-2)
     # Rotor speeds that are not logged are replaced by the predicted ones at the same time.
-    speeds = np.array([np.interp(log.time + REST, flight.time, speed) for speed in flight["rotor_speed"].T]).T
+    speeds = np.array([np.interp(log.time + REST_DURATION, flight.time, speed) for speed in flight["rotor_speed"].T]).T
     np.testing.assert_allclose(log["rotor_speed"], speeds)
     assert log["wind"].shape == (len(log.time), 3)
     assert not log["wind"].any()
@@ -186,7 +188,7 @@ def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown
 def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, flown):
     """Logged rotor speeds are shown unchanged."""
     bare = replace(flown, attitude=None, body_rates=None)
-    found = compare_with_log(bare, uncertain, samples=1, rest=REST)
+    found = compare_with_log(bare, uncertain, samples=1, rest=REST_DURATION)
     state = flights_to_compare(found)["flown"]["state"]
     np.testing.assert_array_equal(state[:, :3], flown.position)
     np.testing.assert_array_equal(state[:, 6:9], flown.velocity)
@@ -202,7 +204,7 @@ def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, f
     for crash, there in ((0.05, ["flown", "predicted"]), (1e-9, ["flown"])):
         limits = scenario.crash.model_copy(update={"position_error": crash})
         fragile = scenario.model_copy(update={"crash": limits, "vehicle": unlike(scenario.vehicle)})
-        found = compare_with_log(flown, fragile, samples=1, rest=REST)
+        found = compare_with_log(flown, fragile, samples=1, rest=REST_DURATION)
         assert found.crashes == 1
         flights = flights_to_compare(found)
         assert list(flights) == there

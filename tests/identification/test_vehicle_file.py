@@ -21,7 +21,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.paths import distributions_in
 
 # Values and standard deviations, similar to those from flights of a Crazyflie.
-FOUND = {
+CRAZYFLIE_ESTIMATES = {
     "mass": (0.03345, 2e-4),
     "inertia[0]": (1.7e-5, 1.5e-6),
     "inertia[1]": (1.6e-5, 1.2e-6),
@@ -36,9 +36,10 @@ FOUND = {
     "laboratory.motion_capture.position_noise": (0.0011, 1e-4),
     "laboratory.command_link.delay_ticks": (1.2, 0.1),
 }
-FLIGHT = Source("multiple shooting", "hover_1.bin")
+SOURCE = Source("multiple shooting", "hover_1.bin")
 CRAZYFLIE = "diagrams/vehicles/crazyflie_onboard.yaml"
-NOT_DRAWN = ("laboratory.command_link.delay_ticks", "body_drag.linear[1]")
+DELAY_TICKS = "laboratory.command_link.delay_ticks"
+NEGATIVE_DRAG = "body_drag.linear[1]"
 
 
 def correlated(count):
@@ -53,13 +54,13 @@ def correlated(count):
 def estimates_of(found, **options):
     values, deviations = np.array([*found.values()]).T
     covariance = correlated(13)[: len(found), : len(found)] * np.outer(deviations, deviations)
-    return Estimates(tuple(found), values, covariance, **{"degrees_of_freedom": 40.0, "sources": FLIGHT, **options})
+    return Estimates(tuple(found), values, covariance, **{"degrees_of_freedom": 40.0, "sources": SOURCE, **options})
 
 
 @pytest.fixture(scope="module")
 def estimates():
     return estimates_of(
-        FOUND,
+        CRAZYFLIE_ESTIMATES,
         explained={"mass": Explained(0.43, "acceleration along z")},
         not_identified={"inertia[2]": "the vehicle never turned about its vertical axis"},
         remarks=("A gap of 0.2 s at 12.3 s was left out.",),
@@ -96,14 +97,14 @@ def text_of(path):
 def test_values_and_covariance_are_read_back(estimates, vehicle):
     """The normal distributions have the half-widths of Student's intervals."""
     joint = joint_normal(distributions_in(vehicle))
-    drawn = [name for name in estimates.names if name not in NOT_DRAWN[:1]]
+    drawn = [name for name in estimates.names if name != DELAY_TICKS]
     assert set(joint.paths) == {scenario_path(name) for name in drawn}
     part = estimates.subset(drawn)
     order = [joint.paths.index(scenario_path(name)) for name in drawn]
     wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
     scale = wider**2 * np.outer(part.deviations, part.deviations)
     # A negative drag is written as zero, and all other parameters as their estimates.
-    values = np.where(np.array(drawn) == NOT_DRAWN[1], 0.0, part.values)
+    values = np.where(np.array(drawn) == NEGATIVE_DRAG, 0.0, part.values)
     np.testing.assert_allclose((joint.mean[order] - values) / part.deviations, 0.0, atol=1e-5)
     found = joint.covariance[np.ix_(order, order)] / scale
     np.testing.assert_allclose(np.diag(found), 1.0, rtol=2e-5)
@@ -126,15 +127,15 @@ def test_each_distribution_is_on_one_line(written):
 
 def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
     source = Source("prediction errors", 12 * "a_long_name_")
-    found = estimates_of({"mass": FOUND["mass"]}, sources=source)
+    found = estimates_of({"mass": CRAZYFLIE_ESTIMATES["mass"]}, sources=source)
     path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
     assert path.read_text(encoding="utf-8").count(source.log) == 2
 
 
 def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(base, tmp_path):
-    """Without the variation, the interval would be a third as wide."""
+    """The interval would be a third as wide if the variation were left out."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
-    found = estimates_of({name: FOUND[name] for name in ("mass", "inertia[0]")}, variation=mean)
+    found = estimates_of({name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}, variation=mean)
     path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
     deviations = np.sqrt(np.diag(joint_normal(distributions_in(load_undesigned(path))).covariance))
     wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
@@ -149,13 +150,15 @@ def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(
 
 def test_the_comment_on_a_variation_between_flights_refers_to_another_flight(base, tmp_path):
     both = {"variation": Variation(np.array([[1e-12]]), 40.0, 8.2), "flight_variation": Variation(np.eye(1), 2.0, 9.0)}
-    text = text_of(write_vehicle(tmp_path / "m.yaml", "m", estimates_of({"mass": FOUND["mass"]}, **both), base=base))
+    text = text_of(
+        write_vehicle(tmp_path / "m.yaml", "m", estimates_of({"mass": CRAZYFLIE_ESTIMATES["mass"]}, **both), base=base)
+    )
     assert "in another flight;" in text
     assert "in another 8.2 s" not in text
 
 
-def test_an_unknown_variation_is_not_claimed(base, tmp_path):
-    found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
+def test_an_unknown_variation_is_not_claimed_in_the_comment(base, tmp_path):
+    found = {name: CRAZYFLIE_ESTIMATES[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
     assert "uncertainty of a parameter. Fields" in text
     some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown_parameters(1))
@@ -177,7 +180,7 @@ def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
 
 
 def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
-    """By default, the controller keeps the nominal parameters with which it flew the log."""
+    """The controller keeps the nominal parameters with which it flew the log by default."""
     own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
     assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
     assert nominal.nominal.mass == pytest.approx(0.03345)
@@ -193,7 +196,9 @@ def test_nominal_parameters_change_only_on_request(base, vehicle, nominal):
 
 def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
     """Otherwise, the nominal curve of a base with rotor speeds has the full thrust at full throttle."""
-    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    found = estimates_of(
+        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
+    )
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=sheet)).nominal
     full = nominal.thrust_factor * nominal.max_rotor_speed**2
@@ -205,7 +210,7 @@ def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
-def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
+def test_a_vehicle_that_takes_rotor_speeds_gets_throttle_motors(root, tmp_path):
     """The log determines two of three coefficients. The rotor speed ranges from zero to the maximum of the curve."""
     found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
     base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
@@ -217,51 +222,58 @@ def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
 
 
 def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
-    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    found = estimates_of(
+        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
+    )
     written = write_vehicle(tmp_path / "new.yml", "new", found, base=f"{base}:crazyflie_onboard", voltage=3.85)
     motors = load_undesigned(written).vehicle.motors
     assert (motors.kind, motors.voltage) == ("throttle", 3.85)
     assert motors.curve[2].normal.mean == pytest.approx(0.1284)
 
 
-def test_a_falling_curve_cannot_be_nominal(base, tmp_path):
+def test_a_falling_thrust_curve_cannot_be_nominal(base, tmp_path):
     """The autopilot could not invert the curve, so nothing is written."""
-    falling = {**{f"motors.curve[{i}]": FOUND[f"motors.curve[{i}]"] for i in range(3)}, "motors.curve[1]": (-0.1, 0.01)}
+    falling = {
+        **{f"motors.curve[{i}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{i}]"] for i in range(3)},
+        "motors.curve[1]": (-0.1, 0.01),
+    }
     with pytest.raises(InputError, match="the vehicle cannot be written: .*must increase from throttle 0 to 1"):
         write_vehicle(tmp_path / "new.yaml", "new", estimates_of(falling), base=base, nominal=True)
     assert not (tmp_path / "new.yaml").exists()
 
 
 @pytest.mark.parametrize("part", ["vehicle", "nominal"])
-def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(nominal, part):
+def test_the_written_rotor_speed_limit_does_not_limit_the_thrust_curve(nominal, part):
     limited = getattr(nominal, part)
     assert limited.thrust_factor * limited.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
 def test_effects_that_contradict_an_estimate_are_switched_off(vehicle, base):
-    """The single estimated lag holds in both directions, and the estimated drag replaces all other drag."""
+    """The single estimated time constant holds in both directions, and the estimated drag replaces all other drag."""
     assert load_undesigned(base).vehicle.rotor_time_constant_down is not None
     assert vehicle.vehicle.rotor_time_constant_down is None
     assert {"linear_drag", "quadratic_drag"} <= vehicle.vehicle.model_fields_set
 
 
-def test_the_lags_of_both_directions_are_written(base, tmp_path):
+def test_rotor_time_constants_of_both_directions_are_written(base, tmp_path):
     found = estimates_of({"rotor_time_constant": (0.05, 0.001), "rotor_time_constant_down": (0.08, 0.002)})
     vehicle = load_undesigned(write_vehicle(tmp_path / "lags.yaml", "lags", found, base=base)).vehicle
     assert vehicle.rotor_time_constant.normal.mean == 0.05
     assert vehicle.rotor_time_constant_down.normal.mean == 0.08
 
 
-def test_a_rotor_speed_limit_of_the_base_does_not_limit_the_curve(base, tmp_path):
+def test_the_rotor_speed_limit_of_the_base_does_not_limit_the_thrust_curve(base, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
-    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    found = estimates_of(
+        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
+    )
     vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own)).vehicle
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
-def test_values_are_written_to_a_small_fraction_of_their_deviation(base, tmp_path):
-    """Many digits are needed, since sums of parameters may be known much better than each of them."""
+def test_values_are_written_to_a_small_fraction_of_their_standard_deviation(base, tmp_path):
+    """Many digits are needed, since a sum of parameters may be known much better than each parameter."""
     found = estimates_of({"mass": (0.0334512345678, 2e-7), "inertia[0]": (1.712345678e-5, 1.5e-6)})
     path = write_vehicle(tmp_path / "new.yaml", "new", found, base=base)
     joint = joint_normal(distributions_in(load_undesigned(path)))
@@ -298,7 +310,7 @@ def test_distributions_are_limited_to_valid_vehicles(vehicle):
 
 
 def test_limits_contain_a_mean_that_is_known_very_well(base, tmp_path):
-    """Limits have four digits. In this example, rounding would move both limits towards the mean."""
+    """Limits have four digits. Rounding would move both limits towards the mean in this example."""
     found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
     drawn = distributions_in(
         load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
@@ -365,7 +377,7 @@ def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
 
 
 def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(root, tmp_path):
-    """With an attitude response, only the acceleration of the reference can be fed forward."""
+    """Only the acceleration of the reference can be fed forward to an attitude response."""
     found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
     own = tmp_path / "own.yaml"
     write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
@@ -379,7 +391,7 @@ def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(r
     assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
 
 
-def test_a_base_without_an_attitude_response_needs_none(root, tmp_path):
+def test_a_base_without_an_attitude_response_is_extended_without_one(root, tmp_path):
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of({"mass": (0.03345, 2e-4)}), base=base)
     assert load_undesigned(path).laboratory.autopilot == load_undesigned(base).laboratory.autopilot
@@ -395,7 +407,7 @@ def test_part_of_an_attitude_response_of_the_base_may_be_estimated(root, tmp_pat
 
 
 def test_distributions_of_the_base_are_kept(base, tmp_path):
-    """In a list, the distributions of items that were not estimated are kept."""
+    """The distributions of list items that were not estimated are kept."""
     own = tmp_path / "own.yaml"
     own.write_text(
         f"own: {{extends: {base}, vehicle: {{inertia: [1.7e-5, 1.7e-5, {{uniform: {{min: 2e-5, max: 4e-5}}}}]}}}}"
@@ -466,7 +478,7 @@ def test_comments_have_the_indentation_of_their_fields(written):
     assert kinds >= {"key", "-"}
 
 
-def test_given_fields_are_inserted_unless_they_were_identified():
+def test_overrides_are_written_unless_they_set_an_identified_parameter():
     found = vehicle_file._Entry(0.5, "identified")
     tree = {"vehicle": {"mass": found}, "laboratory": {}, "control": {}}
     for given in (
@@ -488,9 +500,11 @@ def test_given_fields_are_inserted_unless_they_were_identified():
             vehicle_file._add_override(tree, wrong)
 
 
-def test_given_values_are_in_the_file_and_determine_the_nominal_full_thrust(root, tmp_path):
+def test_overrides_are_written_and_determine_the_nominal_full_thrust(root, tmp_path):
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
-    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    found = estimates_of(
+        {f"motors.curve[{place}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{place}]"] for place in range(3)}
+    )
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, overrides=given)
     scenario = load_undesigned(path)
@@ -520,7 +534,7 @@ def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_
     """A curve is written as a whole, since its coefficients are correlated, unless none of them is identified."""
     sheet = load_undesigned(base)
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
-    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
+    curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(found | curve), not_identified=dict.fromkeys(unknown, "it hardly moves"))
     nominal = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
     for index in range(2):
@@ -535,7 +549,7 @@ def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_
 
 def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(base, tmp_path):
     """Neither the curve of the data sheet nor the limits of the rotors change."""
-    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
+    curve = {f"motors.curve[{index}]": CRAZYFLIE_ESTIMATES[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(curve), not_identified=dict.fromkeys(curve, "it hardly moves"))
     found, plain = (
         load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=nominal))
@@ -545,7 +559,7 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
 
 
 def test_estimates_that_nominal_can_contain_are_listed(vehicle, nominal):
-    """Only these estimates have a place in `nominal`."""
+    """`nominal` has no fields for all other estimates."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(nominal_estimates(nominal)) == sorted(names)
     assert nominal_estimates(vehicle) == []

@@ -1,4 +1,4 @@
-"""Selection of the parts of a record, and reduction of its sampling rate."""
+"""Selection of airborne windows in a record, and reduction of its sampling rate."""
 
 import numpy as np
 import pytest
@@ -30,10 +30,7 @@ def record(seconds: float = 20.0, **signals: np.ndarray) -> FlightRecord:
 
 
 def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
-    """The rotors stand still for the first and last 5 s.
-
-    The average takes half a second, and the margin is one second.
-    """
+    """The rotors stand still for the first and last 5 s, so the vehicle counts as airborne from 6 s to 14 s."""
     command = np.full((2000, 4), 0.5)
     command[:500] = command[1500:] = 0.0
     flying = np.flatnonzero(airborne_mask(record(motor_command=command)))
@@ -68,7 +65,7 @@ def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
     assert found == [LogWindow(0, start) for start in (50, 150, 250, 350, 551, 651, 751, 851)]
 
 
-def test_windows_use_flight_only() -> None:
+def test_windows_contain_only_airborne_samples() -> None:
     """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
@@ -130,7 +127,7 @@ def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_a
         ("rotor_speed_command", 4, 0.75, 0.65),
     ],
 )
-def test_a_vehicle_flies_while_its_thrust_is_above_half_of_the_usual_one(
+def test_a_vehicle_counts_as_airborne_above_half_of_its_median_thrust(
     signal: str, columns: int | None, carries: float, lies: float
 ) -> None:
     """The usual thrust is the median while the rotors work, which they do for a third of this log."""
@@ -156,7 +153,7 @@ def test_motor_commands_have_priority_in_detecting_flight() -> None:
     assert airborne_mask(record(**speeds)).all()
     thrust = {"motor_command": None, "thrust_command": hover, "thrust_fraction": still}
     assert airborne_mask(record(**thrust)).all()
-    # Without a logged command, the whole log counts as flight.
+    # The whole log counts as flight if no command is logged.
     assert airborne_mask(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()
 
 
@@ -220,7 +217,7 @@ def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_st
         few = downsample(whole, step)
         assert len(few.time) == (103 - step) // step
         assert few.time[0] == whole.time[step // 2]
-    # In a step of an odd number of samples, all weights are equal; for an even number, the outer two are halved.
+    # All weights are equal if a step has an odd number of samples. The outer two are halved if the number is even.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
@@ -233,7 +230,7 @@ def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_st
 
 @pytest.mark.parametrize("places", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
 @pytest.mark.parametrize("samples", [1, 2, 5, 20])
-def test_nearby_samples_are_within_a_number_of_samples(places: list[int], samples: int) -> None:
+def test_a_mask_is_extended_by_a_number_of_samples(places: list[int], samples: int) -> None:
     found = np.isin(np.arange(12), places)
     expected = [any(abs(i - place) <= samples for place in places) for i in range(12)]
     np.testing.assert_array_equal(_near(found, samples), expected)

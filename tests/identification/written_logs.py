@@ -17,9 +17,9 @@ def crazyflie_log(kinds, records, *, version=2, checksum=True):
 
     Args:
         kinds: (id, name, [(variable, letter), ...]) of each event type.
-        records: (id, time in µs or ms, values) in their order.
-        version: of the format.
-        checksum: whether the log ends with a checksum.
+        records: (id, time in µs or ms, values) of each record.
+        version: version of the format.
+        checksum: True if the log ends with a checksum.
     """
     data = struct.pack("<BHH", 0xBC, version, len(kinds))
     for identity, name, variables in kinds:
@@ -40,7 +40,7 @@ def ulog(topics, *, dropouts=(), start=1_000_000, parameters=None):
         topics: for each name, the fields after the time, [(type, field), ...], and rows of (time in µs, values).
         dropouts: (time in µs, length in ms), written before the first row that is later.
         start: start time of the log, µs.
-        parameters: by name, of the vehicle.
+        parameters: parameters of the vehicle, by name.
     """
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start)
     data += message(b"B", bytes(40))
@@ -88,8 +88,8 @@ def old_crazyflie_log(columns, rows, *, block=7):
 
     Args:
         columns: (name, letter) of each column except the time.
-        rows: (time in ms, values) in their order.
-        block: number of rows that are written at once.
+        rows: (time in ms, values) of each row.
+        block: number of rows per block.
     """
 
     def checked(data):
@@ -109,7 +109,7 @@ def dataflash_log(messages, *, parameters=None):
 
     Args:
         messages: for each name, (letters of the types, names of the fields after TimeUS, rows of (time in µs, values)).
-        parameters: by name, of the vehicle.
+        parameters: parameters of the vehicle, by name.
     """
     letters = {"Q": "Q", "f": "f", "c": "h", "C": "H", "h": "h", "H": "H", "B": "B", "N": "16s", "n": "4s", "Z": "64s"}
 
@@ -136,9 +136,9 @@ def blackbox_log(fields, rows, *, headers=None, interval=8):
 
     Args:
         fields: names of the fields after loopIteration and time.
-        rows: (time in µs, integer values) in their order.
+        rows: (time in µs, integer values) of each row.
         headers: further lines of the header, by name.
-        interval: number of rows between two that are written completely.
+        interval: every `interval`-th row is written completely, and all other rows as differences from the row before.
     """
     names = ["loopIteration", "time", *fields]
     count = len(names)

@@ -1,4 +1,4 @@
-"""Checks of the signals of a log against each other: signs, units, frames and time shifts.
+"""Checks of logged signals against each other: signs, units, frames and time shifts.
 
 Signals that are physically related are compared over short windows:
 
@@ -26,28 +26,28 @@ _GRID_STEP = 0.01  # s; finer samples are averaged
 _MAX_GRID_SIZE = 6_000  # grid steps; one minute at the finest step, from the middle of the log
 _MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
-_ROTATION_WINDOW = 0.1  # s
+_ROTATION_WINDOW = 0.1  # s, window in which rotations are compared
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
 _MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
 _MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
-_MAX_FAULTS = 3
+_MAX_FAULTS = 3  # largest number of faults that are reported
 # A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
-# in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_REMAINDER`
+# in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_ERROR_RATIO`
 # times its value. In correct logs, the other frame increases the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
-_MAX_FRAME_REMAINDER = 0.75
+_MAX_FRAME_ERROR_RATIO = 0.75
 _MAX_SHIFT = 0.3  # s, largest time shift that is tried
-_SHIFTED_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
+_MIN_SHIFT_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
 _SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds `_MIN_SHIFT` by this many standard errors
-_CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
-_MAX_CLOCK_SHIFT = 0.1  # s
+_CLOCK_PART_DURATION = 2.0  # s, duration of each part of a log in which two clocks are compared
+_MAX_CLOCK_SHIFT = 0.1  # s, largest shift between two clocks that is tried
 # Largest power of the difference between shifted signals, relative to the power of the signals.
 _MAX_CLOCK_ERROR = 0.4
 _MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that follows it
@@ -64,13 +64,13 @@ class _Pair(NamedTuple):
 
     Attributes:
         name: name of the checked signal.
-        other: name of the other side of the comparison, as part of a sentence.
+        other: phrase that names the quantity with which the signal is compared, for messages.
         expected: (windows, axes) values that follow from the other signals.
-        measured: (windows, axes) values of the signal.
-        threshold: smallest amplitude of an axis that is compared, in SI units.
+        measured: (windows, axes) values of the checked signal.
+        threshold: smallest amplitude that is compared, in SI units. Axes with smaller amplitudes are skipped.
         axes: names of the axes.
         centred: True if the medians are removed before the comparison.
-        is_exact: False if a delay or an effect that is not modelled causes a difference between the two signals.
+        is_exact: False if the two signals may differ by a delay or by an unmodelled effect.
         suspicious: disagreement above which faults are searched for.
     """
 
@@ -95,12 +95,12 @@ class _Pair(NamedTuple):
         return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
 
     def excited(self, *, factor: float = 1.0) -> np.ndarray:
-        """Return a mask of the axes whose amplitude exceeds the threshold times a factor."""
+        """Return a mask of the axes whose amplitude exceeds `factor` times the threshold."""
         amplitudes = [np.sqrt(np.mean(side**2, axis=0)) for side in self.clipped()]
         return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
 
     def text(self, axis: int) -> str:
-        """Return the disagreement along an axis as part of a sentence."""
+        """Return a phrase that describes the disagreement along an axis."""
         expected, measured = (side[:, axis] for side in self.clipped())
         amplitude, other_amplitude = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
         if not self.centred:
@@ -119,9 +119,9 @@ _MOTION_SIGNALS = ("position", "velocity")
 
 
 def _derived_from(*names: str) -> Callable[[Callable[["_Grid"], _Value]], Callable[["_Grid"], _Value]]:
-    """Return a decorator that computes a quantity of a grid only once, from the signals with the given names.
+    """Return a decorator that caches a quantity of a grid, which depends on the signals with the given names.
 
-    A grid with a repaired fault keeps the quantities that do not depend on the repaired signals.
+    When a fault is repaired, the cached quantities that do not depend on the repaired signals are kept.
     """
 
     def decorate(quantity: Callable[["_Grid"], _Value]) -> Callable[["_Grid"], _Value]:
@@ -144,7 +144,7 @@ def _clipped(values: np.ndarray, centred: bool) -> np.ndarray:
 
 
 def _quantile(values: np.ndarray, probability: float) -> np.ndarray:
-    """Return a quantile (axes,) of values (w, axes), as `np.quantile` does, which takes ten times as long."""
+    """Return a quantile (axes,) of values (w, axes), ten times as fast as `np.quantile`."""
     position = probability * (len(values) - 1)
     low = int(position)
     high = min(low + 1, len(values) - 1)
@@ -158,7 +158,7 @@ class _Grid:
     Signals are compared in windows, which start at steps of the grid. A window that contains a gap is left out.
 
     Attributes:
-        signals: (n, columns) values by name.
+        signals: (n, columns) values of each signal, by name.
         step: step of the grid, s.
         usable: (n,) False where the log has a gap.
         stride: number of steps from one window to the next.
@@ -258,7 +258,7 @@ def inconsistencies(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iter
         if excited.any() and exact_pair.disagreement()[excited].min() > _MIN_CONTRADICTION:
             yield f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
         elif excited.any():
-            centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _SHIFTED_AMPLITUDE))
+            centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _MIN_SHIFT_AMPLITUDE))
             yield from _shift(centred_pair, grid.step, centred_pair.excited(factor=2.0))
 
 
@@ -346,7 +346,7 @@ def _turn(grid: _Grid) -> np.ndarray:
 
 @_derived_from(*_MOTION_SIGNALS)
 def _acceleration(grid: _Grid) -> np.ndarray:
-    """Return the mean acceleration (w, 3) minus the acceleration of gravity, in the world."""
+    """Return the mean acceleration (w, 3) minus the acceleration of gravity, along the world axes."""
     velocity = grid.velocity
     assert velocity is not None
     return grid.rate(velocity, grid.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
@@ -354,7 +354,7 @@ def _acceleration(grid: _Grid) -> np.ndarray:
 
 @_derived_from("attitude", "specific_force")
 def _force_in_world(grid: _Grid) -> np.ndarray:
-    """Return the mean specific force (w, 3) in the world."""
+    """Return the mean specific force (w, 3) along the world axes."""
     return grid.mean(grid.rotation.apply(grid.signals["specific_force"]), grid.samples(_TRANSLATION_WINDOW))
 
 
@@ -372,7 +372,7 @@ def _vertical_force(grid: _Grid) -> _Pair:
 
 @_derived_from("attitude", *_MOTION_SIGNALS)
 def _acceleration_in_body(grid: _Grid) -> np.ndarray:
-    """Return the acceleration (w, 3) of `_acceleration`, in the body in the middle of each window."""
+    """Return the result (w, 3) of `_acceleration` along the body axes in the middle of each window."""
     width = grid.samples(_TRANSLATION_WINDOW)
     middle = grid.rotation[grid.starts(width) + width // 2]
     in_body: np.ndarray = middle.inv().apply(_acceleration(grid))
@@ -405,7 +405,7 @@ def _tangent(grid: _Grid) -> np.ndarray:
 
 
 def _tilt(grid: _Grid) -> _Pair:
-    """Return the pair of the horizontal acceleration and the acceleration by a thrust along the z axis of the body."""
+    """Return the pair that compares the horizontal acceleration with the one that a thrust along body z would cause."""
     acceleration = _acceleration(grid)
     expected, measured = acceleration[:, :2], _tangent(grid) * np.maximum(acceleration[:, 2:], 0.0)
     other = "the horizontal acceleration"
@@ -424,7 +424,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     for delay in range(0, min(round(_MAX_RESPONSE_TIME / grid.step), num_windows // 2), width):
         pair = followed[:, delay:], commanded[:, : num_windows - delay]
         late, early = (values - values.mean(axis=1, keepdims=True) for values in pair)
-        # The absolute value makes the choice independent of the sign of the command.
+        # The absolute value makes the choice independent of the command's sign.
         norms = np.sqrt(np.vecdot(early, early) * np.vecdot(late, late))
         fit = float(np.sum(np.abs(np.vecdot(early, late)) / np.maximum(norms, _TINY)))
         if fit > best_fit:
@@ -434,7 +434,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, expected, measured, threshold, AXES[signal][:columns], is_exact=False)
 
 
-# Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
+# Each comparison with the groups of signals that it needs: at least one signal of each group.
 _COMPARISONS: list[tuple[Callable[[_Grid], _Pair], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
@@ -495,14 +495,14 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
         squares = np.mean((expected - measured) ** 2, axis=1)
         errors.append([float(part.mean()) for part in np.array_split(squares, _NUM_PARTS)])
     old, new = np.array(errors)
-    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_REMAINDER * old.sum())
+    return bool(np.sum(new < old) >= _MIN_BETTER_PARTS and new.sum() < _MAX_FRAME_ERROR_RATIO * old.sum())
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return the lags (parts,), s, of the body rates behind the derivative of the attitude, in parts of two seconds.
+    """Return the lag (parts,), s, of the body rates behind the derivative of the attitude, in each part of the log.
 
-    Parts in which the two signals do not match are left out. If the lags differ, the clocks of the two sensors are not
-    synchronised, for example because one of them is received over a radio link.
+    A part lasts two seconds. Parts in which the two signals do not match are left out. If the lags differ, the clocks
+    of the two sensors are not synchronised, for example because one sensor is received over a radio link.
 
     Args:
         signals: (n, columns) values of signals, including attitude and body_rates, in SI units and frames of a record.

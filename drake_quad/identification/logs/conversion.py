@@ -1,4 +1,4 @@
-"""Conversion of the columns of a log to a record with SI units, the frames of this library, and one clock."""
+"""Conversion of log columns to a record with SI units, the frames of this library, and one clock."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,8 +17,8 @@ from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
-# Signals that hold until their next sample, in addition to commands and references. All others are measurements, which
-# are interpolated linearly.
+# Signals that hold until their next sample, in addition to commands and references. All other signals are measurements,
+# which are interpolated linearly.
 _HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.
@@ -42,7 +42,7 @@ _MAX_LISTED_NAMES = 6  # largest number of columns that are listed in one senten
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of a log on one clock: a CSV file, a topic or an event type.
+    """Columns of a log that share one clock, such as a CSV file, a topic or an event type.
 
     Attributes:
         name: name of the topic or event type.
@@ -58,7 +58,7 @@ class Table:
 
 
 class _Channel(NamedTuple):
-    """Signal on its own clock.
+    """Samples of a signal, on the clock of the table from which they were read.
 
     Attributes:
         signal: name of the signal.
@@ -92,7 +92,7 @@ class _Clocks:
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increasing times of the samples of a signal, s, and the indices of their rows in the table."""
+        """Return the increasing sample times of a signal, s, and the table rows of the samples."""
         time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
             is_kept, remarks = rising_samples(time)
@@ -118,8 +118,8 @@ def record_of(
 ) -> FlightRecord:
     """Convert the tables of a log to a record.
 
-    The record has the clock of the fastest table that contains a signal. Measurements in other tables are interpolated
-    linearly, and commands are held. The record begins when each of its signals has a sample.
+    The clock of the record is that of the fastest table that contains a signal. Measurements in other tables are
+    interpolated linearly, and commands are held. The record begins when each of its signals has a sample.
 
     Args:
         tables: tables of the log.
@@ -283,9 +283,9 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """Return the clock with the smallest median step of all long measurements, or of all long signals.
+    """Return the clock with the smallest median step among the measurements, or among all signals if none is measured.
 
-    A measurement is long if it lasts at least half as long as the longest one.
+    Signals that last less than half as long as the longest one are ignored.
     """
     measurements = [channel for channel in channels if not is_held(channel.signal)] or channels
     longest = max(channel.time[-1] - channel.time[0] for channel in measurements)
@@ -294,7 +294,7 @@ def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
 
 
 def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for at least half of the time, and remarks on the others."""
+    """Return the signals that are logged for at least half of the time, and remarks on the other signals."""
     sufficient, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:

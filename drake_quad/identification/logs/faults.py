@@ -1,4 +1,4 @@
-"""Possible faults of the signals of a log: a wrong sign, unit or frame."""
+"""Possible faults of logged signals: a wrong sign, unit or frame."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -84,7 +84,7 @@ _WRONG_SIGNS = [
     (-1.0, -1.0, -1.0),
 ]
 _BODY_SIGNALS = ("body_rates", "specific_force", "body_rate_command")
-# Signs of x, y and z after x and y are swapped.
+# Faults that swap x and y, by the signs of x, y and z after the swap.
 _SWAPS = {
     (1.0, 1.0, -1.0): "NED was taken for ENU, or ENU for NED",
     (1.0, -1.0, 1.0): "ENU was taken for NWU",
@@ -101,7 +101,7 @@ _WRONG_FRAMES = {
 
 
 def faults(signals: _Signals) -> Iterator[Fault]:
-    """Yield the possible faults of the signals of a log, given by name."""
+    """Yield the possible faults of logged signals, which are given by name."""
     for signal, axes in AXES.items():
         if signal not in signals:
             continue

@@ -101,9 +101,9 @@ _Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1)
 
 
 class Mapping(Model):
-    """Sources of the signals of a record in a log."""
+    """Mapping from the columns of a log to the signals of a record."""
 
-    description: str = Field(default="", description="description of such logs")
+    description: str = Field(default="", description="description of the logs that the mapping reads")
     delimiter: Literal[",", ";", "\t", " "] = Field(
         default=",", description="character between the cells of a CSV file"
     )
@@ -157,7 +157,7 @@ class Mapping(Model):
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """Return the wind for the longest matching end of a log's name, m/s; None if no end matches."""
+        """Return the wind, m/s, listed for the longest matching suffix of a log's name; None if no suffix matches."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 

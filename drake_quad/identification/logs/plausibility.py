@@ -21,7 +21,7 @@ def position_jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
         time: (n,) times of the samples, s.
         position: (n, 3) measured position, m.
     """
-    # Between updates of a slow signal, the log repeats the last value, so only the updates are compared.
+    # The log repeats the last value of a slow signal until its next update, so only the updates are compared.
     is_update = np.append(True, (np.diff(position, axis=0) != 0.0).any(axis=1))
     times, positions = time[is_update], position[is_update]
     if len(times) < 4:

@@ -12,7 +12,8 @@ from drake_quad.errors import InputError, join_names
 
 # Topics that contain no signals, only status information.
 STATUS_TOPICS = ("vehicle_status", "vehicle_land_detected", "estimator_status")
-_QUADROTOR = 2
+_QUADROTOR = 2  # value of MAV_TYPE
+# Vehicles that are not quadrotors, by value of MAV_TYPE.
 _MAV_TYPES = {
     1: "an aeroplane",
     3: "a coaxial helicopter",
@@ -29,6 +30,7 @@ _MAV_TYPES = {
     29: "a dodecarotor",
     35: "a decarotor",
 }
+# Vehicles that are not multirotors with fixed rotors, by value of CA_AIRFRAME.
 _AIRFRAMES = {
     1: "an aeroplane",
     **dict.fromkeys((2, 3, 4), "a VTOL"),
@@ -63,14 +65,14 @@ class _Reset(NamedTuple):
     unit: str
 
 
-_VECTOR_PART = ("delta_q_reset[1]", "delta_q_reset[2]", "delta_q_reset[3]")
+_QUATERNION_VECTOR_PART = ("delta_q_reset[1]", "delta_q_reset[2]", "delta_q_reset[3]")
 _RESETS = (
     _Reset("vehicle_local_position", "xy_reset_counter", "position", ("delta_xy[0]", "delta_xy[1]"), 1.0, "m"),
     _Reset("vehicle_local_position", "z_reset_counter", "height", ("delta_z",), 1.0, "m"),
     _Reset("vehicle_local_position", "vxy_reset_counter", "velocity", ("delta_vxy[0]", "delta_vxy[1]"), 1.0, "m/s"),
     _Reset("vehicle_local_position", "vz_reset_counter", "climb", ("delta_vz",), 1.0, "m/s"),
-    # The vector part of the quaternion of a small rotation is half of the rotation angle.
-    _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _VECTOR_PART, 2.0, "rad"),
+    # The vector part of a quaternion is half of the rotation angle if the rotation is small.
+    _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _QUATERNION_VECTOR_PART, 2.0, "rad"),
 )
 _MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start
 # Fields whose validity each flag of `vehicle_local_position` states.
@@ -81,7 +83,7 @@ _VALIDITY_FLAGS = {
     "v_z_valid": ("vz",),
 }
 _DEFAULT_PULSE_RANGE = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
-_MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 for motor 1; motor 2 has 102
+_MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 that assigns motor 1; 102 assigns motor 2
 _NUM_MOTORS = 4
 _MICROSECOND = 1e-6
 
@@ -241,7 +243,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
 
 
 def _pulse_limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
-    """Return the pulse at the end "MIN" or "MAX" of a channel's range, µs.
+    """Return the shortest ("MIN") or longest ("MAX") pulse of a channel, µs.
 
     If a parameter is missing or negative, the next, more general parameter is used, and finally `default`.
     """

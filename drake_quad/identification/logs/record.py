@@ -20,7 +20,7 @@ class SignalOrigin(NamedTuple):
         columns: names of the columns, and their unit if it was converted.
         rate: rate at which the columns were logged, Hz.
         resampling: "interpolated" or "held" if the rate or the clock of the columns is not that of the record.
-        missing_fraction: fraction of the logged samples that are not a number.
+        missing_fraction: fraction of the logged samples that are NaN.
     """
 
     signal: str
@@ -35,7 +35,7 @@ class FlightRecord:
     """Logged flight: signals on one clock; a signal that is not logged is None.
 
     Measurements contain noise, and commands hold until the next sample. World frame W: z up. Body frame B: x forward, y
-    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and the others
+    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and rotors 2 to 4
     follow clockwise as seen from above.
 
     Attributes:
@@ -62,8 +62,8 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) logged force other than thrust and weight, in W, N.
         battery_voltage: (n,) voltage of the battery, V.
-        reference_period: period with which reference_position was logged, s; 0 if it is that of the record. Its values
-            are held between these samples.
+        reference_period: period with which reference_position was logged, s; 0 if it is the period of the record. The
+            values of reference_position are held for this period.
         vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
         remarks: remarks on gaps, jumps of the clock, conversions, and samples that were left out.
         origins: description of how each signal was read from the file.
@@ -150,7 +150,7 @@ class FlightRecord:
         return values
 
     def subset(self, chosen: slice | np.ndarray) -> "FlightRecord":
-        """Return the record of a part of the samples, on the same clock.
+        """Return a record of some of the samples, on the same clock.
 
         Args:
             chosen: slice of the samples, or (n,) mask.

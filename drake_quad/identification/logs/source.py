@@ -1,4 +1,4 @@
-"""Reading of the bytes of a log, which may be compressed."""
+"""Reading of log files, which may be compressed."""
 
 import gzip
 import io
@@ -20,10 +20,10 @@ from drake_quad.scenario.files.reading import open_source
 
 # Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz takes 180 million bytes.
 MAX_BYTES = 200_000_000
-_CHUNK_SIZE = 1 << 20
+_CHUNK_SIZE = 1 << 20  # bytes that are decompressed at once
 # Suffixes of the files in the folder of a ROS 2 bag.
 _BAG_SUFFIXES = (".db3", ".mcap")
-_PACKED_SUFFIXES = (".gz", ".xz")
+_COMPRESSION_SUFFIXES = (".gz", ".xz")
 # Suffix of a log format, such as .csv or .db3.
 _LOG_SUFFIX = re.compile(r"\.[a-z]\w{2,3}", re.IGNORECASE)
 
@@ -50,7 +50,7 @@ class LogFile(NamedTuple):
     def written_size(self) -> int:
         """Number of bytes before the trailing zeros or trailing bytes 0xff.
 
-        After a loss of power a file may end with such bytes, because its length is set before its content is written.
+        A file may end with these bytes after a loss of power, because its length is set before its content is written.
         """
         last = self.data[-1:]
         return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)
@@ -71,7 +71,7 @@ class LogFile(NamedTuple):
     @property
     def name(self) -> str:
         """Name of the file without the suffixes of the compression and the format."""
-        path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
+        path = self.path.with_suffix("") if self.path.suffix in _COMPRESSION_SUFFIXES else self.path
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 
     def records(self, layout: np.dtype, offsets: Sequence[int] | np.ndarray) -> np.ndarray:
@@ -108,7 +108,10 @@ class LogFile(NamedTuple):
             raise InputError(f"{self.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
 
     def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
-        """Return the result of a function of a path, for a library that reads only from disk."""
+        """Write the log to a temporary file, and return the result of `read` for its path.
+
+        Some libraries read only from disk.
+        """
         with NamedTemporaryFile(suffix=suffix) as file:
             file.write(self.data)
             file.flush()

@@ -1,4 +1,4 @@
-"""Checks of the clock of a log: increasing times, gaps and jitter."""
+"""Checks of logged times: order, gaps and jitter."""
 
 from collections.abc import Iterator
 
@@ -49,7 +49,7 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gaps(time: np.ndarray) -> np.ndarray:
-    """Return a mask (n - 1,) of the steps of increasing times (n,) that are longer than three median steps."""
+    """Return a mask (n - 1,) of the time steps that are longer than three median steps, for increasing times (n,)."""
     steps = np.diff(time)
     return np.asarray(steps > _GAP_RATIO * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
 

@@ -1,4 +1,4 @@
-"""Output of the position law of a flown controller, reconstructed from its logged attitude and thrust commands.
+"""Output of a flown position law, reconstructed from the logged attitude and thrust commands.
 
 Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are tried:
 
@@ -28,11 +28,10 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if many of its samples are near an extreme. For a smooth signal, the number of samples within
-# a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. At a limit, the ratio is much
-# larger.
+# A command is at a limit if many of its samples are near an extreme. The number of samples of a smooth signal within a
+# margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. The ratio is much larger at a limit.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE_RATIO = 5.0  # smallest ratio of the two numbers of samples at a limit
+_MIN_COUNT_RATIO = 5.0  # smallest ratio of the number of samples within δ to the number between δ and 2 δ, at a limit
 _MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
 # A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_FRACTION = 0.5
@@ -112,7 +111,7 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
 
 
 def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the part (n, 3) of the horizontal output of a law that the thrust does not produce.
+    """Return the part (n, 3) of a law's horizontal output that the thrust does not produce.
 
     If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the fraction (1 + u_z / g)
     of the horizontal output. PX4 treats this as saturation, and subtracts 2 / k_v times the remainder from the velocity
@@ -145,7 +144,7 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
         num_beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
         if (
             margin > 0.0
-            and max(_MIN_LIMITED_SAMPLES, _MIN_PILE_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
+            and max(_MIN_LIMITED_SAMPLES, _MIN_COUNT_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
         ):
             is_limited |= is_near
     return is_limited

@@ -1,4 +1,4 @@
-"""Conversion of an identified position law to a control of the scenario language.
+"""Conversion of an identified position law to the `control` section of a scenario.
 
 A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the position (`control`
 of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`), whose gains follow from
@@ -12,8 +12,8 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs from 0 or 1 by at most this is set to 0 or 1
-_NEGLIGIBLE_GAIN_RATIO = 0.005  # largest negligible gain in SI units, relative to the position gain
+_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward ratio that differs from 0 or 1 by at most this is set to 0 or 1
+_NEGLIGIBLE_GAIN_RATIO = 0.005  # gains below this fraction of the position gain are negligible; all gains in SI units
 _UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
@@ -21,8 +21,8 @@ _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 def control_layer(law: PositionLaw) -> dict[str, Any]:
     """Return the scenario layer with a controller that has the given position law.
 
-    The layer contains neither attitude control, limits of tilt and thrust, nor delays; these are taken from the
-    scenario. The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
+    The layer contains no attitude controller, no limits on tilt and thrust, and no delays. The scenario must contain
+    them: with a `control` of kind `cascade` for a PD or PID, and with an attitude controller on board for a
     `pid_cascade`.
 
     Raises:
@@ -130,7 +130,8 @@ def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, flo
     velocity_gain, proportional = law.gain("velocity"), law.gain("position")
     integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
     if feed_forward == 1.0:
-        # The larger root of k K² - k_p K + k_i = 0 is the position gain. The smaller root is the integral gain over k.
+        # The larger root of k K² - k_p K + k_i = 0 is the position gain K. The smaller root is the integral gain
+        # divided by k.
         discriminant = proportional**2 - 4.0 * velocity_gain * integral
         if discriminant < 0.0:
             raise InputError(

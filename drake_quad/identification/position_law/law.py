@@ -1,6 +1,6 @@
 """Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
 
-On each axis, the output of the law at time t, whose samples are the logged commands, is
+The logged commands are samples of the output of the law. On each axis, the output at time t is
 
     u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
 
@@ -11,18 +11,18 @@ with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gai
     k_p = k K + f k_i',  k_v = k,  k_r = f k,  k_i = k_i' K,  k_x = (1 - f) k_i'
 
 If its position loop also has an integral, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the double
-integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
+integral with the gain k_i' K_i. Filter, limit and double integral are part of the law only if a likelihood ratio test
 prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals follow from the jackknife over
 blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
-In the term k_x p, p is the integral of the logged velocity, because the controller integrates the velocity. This
-integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
+The position p in the term k_x p is the integral of the logged velocity, because the controller integrates the velocity.
+This integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
 heading: X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not
 reported: one for the position noise that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).
 
-The logged signals should be the signals that the controller used. Errors in them bias the gains towards zero. With one
-regressor, the relative bias is the unexplained fraction of the variance, 1 - R² (W. A. Fuller, "Measurement Error
+The logged signals should be the signals that the controller used. Errors in them bias the gains towards zero. The
+relative bias with one regressor is the unexplained fraction of the variance, 1 - R² (W. A. Fuller, "Measurement Error
 Models", 1987, section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
 """
 
@@ -69,7 +69,7 @@ class AxisLaw:
         axes: axes that have this law; along the heading in the form `tilt`.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
-        explained: R², fraction of the variance of the command that the law explains.
+        explained: R², fraction of the command variance that the law explains.
         not_identified: reason for each parameter that the log does not identify.
         at_error_limit: fraction of the samples whose position error exceeds the limit.
     """
@@ -169,7 +169,7 @@ def _log_unexplained(pieces: Sequence[Piece]) -> float:
 
 
 def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
-    """Return whether X and Y may have the same law: the interval of each difference of their gains contains zero."""
+    """Return whether X and Y may have the same law, since the interval of each gain difference contains zero."""
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)
@@ -179,7 +179,7 @@ def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
 
 
 def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: Form) -> dict[str, Spread]:
-    """Return the estimates of all parameters of a law."""
+    """Return the estimate of each parameter of a law, by name."""
     values = dict(zip(fit.terms, fit.gains.tolist(), strict=True)) | {
         name: getattr(fit.shape, name) for name in fit.free
     }

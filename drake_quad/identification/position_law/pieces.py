@@ -169,7 +169,8 @@ def _piece(
         signals = [in_heading(record, each) for each in signals]
     lost_output = unproduced_output(output, form, gravity)
     # Delayed signals are interpolated between samples. Interpolation reduces white noise such as rounding errors, most
-    # of all half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
+    # of all half-way between samples. This would bias the delay and the velocity gains if the signals were not
+    # smoothed.
     command, error, velocity, reference_velocity, acceleration, lost_output = (
         scipy.ndimage.convolve1d(each, _SMOOTHING_WEIGHTS, axis=0, mode="nearest")
         for each in (output, *signals, lost_output)
@@ -193,7 +194,7 @@ def _piece(
 
 
 def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
-    """Return the block number (n,) of each counted sample of an axis."""
+    """Return the block number (n,) of each counted sample. All blocks have almost the same number of samples."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
     number = max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION))

@@ -1,9 +1,10 @@
 """Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
 
-`drake_quad.identification.position_law.law` contains the equations. For given delay, filter and limit, the gains follow
-from linear least squares. The search minimises the residual over these three (separable least squares: G. H. Golub and
-V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each stretch of flight,
-since the integral begins at an unknown value, and a constant error of the logged position adds a ramp to the integral.
+`drake_quad.identification.position_law.law` contains the equations. The gains for a given delay, filter and limit
+follow from linear least squares. A search minimises the residual over delay, filter and limit (separable least squares:
+G. H. Golub and V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each
+stretch of flight, since the integral begins at an unknown value, and a constant error of the logged position adds a
+ramp to the integral.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,12 +29,12 @@ TYPICAL_DELAY = 0.05
 """Usual delay of a position controller, s."""
 
 # Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
-_LIKELIHOOD_RATIO = 10.83
+_MIN_LIKELIHOOD_RATIO = 10.83
 # An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
 # simulations.
-_MAX_REMAINDER = 0.8
+_MAX_UNEXPLAINED_RATIO = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
-_MAX_FILTER_TIME = 0.5  # s
+_MAX_FILTER_TIME = 0.5  # s, largest time constant of the velocity filter
 _LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for the limit of |e| begins
 
 
@@ -43,7 +44,7 @@ class Shape(NamedTuple):
     Attributes:
         delay: delay from a logged measurement to the logged command, s.
         filter_time: time constant of the velocity filter, s; 0 without a filter.
-        error_limit: limit of the magnitude of the position error, m.
+        error_limit: limit on the magnitude of the position error, m.
     """
 
     delay: float = 0.0
@@ -60,7 +61,7 @@ class Fit(NamedTuple):
         shape: nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.
         residuals: (n,) residuals of the command.
-        explained: R², fraction of the variance of the command that the law explains.
+        explained: R², fraction of the command variance that the law explains.
     """
 
     terms: tuple[str, ...]
@@ -147,7 +148,7 @@ def _fit_gains(
 ) -> Fit:
     """Fit the gains of a law for given nonlinear parameters."""
     regressors, commands = _regression(pieces, axes, terms, shape)
-    # Solving the normal equations takes a tenth of the time of a decomposition of the regressors.
+    # Solving the normal equations is ten times as fast as decomposing the regressors.
     products = regressors.T @ regressors
     gains = pseudo_inverse(products, products) @ (regressors.T @ commands)
     residuals = commands - regressors @ gains
@@ -181,7 +182,7 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         decay = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        # For a velocity that is linear between samples, this filter is exact up to third order in the period.
+        # This filter is exact up to third order in the period if the velocity is linear between samples.
         weight = 0.5 * (1.0 - decay)
         velocity, _ = scipy.signal.lfilter([weight, weight], [1.0, -decay], velocity, zi=[(1.0 - weight) * velocity[0]])
     columns = {
@@ -216,7 +217,10 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
     parameter does not contain zero.
     """
     ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
-    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(extended.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+    if (
+        ratio < 1.0 / _MAX_UNEXPLAINED_RATIO
+        or _independent_samples(extended.residuals) * np.log(ratio) <= _MIN_LIKELIHOOD_RATIO
+    ):
         return simple
     linear = len(extended.terms) > len(simple.terms)
     value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])
@@ -277,10 +281,10 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
 def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
-    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID, this biases
-    the position gain. In a cascade, which is the same law, it also biases the velocity gains, because the integral of
-    the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of
-    k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. The difference biases
+    the position gain of a PID. In a cascade with the same law, it also biases the velocity gains, because the integral
+    of the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of k
+    K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
     integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))

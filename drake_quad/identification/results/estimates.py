@@ -97,7 +97,7 @@ class Explained(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        fraction: fraction of the variance of the output in held-out flight that the vehicle explains.
+        fraction: fraction of the output variance that the vehicle explains in held-out flight.
         output: name of the output, for example "specific force along z".
     """
 
@@ -122,8 +122,9 @@ class Estimates:
         names: (n,) names as in the scenario language, indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
-        covariance: (n, n) covariance of the errors of the values.
-        degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
+        covariance: (n, n) covariance of the estimation errors.
+        degrees_of_freedom: (n,) degrees of freedom of the errors, which follow Student's t-distribution; or one number
+            for all errors.
         sources: (n,) sources of each estimate, or a single source for all.
         explained: explained variance by the name of the parameter, if it is known.
         not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
@@ -166,7 +167,9 @@ class Estimates:
             raise InputError("degrees of freedom must be larger than 0")
         sources = ((self.sources,),) * len(names) if isinstance(self.sources, Source) else tuple(self.sources)
         if len(sources) != len(names):
-            raise InputError(f"{len(names)} estimates need as many sources, not {len(sources)}")
+            raise InputError(
+                f"sources must have an item for each of the {len(names)} estimates, not {len(sources)} items"
+            )
         for name, value in (
             ("names", names),
             ("values", values),
@@ -267,11 +270,11 @@ class Estimates:
         )
 
     def for_new_flight(self) -> "Estimates":
-        """Return the estimates with the covariance for another stretch of another flight.
+        """Return the estimates with the covariance that applies to a stretch of a new flight.
 
-        The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
-        variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite (Biometrics Bulletin 2,
-        1946). The covariance of a parameter with unknown variation is unchanged.
+        The covariance is the sum of three covariances: that of the errors, that of the variation from stretch to
+        stretch, and that of the variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite
+        (Biometrics Bulletin 2, 1946). The covariance of a parameter with unknown variation is unchanged.
         """
         if not self._variations:
             return self

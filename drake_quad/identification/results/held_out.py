@@ -5,12 +5,12 @@ gives an independent estimate, whose error has the variance v. The two estimates
 
     t √(P + d² + v),
 
-where t is the quantile of Student's distribution with eight degrees of freedom. For 95 % intervals, 9.5 of ten
-stretches are inside on average, and at least nine are inside with a probability of 0.91.
+where t is the quantile of Student's distribution with eight degrees of freedom. If the intervals are correct 95 %
+intervals, 9.5 of ten differences are inside on average, and at least nine are inside with a probability of 0.91.
 
 Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from the estimate of all
-windows. The variances d² and v contain the scatter of the windows within all stretches. For a parameter that a stretch
-hardly determines, the estimate of the stretch is the value of the fit to all windows.
+windows. The variances d² and v contain the scatter of the windows within all stretches. If a stretch hardly determines
+a parameter, the estimate from this stretch is the value from the fit to all windows.
 """
 
 from typing import NamedTuple

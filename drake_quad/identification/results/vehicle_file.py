@@ -46,12 +46,12 @@ from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid
 
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
-_MIN_RATIO = 0.1  # lower limit of a positive parameter, relative to its mean
+_MIN_VALUE_RATIO = 0.1  # lower limit of the distribution of a positive parameter, relative to its mean
 _LIMIT_SIGMA = 6.0  # distance of a required limit from the mean, in standard deviations
 _NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
-# Limit of the rotor speed relative to the speed at full throttle. It allows a fifth more thrust, more than the error of
-# a thrust curve.
-_SPEED_MARGIN = 1.1
+# Limit of the rotor speed, relative to the speed at full throttle. It allows 21 % more thrust, which exceeds the error
+# of a thrust curve.
+_SPEED_LIMIT_RATIO = 1.1
 
 
 class _Entry(NamedTuple):
@@ -89,8 +89,8 @@ def write_vehicle(
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
     Raises:
-        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate needs others that are missing,
-            or the vehicle cannot fly.
+        InputError: if a name or a path is wrong, the base cannot be loaded, an estimate requires further estimates that
+            are missing, or the vehicle cannot fly.
     """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{short_repr(str(path))} must end in .yaml or .yml")
@@ -118,7 +118,7 @@ def write_vehicle(
 
 
 def nominal_estimates(scenario: Scenario) -> list[str]:
-    """Return the names of the parameters whose estimates are also in `nominal`, as `write_vehicle` can write them."""
+    """Return the names of the parameters whose estimates are also in `nominal` of a scenario from `write_vehicle`."""
     found = []
     for path, drawn in distributions_in(scenario).items():
         part, _, name = path.partition(".")
@@ -181,7 +181,7 @@ def _fields(
 
 
 def _add_override(tree: dict[str, Any], assignment: str) -> None:
-    """Add an override to the fields, unless there is an estimate.
+    """Add an override to the fields, unless an estimate already sets the same field.
 
     Raises:
         InputError: if the override does not set a whole field of the vehicle, its laboratory or its control.
@@ -201,7 +201,7 @@ def _add_override(tree: dict[str, Any], assignment: str) -> None:
 
 
 def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
-    """Return the number, or the distribution with the limits that the language requires, for each estimate."""
+    """Return a number, or a distribution with the limits that the scenario language requires, for each estimate."""
     numbers = {
         name: _number(name, _rounded(value, deviation))
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
@@ -228,7 +228,7 @@ def _rounded(value: float, deviation: float) -> float:
 
 
 def _number(name: str, value: float) -> Any:
-    """Return an estimate as a number that the language allows.
+    """Return an estimate as a number that the scenario language allows.
 
     Raises:
         InputError: if the parameter must be positive, and the estimate is not.
@@ -244,11 +244,13 @@ def _number(name: str, value: float) -> Any:
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
-    """Return the limits that the language requires for the distribution of a parameter."""
+    """Return the limits that the scenario language requires for the distribution of a parameter."""
     declared, half_range = declaration_of(name), _LIMIT_SIGMA * deviation
     limits: dict[str, float] = {}
     if declared.needs_min:
-        lowest = _MIN_RATIO * mean if declared.lower > 0.0 else 0.0 if declared.lower == 0.0 else mean - half_range
+        lowest = (
+            _MIN_VALUE_RATIO * mean if declared.lower > 0.0 else 0.0 if declared.lower == 0.0 else mean - half_range
+        )
         limits["min"] = max(declared.lower, min(mean, float(f"{lowest:.4g}")))
     if declared.needs_max:
         limits["max"] = min(declared.upper, max(mean, float(f"{mean + half_range:.4g}")))
@@ -298,7 +300,7 @@ def _list_entries(path: str, entries: Mapping[str, _Entry], base: Scenario) -> l
 
 
 def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
-    """Return an item of a list of the base scenario.
+    """Return an item of a list in the base scenario.
 
     Raises:
         InputError: if the base has no such list.
@@ -363,7 +365,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
             "curve": [_Entry(coefficient) for coefficient in nominal_curve],
         }
     max_thrust = max(0.0, float(thrust_of(1.0, ThrustCurve(*coefficients))))
-    full_speed = _SPEED_MARGIN * math.sqrt(max_thrust / base.nominal.thrust_factor)
+    full_speed = _SPEED_LIMIT_RATIO * math.sqrt(max_thrust / base.nominal.thrust_factor)
     for part in ("vehicle", "nominal") if nominal else ("vehicle",):
         limit = getattr(base, part).max_rotor_speed
         if isinstance(limit, float) and limit < full_speed:

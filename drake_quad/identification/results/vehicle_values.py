@@ -10,11 +10,11 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, map_leaves
 
-_SPEED_FACTOR = 2.0  # factor of the maximum rotor speed, so that this does not limit the identified thrust curve
+_SPEED_LIMIT_RATIO = 2.0  # maximum rotor speed relative to the scenario, which must not limit the curve
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
-    """Return the scenario with the effects to which parameters belong, with zero coefficients if they were absent.
+    """Add the effects to which the parameters belong to a scenario. Effects that were absent get zero coefficients.
 
     Args:
         scenario: scenario without distributions.
@@ -33,20 +33,23 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
 def with_throttles(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that takes throttles.
 
-    For a vehicle that takes rotor speeds, a thrust curve up to the full thrust is added, and the limit of the rotor
-    speed is raised.
+    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a higher limit of the rotor speed.
     """
     vehicle = scenario.vehicle
     if vehicle.motors.take_throttles:
         return scenario
     full = vehicle.thrust_factor * vehicle.max_rotor_speed**2
     motors = ThrottleMotors(kind="throttle", curve=(0.0, 0.0, full))
-    changes = {"motors": motors, "min_rotor_speed": 0.0, "max_rotor_speed": _SPEED_FACTOR * vehicle.max_rotor_speed}
+    changes = {
+        "motors": motors,
+        "min_rotor_speed": 0.0,
+        "max_rotor_speed": _SPEED_LIMIT_RATIO * vehicle.max_rotor_speed,
+    }
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=changes)})
 
 
 def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
-    """Return the scenario with new values of parameters, by their names in `Estimates`, and with their effects."""
+    """Set parameters of a scenario, by their names in `Estimates`, and add the effects to which they belong."""
     extended = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
     result: Scenario = map_leaves(extended, lambda path, old: values.get(path, old))

@@ -1,4 +1,4 @@
-"""Comparison of a logged flight with simulated flights along the same reference, under the control of a scenario."""
+"""Comparison of a logged flight with simulated flights along the same reference, with the controller of a scenario."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,11 +25,11 @@ from drake_quad.signals import Reference, State
 AXES = ("x", "y", "z", "all")
 """Columns of `ErrorFigures`: the axes of W, and the norm of the error."""
 INTERVAL = (0.025, 0.975)
-"""Probabilities of the ends of the interval of predictions."""
+"""Quantiles that bound the interval of predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
 _MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
-_FLEET_SIZE = 32  # number of flights that are simulated together
+_BATCH_SIZE = 32  # number of flights that are simulated at once
 
 
 class ErrorStatistics(NamedTuple):
@@ -87,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. Without distributions, wind and noise, they are identical."""
+        """True if the predicted flights differ. They do not if there are no distributions, wind and noise."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
@@ -108,7 +108,7 @@ class LogComparison:
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """Return a mask (4,) of the columns in which a statistic of the log is inside the predicted interval."""
+        """Return a mask (4,) of the error columns for which a statistic of the log is inside the predicted interval."""
         _, low, high = self.interval(name)
         logged = getattr(self.logged_statistics, name)
         return np.asarray((logged >= low) & (logged <= high))
@@ -128,7 +128,7 @@ def compare_with_log(
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LogComparison:
-    """Simulate the reference of a log under the control of a scenario, and compare the result with the logged flight.
+    """Simulate the reference of a log with the controller of a scenario, and compare the result with the logged flight.
 
     The simulated vehicle hovers at the first point of the reference for `rest`, and then follows the reference on the
     clock of the log. If the reference jumps and the vehicle takes off in the log, the simulation begins at the point
@@ -231,7 +231,7 @@ def _positions(
     scenario: Scenario, plan: Plan, times: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
 ) -> np.ndarray:
     """Return the measured positions (samples, n, 3) of simulated flights at some times (n,), m; NaN after a crash."""
-    size = min(samples, _FLEET_SIZE)
+    size = min(samples, _BATCH_SIZE)
     duration = flight_duration(scenario, plan)
     simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
     positions = np.empty((samples, len(times), 3))

@@ -1,8 +1,8 @@
 """Errors of an on-board velocity estimate, and the drag that follows from it.
 
 If the same estimator logs the position p̂ and the velocity v̂, the derivative of p̂ is not an independent measurement.
-Position measurements correct it in the long run, however, so the difference between the two is an error of v̂. In means
-over 0.1 s
+Position measurements correct p̂ in the long run, however, so the difference between the two is an error of v̂. Averaged
+over 0.1 s, this difference is modelled as
 
     v̂ - dp̂/dt = s v + d
 
@@ -28,7 +28,7 @@ _BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives standard 
 _SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may still settle
 _MIN_FLOWN_SPEED = 0.15  # m/s, smallest standard deviation of the velocity along an axis that counts as flown
 _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator, during which the velocity error hardly changes
-_MIN_BLOCKS = 2
+_MIN_BLOCKS = 2  # smallest number of blocks whose scatter gives a standard deviation
 _DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
 _MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from which drag is estimated
 _MIN_SPEED_RATIO = 0.3  # if the air speed along one axis is smaller relative to the other axis, both have the same drag
@@ -38,8 +38,8 @@ class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error s along each axis. For an axis that was not flown, the value is 0, and the standard
-            deviation is the mean over the flown axes.
+        scale_error: scale error s along each axis. An axis that was not flown has the value 0, and the mean standard
+            deviation of the flown axes.
         drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
         correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """
@@ -99,7 +99,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     """Estimate the linear drag along x and y of the body, N s/m, for a flight too short to determine quadratic drag.
 
     The drag is the least-squares slope of the force over the air speed. Its standard deviation follows from the scatter
-    of blocks. For an axis with little air speed, the drag of the other axis is returned.
+    of blocks. An axis with little air speed gets the drag of the other axis.
 
     Args:
         record: record with velocity and attitude.
@@ -162,7 +162,7 @@ def _steps(record: FlightRecord) -> int:
 
 
 def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, np.ndarray]) -> float:
-    """Return the variance that white noise of a signal adds to means of the derivative of the signal.
+    """Return the variance that white noise of a signal adds to mean derivatives of the signal.
 
     Args:
         samples: (n,) consecutive samples of the signal, without samples outside the means, since a jump while the

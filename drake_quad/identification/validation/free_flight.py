@@ -23,7 +23,7 @@ class FreeFlight(NamedTuple):
     Attributes:
         first: index of the first sample.
         end: index after the last sample.
-        lift_off: index of the last sample on the ground before the first one; None if the log begins in the air.
+        lift_off: index of the last sample on the ground before the free flight; None if the log begins in the air.
     """
 
     first: int
@@ -35,9 +35,9 @@ def free_flight(record: FlightRecord) -> FreeFlight:
     """Return the part of a log in which both the vehicle and its reference are in free flight.
 
     A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
-    median. The height of the vehicle at this end is then the height of the ground. In free flight, vehicle and
-    reference are more than 0.25 m above the ground. If the rotors idle at neither end, or if no command is logged, the
-    whole log counts as free flight.
+    median. The height of the vehicle at this end is then the height of the ground. Vehicle and reference are more than
+    0.25 m above the ground in free flight. If the rotors idle at neither end, or if no command is logged, the whole log
+    counts as free flight.
 
     An estimated height can drift on the ground. The lift-off is therefore found relative to the height at which the
     rotors last idle.

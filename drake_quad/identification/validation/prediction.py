@@ -1,18 +1,18 @@
 """Open-loop prediction of a logged flight with vehicle models, over horizons of 0.1 to 2 s.
 
-Predictions begin at many starts in a log. Up to each start, the Kalman filter of
-`drake_quad.identification.prediction_errors` follows the measurements, with the vehicle as its model. The filter uses
-past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
-simulated with the logged commands and without measurements.
+Predictions begin at many starts in a log. The Kalman filter of `drake_quad.identification.prediction_errors`, whose
+model is the vehicle, follows the measurements up to each start. The filter uses past measurements only, with the
+maximum-likelihood noise for the log and the vehicle. The vehicle is simulated from the start on, with the logged
+commands and without measurements.
 
 The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
-them to zero. A second prediction with the first vehicle includes them, which shows how well a controller with a
-disturbance observer predicts.
+this force and torque to zero. A second prediction with the first vehicle includes them. It shows how well a controller
+with a disturbance observer predicts.
 
-Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
+Two predictors without a model serve as baselines. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also continues with the acceleration and the angular acceleration. A vehicle model that predicts worse
-than either of them is of no use at this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. If a vehicle model predicts worse than
+one of these baselines at a horizon, it is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
 body rates, and the angle between the attitudes. The filter does not use velocities or body rates that an estimator
@@ -50,7 +50,7 @@ WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
 START_SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
-_MIN_PARABOLA_SAMPLES = 4
+_MIN_PARABOLA_SAMPLES = 4  # smallest number of samples to which a parabola is fitted
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
@@ -88,7 +88,7 @@ class Predictions:
         return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Return the relative reduction of the RMS error by a vehicle compared with another, over the same starts.
+        """Return the fraction by which a vehicle reduces the RMS error of another vehicle, over the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
@@ -177,8 +177,7 @@ def predict(
         nominal: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
             vehicle.
         horizons: horizons, s.
-        final_fraction: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole
-            time.
+        final_fraction: fraction of the airborne time, at its end, in which predictions start; 1 for the whole time.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too

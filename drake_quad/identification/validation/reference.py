@@ -13,7 +13,7 @@ from drake_quad.scenario.limits import MIN_DURATION
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Knot spacings that are tried in this order, s. With the smallest one, a path follows any reference that can be flown.
+# Knot spacings that are tried in this order, s. A path with the smallest one follows any reference that can be flown.
 _KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
@@ -23,7 +23,7 @@ _MAX_REPETITION_TIME = 0.05  # s
 # Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path follows any
 # jump, and 5 g is beyond the position references of multicopters.
 _MAX_ACCELERATION = 5.0 * 9.81
-# Weight of the snap relative to the position. The snap determines the path if there are no samples, for example in a
+# Weight of the snap relative to the position. The snap determines the path where there are no samples, for example in a
 # gap.
 _SNAP_WEIGHT = 1e-9
 # Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
@@ -40,11 +40,11 @@ class LoggedReference(NamedTuple):
 
     Attributes:
         route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
-        start: time of the first sample of the log on the route, s; negative if the route begins later in the log.
+        start: time on the route, s, at the first sample of the log; negative if the route begins later in the log.
         end: time in the log up to which the reference is known, s.
         deviation: largest distance of the route from the logged position, m.
-        velocity_deviation: largest difference of the velocity of a smooth path from the logged one, m/s; None if the
-            path is fitted to the logged velocities, or none are logged.
+        velocity_deviation: largest difference between path velocity and logged velocity, m/s; None if the path is
+            fitted to the logged velocities, or none are logged.
         jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
 
@@ -84,14 +84,14 @@ def logged_reference(
     which it was logged. The velocities are then not used, since a path through so few samples would oscillate to follow
     velocities that contradict the positions.
 
-    Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
-    the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
-    log in this sense, since the simulation has no ground on which a vehicle could stand.
+    The route is at rest before the log, so that the integrators of the controller settle. If the log starts in motion,
+    the route accelerates to the first velocity. If the vehicle takes off in the log, the route starts at the lift-off
+    instead, since the simulation has no ground on which a vehicle could stand.
 
-    The route consists of the logged setpoints if no velocity of the reference is logged, and no smooth path is within
-    the tolerance, for example because the reference jumps, or the reference is more than 0.25 m away from the vehicle
-    at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in the log,
-    the route then begins with the vehicle at rest where it lifts off.
+    If no reference velocity is logged, the route may consist of the logged setpoints. It does if no smooth path is
+    within the tolerance, for example because the reference jumps, or if the reference is more than 0.25 m away from the
+    vehicle at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in
+    the log, the route then begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -203,8 +203,8 @@ def is_slow(record: FlightRecord) -> bool:
 def _as_logged(record: FlightRecord) -> FlightRecord:
     """Return a record with the samples at which a slow reference was logged; other records are returned unchanged.
 
-    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. If it is
-    held for several periods, equal values were logged.
+    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. A value that
+    is held for several periods was logged several times.
     """
     if not is_slow(record):
         return record
@@ -220,7 +220,7 @@ def _as_logged(record: FlightRecord) -> FlightRecord:
 
 
 def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
-    """Return the logged setpoints as a route that begins at the lift-off, or with a rest (s) at the first setpoint."""
+    """Return the logged setpoints as a route, which begins at the lift-off or with a rest at the first setpoint."""
     position = record.of("reference_position")
     yaw = np.full(len(position), _median_yaw(record))
     if record.reference_yaw is not None:
@@ -277,7 +277,7 @@ def _fitted_path(
     knots, h = np.linspace(0.0, end, count + 1), end / count
     segment = np.clip((time / h).astype(int), 0, count - 1)
     s = (time - knots[segment]) / h
-    # In the Hermite basis, the derivatives at the two knots around a sample, scaled by powers of h, are the unknowns.
+    # The unknowns are the derivatives at the two knots around a sample, scaled by powers of h (Hermite basis).
     unit = np.eye(2 * orders).reshape(2 * orders, 2, orders).transpose(1, 2, 0)
     basis = hermite_path(np.array([0.0, 1.0]), unit).coefficients[0]
     rows = [power_basis(order, s, 2 * orders) @ basis * h**-order for order in range(len(samples))]

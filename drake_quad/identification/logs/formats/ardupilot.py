@@ -14,16 +14,18 @@ from drake_quad.process_settings import without_error_output, without_prints
 
 # First bytes of a log: the header of a message of type 128, which declares the format of other messages.
 _MAGIC = b"\xa3\x95\x80"
-_HEADER_SIZE = 3
+_HEADER_SIZE = 3  # bytes
+# Names of time fields, with their unit in s.
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 # NumPy types for the type letters of ArduPilot that differ from NumPy's letters. The multipliers in `_SCALED_TYPES` are
 # from ArduPilot's documentation.
 _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
-# Possible names of the field that contains the number of the sensor or estimator.
+# Names of fields that contain the number of the sensor or estimator.
 _INSTANCE_FIELDS = ("I", "C")
 _QUADROTOR = 1  # value of FRAME_CLASS
 _X_LAYOUT = 1  # value of FRAME_TYPE
+# Vehicles that are not quadrotors, by value of FRAME_CLASS.
 _OTHER_FRAMES = {
     2: "a hexarotor",
     3: "an octorotor",
@@ -42,7 +44,7 @@ _OTHER_FRAMES = {
 
 
 def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
-    """Read the messages that a mapping uses, of the first instance of each sensor.
+    """Read the messages that a mapping uses. Only the first instance of each sensor is read.
 
     Field names have the form `ATT.Roll`. Values are multiplied by the multiplier of their type.
 

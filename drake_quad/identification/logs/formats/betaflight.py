@@ -60,7 +60,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
 
 def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
-    """Return the decoder of a flight, which has read all frames."""
+    """Return a decoder that has read all frames of a flight."""
     flight = decoder.FlightLogParser(data, start, end)
     flight.parse_header()
     config = flight.sys_config

@@ -27,10 +27,10 @@ _FIRST_BYTE = 0xBC
 _TYPES = {letter: f"<{letter}" for letter in "bBhHiIqQefd"}
 # Type of the time, and unit of the time in s, by the version of the format.
 _CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
-_CHECKSUM_SIZE = 4
+_CHECKSUM_SIZE = 4  # bytes
 # Largest length of a name with its final zero. The names in the firmware are shorter.
 _MAX_NAME_LENGTH = 256
-# Largest total number of variables of all event types. A header with more variables is damaged.
+# Largest number of variables in a header, summed over all event types. A header with more variables is damaged.
 _MAX_VARIABLES = 5_000
 # Name of the compressed attitude, which `_quaternions` decodes.
 _PACKED_ATTITUDE = "stateEstimateZ.quat"
@@ -51,7 +51,7 @@ class _EventType(NamedTuple):
 
 
 class _Header:
-    """Reader of the header of a log."""
+    """Reader of a log header."""
 
     def __init__(self, log: LogFile) -> None:
         self._log, self.offset = log, 1
@@ -200,7 +200,7 @@ def _unread_remarks(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[st
     """Return a remark on the bytes after the last complete record."""
     number = int.from_bytes(log.data[end : end + 2], "little")
     is_known = number in sizes or len(log.data) - end <= _CHECKSUM_SIZE
-    return [log.unread_remark(end, "no complete record" if is_known else f"{number} is the id of no event type")]
+    return [log.unread_remark(end, "no complete record" if is_known else f"no event type has the id {number}")]
 
 
 def _table(log: LogFile, event_type: _EventType, offsets: list[int], unit: float) -> Table:

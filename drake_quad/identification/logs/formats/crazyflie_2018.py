@@ -24,8 +24,8 @@ from drake_quad.identification.logs.source import LogFile
 
 _TIME_COLUMN = b"tick(I),"
 _TICK_PERIOD = 1e-3  # s, period of the FreeRTOS tick in the firmware
-_CHECKSUM_SIZE = 4
-_MAX_NAME_LENGTH = 64
+_CHECKSUM_SIZE = 4  # bytes
+_MAX_NAME_LENGTH = 64  # bytes
 _COLUMN_PATTERN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
 
 

@@ -1,4 +1,4 @@
-"""Registry of the formats of flight logs that `read_log` recognizes by their content."""
+"""Registry of flight log formats, which `read_log` recognizes by the content of a file."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -83,8 +83,9 @@ def best_mapping(
     name, mapping = user_mapping
     if mapping.time is None:
         raise InputError(f"{log.mark}: the mapping {name} must state the time column to read a log with one table")
-    missing = sorted(mapping.names - set(columns_of(mapping)))
+    missing = [short_repr(each) for each in sorted(mapping.names - set(columns_of(mapping)))]
     raise InputError(
-        f"{log.mark}: does not fit the mapping {name}: there is no"
-        f" {join_names([short_repr(each) for each in missing], 4)}; it has {join_names(columns, 12)}"
+        f"{log.mark}: does not fit the mapping {name}:"
+        f" {f'it lacks {join_names(missing, 4)}' if missing else 'the mapping has no signals'}; its columns are"
+        f" {join_names(columns, 12)}"
     )

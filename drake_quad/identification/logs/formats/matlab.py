@@ -1,8 +1,8 @@
 """Reader of MATLAB's MAT-files, based on SciPy.
 
-The columns of the log are the numeric variables, and the fields of structs, with the same length as the time. Names of
-fields have the form `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which
-`column` of a mapping reads. The names of its components have the form `log.position[0]`.
+The columns of the log are the numeric variables and the fields of structs that have as many samples as the time. Names
+of fields have the form `log.position`. A matrix with one column (or one row) per component counts as a column of
+vectors, which `column` in a mapping reads. The names of its components have the form `log.position[0]`.
 """
 
 import io
@@ -25,8 +25,8 @@ from drake_quad.identification.logs.units import UNITS
 
 _MAGIC = b"MATLAB "
 _HDF5_VERSION = b"MATLAB 7.3"
-_MAX_DEPTH = 8
-_MAX_COMPONENTS = 16
+_MAX_DEPTH = 8  # deepest nesting of structs that are read
+_MAX_COMPONENTS = 16  # larger matrices have no names for their components
 
 
 def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
@@ -71,7 +71,7 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
 
 def _numeric(prefix: str, content: Mapping[str, Any], depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the numeric vectors and matrices of a struct and of its fields, by name."""
+    """Yield the numeric vectors and matrices in a struct and its nested structs, by name."""
     for name, value in content.items():
         if name.startswith("__"):
             continue

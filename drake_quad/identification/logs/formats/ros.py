@@ -23,8 +23,9 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# Stamps that differ from the times of recording by more than this, in s, come from another clock.
+# If a stamp differs from the time of recording by more than this, in s, it comes from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
+# Name of a field, or index of an item, in a path such as `covariance[0].x`.
 _PATH_PART = re.compile(r"[^.\[\]]+")
 # Exceptions that are raised for damaged messages and missing fields.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
@@ -48,7 +49,7 @@ class _Message(NamedTuple):
 
 
 class _Rows:
-    """Values of the fields of a topic that a mapping uses, one row for each message."""
+    """Values of the topic fields that a mapping uses, with one row per message."""
 
     def __init__(self, type_name: str, fields: list[str]) -> None:
         self.type_name = type_name
@@ -101,7 +102,7 @@ def _member(value: Any, part: str | int) -> Any:
 
 
 def _stamp(message: Any) -> int:
-    """Return the stamp of the header of a message in ns; 0 if it has none."""
+    """Return the stamp in a message's header, ns; 0 if the message has none."""
     try:
         stamp = _member(_member(message, "header"), "stamp")
         return int(_member(stamp, "sec")) * 10**9 + int(_member(stamp, "nanosec"))

@@ -16,8 +16,9 @@ from drake_quad.number_parsing import parse_float
 
 # Largest size of a CSV file. Its cells take ten times as much memory as the file.
 MAX_BYTES = 50_000_000
-_MAX_COLUMNS = 10_000
-_BRACKETS = str.maketrans("[](),;", "      ")
+_MAX_COLUMNS = 10_000  # a first row with more cells is not a row of column names
+# Brackets and separators in a cell that contains a vector, which become spaces.
+_VECTOR_PUNCTUATION = str.maketrans("[](),;", "      ")
 
 
 def is_text(log: LogFile) -> bool:
@@ -71,7 +72,7 @@ def _text(log: LogFile) -> tuple[str, list[str]]:
 
 
 def _text_end(data: bytes) -> int:
-    """Return the number of bytes of the lines before the first byte that is not text."""
+    """Return the size, in bytes, of the lines before the first byte that is not text."""
     end = len(data) if (null := data.find(b"\0")) < 0 else null
     try:
         data[:end].decode("utf-8")
@@ -137,7 +138,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
 
 
 def _vector(cell: str, width: int) -> list[float]:
-    parts = [parse_float(part) for part in cell.translate(_BRACKETS).split()]
+    parts = [parse_float(part) for part in cell.translate(_VECTOR_PUNCTUATION).split()]
     if parts and len(parts) != width:
         raise ValueError
     return parts or [np.nan] * width

@@ -24,9 +24,10 @@ MAGIC = b"ULog\x01\x12\x35"
 _MICROSECOND = 1e-6
 # Pairs (is in front, is to the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
-# Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
+# Largest number of fields in a topic, where each item of an array counts. All topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
-_HEADER_SIZE = 16
+_HEADER_SIZE = 16  # bytes
+# Letters of all message types in the format.
 _MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
@@ -50,8 +51,8 @@ def _read(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
 
     Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
     logged, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor
-    pulses are scaled from the range in the parameters to 1000 to 2000 µs. In the default mapping, the order of the
-    rotors is adapted to the parameters of the log.
+    pulses are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping takes the order of the
+    rotors from the parameters of the log.
 
     Args:
         log: content of the file.
@@ -230,7 +231,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
 def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
     """Return a topic with times relative to a start in µs.
 
-    In double precision, times since 1970 in seconds would not resolve a microsecond.
+    Times in seconds since 1970 would not resolve a microsecond in double precision.
     """
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
