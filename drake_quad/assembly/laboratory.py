@@ -1,4 +1,4 @@
-"""Assembly of the laboratory and the flight monitor of a scenario."""
+"""Assembly of a scenario's laboratory diagram and flight monitor."""
 
 import math
 from typing import Any
@@ -39,11 +39,11 @@ _SENSORS_PREFIX = "sensors."
 
 
 def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
-    """Return the recipes for the systems of a laboratory, including the vehicles, by their paths in its diagram.
+    """Return a recipe for each system in the laboratory diagram, including the vehicles, by the path of the system.
 
     Args:
-        batch: batch that is flown.
-        plan: plan that is flown; the vehicles hover at its beginning.
+        batch: samples to fly, with one vehicle for each.
+        plan: plan that the vehicles follow; they hover at its beginning.
         duration: duration of the flight, s.
 
     Raises:
@@ -65,13 +65,13 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 def build_laboratory_of(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, user_wind: Any = None
 ) -> Diagram:
-    """Build a laboratory from recipes.
+    """Build the laboratory diagram from recipes.
 
     Args:
-        recipes: recipes for the systems of the laboratory, from `laboratory_recipes`.
+        recipes: recipes from `laboratory_recipes`, by path.
         num_vehicles: number of vehicles N.
-        samples: source of the random numbers: samples of a study, None for Drake's random sources, or `Exported` for
-            input ports.
+        samples: source of the random numbers. It is a study's samples, None for Drake's random sources, or `Exported`
+            for input ports.
         user_wind: user's source of wind, in addition to the sources in the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
@@ -90,7 +90,7 @@ def wind_period(scenario: Scenario) -> float:
 
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
-    """Build the flight monitor, which detects crashes and computes the metrics, for flights of a plan in a scenario."""
+    """Build the flight monitor, which detects crashes and computes the metrics of flights along a plan."""
     space, tilt = scenario.room(), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     return FlightMonitor(
@@ -104,7 +104,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """Return the true parameters of the vehicle of a scenario or of a `Batch.fleet_scenario`."""
+    """Return the true parameters of a scenario's vehicle, or of the vehicles in a `Batch.fleet_scenario`."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -190,11 +190,11 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the recipe for the command link, which outputs a hover command until the first packet arrives.
+    """Return the recipe for the command link. The link outputs a hover command until the first packet arrives.
 
     Args:
-        scenario: scenario with the link.
-        fleet: link of a `Batch.fleet_scenario`.
+        scenario: scenario that contains the link.
+        fleet: settings of the link in a `Batch.fleet_scenario`.
         yaw: yaw of the initial hover, rad.
     """
     link, nominal = scenario.laboratory.command_link, nominal_parameters(scenario)
@@ -207,14 +207,14 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system."""
+    """Return the recipe for the autopilot between link and allocation; empty if the scenario has no autopilot."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipes for the wind of a scenario, by the names of the systems."""
+    """Return a recipe for each wind system of a scenario, by the system's name."""
     by_kind: dict[type[WindSource], list[Any]] = {}
     for settings, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
         by_kind.setdefault(type(settings), []).append(source)
@@ -227,6 +227,6 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
 
 
 def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipes for the sensors of a scenario, by the names of their ports."""
+    """Return a recipe for each sensor of a scenario, by the name of the sensor's port."""
     settings, drawn = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
     return {name: sensor.recipe(drawn[name], fleet.vehicle) for name, sensor in settings.items()}

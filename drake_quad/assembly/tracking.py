@@ -50,17 +50,17 @@ def build_fleet_diagram(
     exported: Exported | None = None,
     open_action: bool = False,
 ) -> Diagram:
-    """Build the closed loop of a scenario for the samples of a batch, with one vehicle for each sample.
+    """Build the closed loop of a scenario, with one vehicle for each sample in a batch.
 
     Args:
-        batch: batch that is flown.
+        batch: samples to fly.
         plan: plan that is flown.
-        user_systems: user's systems for the same number of vehicles, which the diagram will own.
-        record: True to add a recorder of all signals, sampled at every tick of the control.
+        user_systems: the user's systems, built for the same number of vehicles. The diagram will own them.
+        record: True to add a recorder, which samples all signals at every control tick.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
-        injects: True to add an input port `injection`, which is added to the command over the link, and an output port
-            `injected` with the sum.
+        injects: True to add two ports. The signal at the input port `injection` is added to the command over the link;
+            the output port `injected` has the sum.
         exported: declaration of input ports for the random numbers of the laboratory.
         open_action: True to add an input port `action` for the action of a policy.
 

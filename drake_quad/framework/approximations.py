@@ -1,11 +1,11 @@
 """Elementary functions of symbols, in vector arithmetic that computes several vehicles at once.
 
-The results agree with a mathematical library to within two units in the last place. There are two exceptions: sines and
+The results agree with a mathematical library to within two units in the last place, with two exceptions: sines and
 cosines of angles beyond a million radians are NaN, and results below 1e-307 may be zero.
 
-Each function reduces its argument to a small range and evaluates a polynomial. The polynomials of sine and cosine are
+Each function reduces its argument to a small range and evaluates a polynomial. The polynomials for sine and cosine are
 the minimax approximations from S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in the Cephes
-library. All others are Chebyshev fits computed with mpmath.
+library. All other polynomials are Chebyshev fits that were computed with mpmath.
 """
 
 import functools
@@ -179,7 +179,7 @@ _TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """Return x where the mask is true, else y; if only one of x and y is a truth value, it is converted to a number."""
+    """Return x where the mask is true, else y. If only one of x and y is a truth value, it is converted to a number."""
     _, x, y = to_symbols(mask, x, y)
     if x.kind is not y.kind:
         x, y = number(x), number(y)
@@ -187,7 +187,7 @@ def select(mask: Symbol, x: Any, y: Any) -> Symbol:
 
 
 def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
-    """Return x y + z with a single rounding."""
+    """Return x y + z, rounded only once."""
     return operation("multiply_add", x, y, z)
 
 
@@ -212,8 +212,9 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 def _function(approximation: _Formula) -> _Formula:
     """Decorate the approximation of an elementary function.
 
-    If the listing of the arguments calls functions, a call is recorded instead of the operations of the approximation.
-    The name of the called function is the name of the formula with the names of the options that are true.
+    If the listing that contains the arguments calls functions (see `Listing.calls_functions`), a call is recorded
+    instead of the approximation's operations. The name of the called function consists of the formula's name and the
+    names of the options that are true.
     """
 
     @functools.wraps(approximation)
@@ -266,7 +267,7 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
 
 
 def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
-    """Return x, negated where the highest bit of a word is set."""
+    """Return x, with opposite sign where the highest bit of a word is set."""
     return _number_of(bits_of(x) ^ (sign & _SIGN_MASK))
 
 
@@ -349,7 +350,7 @@ def arctan2(y: Any, x: Any) -> Symbol:
 
 
 def _slope_angle(rise: Symbol, run: Any) -> Symbol:
-    """Return the angle of a slope, rad, given a non-negative rise and run; zero if both are zero."""
+    """Return the angle, rad, of a slope with a non-negative rise and run; zero if both are zero."""
     flat, steep = rise <= _TAN_PI_8 * run, rise > _TAN_3_PI_8 * run
     # A single division covers three ranges: t is the tangent of the angle, of the angle minus π/4, or of the angle
     # minus π/2.

@@ -34,7 +34,7 @@ TIME = _Time()
 
 
 class Tick(NamedTuple):
-    """Number of a tick, given by the number of a pair of ticks and the position in the pair.
+    """Number of a tick, split into the number of a pair of ticks and the position in the pair.
 
     Attributes:
         pair: number of the pair, a whole number from 0 on.
@@ -168,14 +168,14 @@ def interpret(
 
 
 def at_time(argument: Any, time: Any) -> Any:
-    """Return the value at a time (s) of an argument that is `TIME`, a `TickOf` or a constant."""
+    """Return the value of an argument (`TIME`, a `TickOf` or a constant) at a time, s."""
     if argument is TIME:
         return time
     return argument.at(time) if isinstance(argument, TickOf) else argument
 
 
 def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """Return the rows of all results of a formula in order, without absent results.
+    """Return the rows of all results of a formula in order; absent results have no rows.
 
     Raises:
         TypeError: if the results do not match the layouts.
@@ -189,7 +189,7 @@ def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
 
 
 def pack_rows(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
-    """Concatenate rows, each a number or an (N,) array, to one vector of num_rows · N elements."""
+    """Concatenate rows to one vector of num_rows · N elements; each row is a number or an (N,) array."""
     # `np.broadcast_to` is twenty times slower.
     if num_vehicles == 1:
         return np.array([row.item() if row.__class__ is np.ndarray else row for row in rows])

@@ -1,9 +1,9 @@
 """List scheduling of the lines of a listing.
 
-Most lines of a formula use the result of the previous line. In this order, a processor would wait for most results,
-since it looks ahead only by some dozens of instructions. The schedule is the order in which a processor with a much
-larger window would execute the lines: each line starts as soon as its operands are ready, and among several ready
-lines, the earliest in the formula starts first.
+Most lines of a formula use the result of the previous line. A processor looks ahead only by some dozens of
+instructions, and would therefore wait for most results. The schedule is the order in which a processor with a much
+larger window would execute the lines. Each line starts as soon as its operands are ready. If several lines are ready,
+the first in the formula starts first.
 
     formula   a b c d e f     b uses a, and c uses b; e uses d, and f uses e
     schedule  a d b e c f     each line uses a result that is two lines old
@@ -37,7 +37,7 @@ _LATENCY = {
 
 
 def schedule(listing: Listing) -> list[int]:
-    """Return the numbers of all lines in the scheduled order, each line after its operands."""
+    """Return the line numbers in scheduled order; each line comes after its operands."""
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
     latencies = [_LATENCY.get(operation.name, 1) for operation in operations]
@@ -83,7 +83,7 @@ def schedule(listing: Listing) -> list[int]:
 
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
-    """Insert constants and rows into an order, each before the first line that uses it; append the unused ones."""
+    """Insert constants and rows into a schedule, each before the first line that uses it; append the unused ones."""
     operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:

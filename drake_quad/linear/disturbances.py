@@ -1,8 +1,8 @@
-"""Disturbances of a vehicle along its plan: their magnitude and their correlation time.
+"""Magnitude and correlation time of the disturbances of a vehicle along its plan.
 
-Consider a vehicle with the position, attitude and rotor speeds that the nominal vehicle needs to follow the plan. Wind,
-drag, and deviations from the nominal vehicle make its acceleration differ from the planned acceleration. This
-difference is the disturbing acceleration, which a controller must compensate to stay on the plan.
+Consider a vehicle with the position, attitude and rotor speeds with which the nominal vehicle would follow the plan.
+Because of wind, drag, and deviations from the nominal vehicle, its acceleration differs from the planned acceleration.
+The difference is the disturbing acceleration, which a controller must compensate to stay on the plan.
 """
 
 from typing import Any, NamedTuple
@@ -34,12 +34,12 @@ _HALF_CORRELATION_LAG = 1.67835
 
 
 class DisturbanceSamples(NamedTuple):
-    """Disturbing accelerations along a plan, at equal steps.
+    """Disturbing accelerations along a plan, sampled at equal steps.
 
     Attributes:
         step: sampling period, s.
         acceleration: (3, times, N) along the axes of W, m/s².
-        turning: (2, times, N) angular accelerations of roll and pitch, rad/s².
+        turning: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
     """
 
     step: float
@@ -63,11 +63,11 @@ class DisturbanceStatistics(NamedTuple):
 
 
 def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
-    """Sample the disturbances of the vehicles of a batch along a plan.
+    """Sample the disturbances of a batch of vehicles along a plan.
 
     Args:
-        batch: vehicles, wind and random numbers.
-        plan: plan that the vehicles follow.
+        batch: samples that determine the vehicles, the wind and the random numbers.
+        plan: plan along which the disturbances are sampled.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
@@ -100,10 +100,10 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
 
 
 def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceStatistics:
-    """Return the statistics of a disturbance over several flights.
+    """Return the statistics of one type of disturbance over several flights.
 
     Args:
-        disturbance: (..., times, N) samples of one type of disturbance.
+        disturbance: (..., times, N) samples of the disturbance.
         step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
@@ -117,7 +117,7 @@ def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceS
 
 
 def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Return the wind (3, times, N) of the scenario's sources at positions (3, times) along a plan, m/s."""
+    """Return the wind (3, times, N) that the scenario's sources cause at positions (3, times) along a plan, m/s."""
     scenario, N = batch.scenario, len(batch)
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}

@@ -1,7 +1,7 @@
-"""Margins of any control system, with its loops broken at the command link.
+"""Stability margins of any controller, with its loops broken at the command link.
 
-For any controller (a cascade, an optimal controller or a user's own) the link carries thrust and either the torques
-about roll, pitch and yaw, or the angles that an autopilot follows. If an offset is added to one of these signals,
+Every controller (a cascade, an optimal controller or a user's controller) sends over the link the thrust, and either
+three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
 
     signal on the link = S (offset),    S = 1 / (1 + L)
 
@@ -29,7 +29,7 @@ _NUM_NEAR_PEAK = 17  # number of frequencies between the two neighbours of the l
 
 
 class FastLinkMargins(NamedTuple):
-    """Peak of |1 / (1 + L)|, and delay margin (s), for the signals on the link with feedback, (signals,)."""
+    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the link's signals with feedback."""
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -38,13 +38,13 @@ class FastLinkMargins(NamedTuple):
 def link_margins(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, Margins | None]:
-    """Return the margins of thrust, roll, pitch and yaw at the command link, by the names of the signals.
+    """Return the margins of the thrust, roll, pitch and yaw loops at the command link, by signal name.
 
     The names are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench`, or `thrust`, `roll`, `pitch` and `yaw` of an
     `attitude_target`. The value is None for a signal without feedback, such as a yaw that only an autopilot controls.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised, which has neither gusts nor noise.
+        scenario: scenario whose `at_rest` is linearised; that scenario has neither gusts nor noise.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole control; see `build_tracking_diagram`.
 
@@ -64,7 +64,7 @@ def link_loops(
 
 
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
-    """Return sensitivity peaks and delay margins for a search, with the errors of `link_margins`.
+    """Return sensitivity peaks and delay margins for a search; the errors are as in `link_margins`.
 
     The computation is ten times as fast as `link_margins`.
     """
@@ -80,7 +80,7 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
 
 
 def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the largest |S| (rows,) of some signals, refined around the largest value on a grid.
+    """Return the largest |S| of each given signal, (rows,), refined around the largest value on a grid.
 
     Args:
         loops: closed loop from an offset on each signal to the signals.
@@ -97,7 +97,7 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
 
 
 def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """Return the response (signals, frequencies) of each signal to an offset on it, at frequencies in rad/s."""
+    """Return the response (signals, frequencies) of each signal to its own offset, at frequencies in rad/s."""
     return np.diagonal(loops.response(np.exp(1j * grid * loops.period)), axis1=1, axis2=2).T
 
 
@@ -114,7 +114,7 @@ def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> 
 
 
 def _signals(scenario: Scenario) -> list[str]:
-    """Return the names of the signals on the link, without body rates, which are only fed forward."""
+    """Return the names of the link's signals without the body rates, which are feedforward only."""
     signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 

@@ -1,4 +1,4 @@
-"""Modes of a linear system."""
+"""Modes of a linear system, with their frequencies, damping ratios and participating states."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -20,8 +20,8 @@ class Mode(NamedTuple):
         pole: pole s of a continuous system, or log(z) / period of a sampled system, 1/s; for a pair, the pole with
             positive imaginary part.
         frequency: natural frequency |s|, rad/s.
-        damping: damping ratio -Re s / |s|; nan for an integrator.
-        multiplicity: number of equal eigenvalues.
+        damping: damping ratio -Re s / |s|; NaN for an integrator.
+        multiplicity: multiplicity of the eigenvalue.
         states: names of the states that participate in the mode, in descending order of their participation.
     """
 
@@ -33,12 +33,12 @@ class Mode(NamedTuple):
 
 
 def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
-    """Return the modes of ẋ = A x or of x⁺ = A x, the slowest first.
+    """Return the modes of ẋ = A x or of x⁺ = A x, slowest first.
 
-    The participation of a state in a mode is its entry on the diagonal of the mode's spectral projector. For a single
-    eigenvalue this is the participation factor, and it is also well defined for repeated eigenvalues. Modes that decay
-    within a period, such as the modes of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1
-    % of their magnitude, count as one pole.
+    The participation of a state in a mode is its diagonal entry in the mode's spectral projector. This is the
+    participation factor if the eigenvalue is simple, and it is also well defined for repeated eigenvalues. Modes that
+    decay within a period, such as the modes of a delay line, are left out. Poles within 0.01 1/s of each other, or
+    within 0.1 % of their magnitude, count as one pole.
 
     Args:
         A: (n, n) system matrix.
@@ -78,12 +78,12 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
 
 
 def _is_among(value: complex, *, values: np.ndarray, indices: Sequence[int]) -> bool:
-    """Return True if the eigenvalue of (n,) that is nearest to a value has one of the given indices."""
+    """Return whether the eigenvalue that is nearest to a value has one of the given indices."""
     return int(np.argmin(np.abs(values - value))) in indices
 
 
 def _projector(A: np.ndarray, selects: Callable[[complex], bool]) -> np.ndarray:
-    """Return the projector (n, n) onto the invariant subspace of selected eigenvalues, along that of all others."""
+    """Return the spectral projector (n, n) of selected eigenvalues."""
     T, Z, k = scipy.linalg.schur(A, output="complex", sort=selects)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)

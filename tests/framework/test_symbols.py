@@ -34,7 +34,7 @@ LISTINGS = {
     "a sum of another group": lambda listing: listing.row(1, 0) + listing.row(1, 1),
     "a sum with itself": lambda listing: listing.row(0, 0) + listing.row(0, 0),
     "rows": lambda listing: [listing.row(0, 0), listing.row(0, 1)],
-    "a shared number": lambda listing: listing.shared(0),
+    "a shared value": lambda listing: listing.shared(0),
     "zero": lambda listing: listing.constant(0.0),
     "minus zero": lambda listing: listing.constant(-0.0),
     "a word": lambda listing: listing.constant(np.uint64(0)),

@@ -1,9 +1,10 @@
 """The PID controller of the Crazyflie's firmware in the scenario language.
 
-The firmware commands angles in degrees and rotors in units of 1/65535 of their largest thrust, which it keeps constant
-by battery compensation. One unit of its roll and pitch output changes each rotor by half a unit, and one unit of its
-yaw output by one unit (`powerDistributionLegacy`). Gains of scenarios have SI units. The conversion therefore needs the
-nominal vehicle: positions of the rotors, their ratio of drag to thrust, mass and moments of inertia.
+The firmware commands angles in degrees, and rotor thrusts in units of 1/65535 of the largest thrust. Battery
+compensation keeps the largest thrust constant. One unit of its roll and pitch output changes each rotor by half a unit,
+and one unit of its yaw output by one unit (`powerDistributionLegacy`). The gains of a scenario have SI units. The
+conversion therefore needs the nominal vehicle's rotor positions, the rotors' ratio of drag to thrust, the mass and the
+moments of inertia.
 """
 
 import math
@@ -42,12 +43,12 @@ _ANGLES = ("roll", "pitch", "yaw")
 def crazyflie_layer(
     values: Mapping[str, float], nominal: QuadrotorParameters, max_thrust: float = MAX_THRUST
 ) -> dict[str, Any]:
-    """Return a layer of a scenario with the firmware's controller.
+    """Return a scenario layer with the firmware's controller.
 
     Args:
         values: parameters of the firmware, by name.
         nominal: parameters of the nominal vehicle.
-        max_thrust: largest thrust of a rotor, which corresponds to 65535 units, N.
+        max_thrust: largest rotor thrust, which corresponds to 65535 units, N.
     """
     unit = max_thrust / _MAX_UNITS
     per_velocity = _THRUST_SCALE * 4.0 * unit / nominal.mass
@@ -91,11 +92,11 @@ def crazyflie_layer(
 
 
 def output_scales(nominal: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
-    """Return the angular accelerations about x, y, z per unit of the outputs of roll, pitch and yaw, rad/s².
+    """Return the angular accelerations about x, y, z that one unit of the roll, pitch and yaw outputs causes, rad/s².
 
     Args:
         nominal: parameters of the nominal vehicle.
-        unit: thrust of a rotor per unit of its command, N.
+        unit: rotor thrust per command unit, N.
     """
     rotors, inertia = nominal.rotors, nominal.inertia
     roll = sum(0.5 * abs(rotor.y) * unit for rotor in rotors)
@@ -131,7 +132,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: 
 
 
 def _gains(values: Mapping[str, float], pattern: str, axes: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return the gains on three axes, by term, from parameters whose names match a pattern, ignoring case."""
+    """Return the gains on three axes, by term, from the parameters whose names match a pattern; case is ignored."""
     known = {name.lower(): value for name, value in values.items()}
     terms = ("p", "i", "d", "ff")
     return {term: [known[pattern.format(axis=axis, term=term).lower()] for axis in axes] for term in terms}
@@ -143,13 +144,13 @@ def _loop(
     integral_limits: Any,
     cutoffs: Any,
 ) -> dict[str, Any]:
-    """Return the fields of a PID, including the fields of every term with a nonzero gain.
+    """Return the fields of a PID: k_p, and the fields of each other term that has a nonzero gain.
 
     Args:
-        gains: gains of the firmware.
-        scales: scenario units per unit of the firmware's output.
-        integral_limits: largest integrals of the error, in the unit of the error times s.
-        cutoffs: cutoff frequencies of the derivatives' filters, Hz; None without filters.
+        gains: firmware gains on the three axes, by term.
+        scales: scenario units per unit of the firmware's output, for each axis.
+        integral_limits: largest integral of the error on each axis, in the unit of the error times s.
+        cutoffs: cutoff frequencies of the derivative filters, Hz; None without filters.
     """
     scaled = {term: [gain * scale for gain, scale in zip(each, scales, strict=True)] for term, each in gains.items()}
     loop: dict[str, Any] = {"k_p": scaled["p"]}

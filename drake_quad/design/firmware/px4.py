@@ -1,9 +1,9 @@
 """PX4's multicopter controllers in the scenario language.
 
-PX4 commands thrust and torques between 0 and 1. It assumes that a rotor's thrust is proportional to its command, with
-the weight at MPC_THR_HOVER, and normalises torques by its mixer (`ControlAllocationPseudoInverse`). Gains of scenarios
-have SI units. The conversion therefore needs the nominal vehicle: positions of the rotors, their ratio of drag to
-thrust, mass and moments of inertia.
+PX4 normalises thrust and torques. It assumes that thrust is proportional to its command, and that the command
+MPC_THR_HOVER supports the weight. Its mixer (`ControlAllocationPseudoInverse`) determines the unit of the torques. The
+gains of a scenario have SI units. The conversion therefore needs the nominal vehicle's rotor positions, the rotors'
+ratio of drag to thrust, the mass and the moments of inertia.
 """
 
 import math
@@ -28,7 +28,7 @@ _GRAVITY = 9.80665
 
 
 def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
-    """Return the torques about x, y, z for a normalised torque of 1, N m.
+    """Return the torques about x, y, z that correspond to a normalised torque of 1, N m.
 
     The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
     pitch is the larger of the root mean squares of their columns, times √2. The scale of yaw is the largest entry of
@@ -52,7 +52,7 @@ def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[flo
 
 
 def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
-    """Return a layer of a scenario with PX4's controllers.
+    """Return a scenario layer with PX4's controllers.
 
     Args:
         values: parameters of PX4, by name.
@@ -97,7 +97,7 @@ def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict
 
 
 def gyroscope_period(values: Mapping[str, float]) -> float:
-    """Return the period of the loops on board, s.
+    """Return the period of PX4's control loops, s.
 
     The period is 1 / IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
     """
