@@ -30,10 +30,10 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
-# Largest ratio of the time step to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to
+# Largest ratio of the time step to the shortest time constant. The fourth-order Runge-Kutta method is stable up to
 # 2.78.
 _MAX_STABLE_STEP = 2.5
-# Prefixes of the paths of systems in the laboratory.
+# Prefixes that the paths of wind systems and sensors have in the laboratory.
 _WIND_PREFIX = "wind."
 _SENSORS_PREFIX = "sensors."
 
@@ -136,7 +136,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Paired rotors produce every torque for all values that can be drawn.
+    # Layouts with paired rotors can produce every torque for all values that can be drawn.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(
             f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
@@ -220,7 +220,7 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
         by_kind.setdefault(type(settings), []).append(source)
     surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
-    # The order is fixed, since it determines the rounding of the sum of all winds and the order in drawings.
+    # The order is fixed, since it affects the rounding of the total wind and the order of systems in drawings.
     for kind in sorted(by_kind, key=lambda kind: kind.depends_on_position):
         recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes

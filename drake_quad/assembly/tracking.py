@@ -29,13 +29,12 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Signals of a control that are exported and recorded. A user's control must only provide the signal for the command
-# link.
+# Control signals that are exported and recorded. A user's control must provide only the signal for the command link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
 )
-# Signals that a controller may send over the command link; it sends one of them.
+# Signals that a controller may send over the command link. Each controller sends one of them.
 _COMMANDS = ("wrench", "attitude_target")
 
 

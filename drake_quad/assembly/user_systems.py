@@ -47,7 +47,7 @@ class UserSystems(NamedTuple):
         for name, make in self.specified.items():
             takes_a_number = _takes_a_number(make)
             system = make(num_vehicles) if takes_a_number else None
-            if not _is_system(system):  # None is rejected here, since it would select the scenario's own system
+            if not _is_system(system):  # reject None, which would later select the scenario's system
                 flaw = f"{_described(make)} returns {_returned(system)}" if takes_a_number else f"is {_described(make)}"
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"

@@ -243,7 +243,7 @@ class _Gain(Block):
 
     @property
     def _factors(self) -> list[float]:
-        # Drake has no method that returns the factors.
+        # Drake's Gain has no method that returns its factors, so the gain is evaluated for inputs of 1.
         context = self.system.CreateDefaultContext()
         self.system.get_input_port().FixValue(context, np.ones(self.system.get_input_port().size()))
         factors: list[float] = self.system.get_output_port().Eval(context).tolist()

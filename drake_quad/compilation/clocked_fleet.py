@@ -17,7 +17,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# Index of the first row in the log, and layout, of each port or state group, by name.
+# First row in the log and layout of each port or state group, by name.
 _LogRows = dict[str, tuple[int, Layout]]
 
 

@@ -15,9 +15,9 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Largest number of cached tables of the values that all vehicles share. Further tables are computed in each flight.
+# Largest number of cached tables of shared values. When the cache is full, every flight computes its further tables.
 _MAX_TABLES = 256
-# Number of events that a table covers if the simulator requests one event at a time.
+# Number of events in a table if the simulator requests one event at a time.
 _TABLE_EVENTS = 64
 
 
@@ -73,7 +73,7 @@ class CompiledSystem(LeafSystem):
         self.recorded = dict(program.topology.outputs) if record else {}
         self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
-        # An event may span several instants only if no other system uses the results of the instants in between.
+        # An event may span several instants only if no other system uses the intermediate results.
         is_alone = not program.row_ranges.inputs
         strides, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
@@ -255,7 +255,7 @@ class CompiledSystem(LeafSystem):
         size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
         logging_event = functools.cache(
             lambda: self.program.logging_event((port,))
-        )  # outputs are compiled at their first evaluation
+        )  # an output is compiled when it is first evaluated
 
         def calc(context: Context, output: BasicVector) -> None:
             # The event only logs the port and does not change the state.

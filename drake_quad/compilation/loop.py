@@ -48,9 +48,9 @@ class Loop:
     ) -> None:
         self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
         results = Results.of(listing, changes, logged)
-        # The rows of precomputed results are the last ones. There are at most as many as operations, and memory that is
-        # not used costs nothing. All calls can share this memory, since the function holds Python's global interpreter
-        # lock while it runs.
+        # The precomputed results occupy the last rows. There are at most as many results as operations, and unused
+        # memory costs nothing. All calls can share this memory, since the function holds Python's global interpreter
+        # lock.
         self._scratch = aligned((sum(sizes) + len(listing.operations)) * self._lanes)
         identity = f"loop {self._lanes} {sizes} {width} {results} {listing.digest()}"
         address = generated_kernel_address(identity, lambda: self._module(listing, results, sizes, width))

@@ -9,12 +9,12 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of the groups of precomputed and of logged rows, in addition to the groups of a trace.
+# Numbers of two groups in addition to the groups of a trace: precomputed rows and logged rows.
 PRECOMPUTED = 3
 LOG = 4
-# Size of a line of the processor's cache, bytes. The addresses of arrays are multiples of this size.
+# Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
 CACHE_LINE = 64
-# Names and arguments of the LLVM functions of both parts.
+# Names and arguments of the LLVM functions that compute the two parts of an event.
 PREPARE = "@prepare(ptr %parameters, ptr %precomputed)"
 EVENT = "@event(ptr %state, ptr %inputs, ptr %precomputed, ptr %shared, ptr %log, i64 %padded)"
 
@@ -162,7 +162,7 @@ class _RemainingPart(_Copy):
         self._fixed, self._preparation = fixed, preparation
 
     def _copied(self, line: int, operation: Operation) -> int:
-        # Repeating a comparison is faster than storing its result.
+        # Recomputing a comparison is faster than storing its result.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
             self._preparation.line(line)
             self.precomputed.append(line)

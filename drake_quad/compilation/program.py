@@ -24,8 +24,8 @@ from drake_quad.process_settings import without_garbage_collection
 
 # Largest supported number of instants in the least common multiple of all periods.
 _MAX_CYCLE = 64
-# Largest number of events whose machine code is cached. Diagrams that differ only in their numbers and in the sizes of
-# their fleets share this machine code.
+# Largest number of events whose machine code is cached. Diagrams that differ only in their values and in the number of
+# vehicles share this machine code.
 _MAX_CACHED_EVENTS = 256
 _event_cache: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_CACHED_EVENTS)
 _Result = TypeVar("_Result")

@@ -13,11 +13,11 @@ from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# Symbols or numbers of the rows of a port, state or parameter.
+# Rows of a port, state or parameter; each row is a symbol or a number.
 Rows = list[Any]
-# Numbers of the groups of a listing.
+# Numbers of the groups that a listing reads.
 STATE, PARAMETERS, INPUTS = range(3)
-# Tolerance for rounding errors on the ratio of two periods, which must be a whole number.
+# Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
 ROUNDING = 1e-9
 
 

@@ -25,8 +25,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import with_values
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
-# Torque, angle and body rate of each attitude loop. The height loop has the same structure, with thrust, height and
-# vertical velocity.
+# Signals of each loop: torque, angle and body rate of an attitude loop; thrust, height and vertical velocity of the
+# height loop.
 _LOOP_SIGNALS = {
     "roll": ("tau_x", "roll", "p"),
     "pitch": ("tau_y", "pitch", "q"),
@@ -35,7 +35,7 @@ _LOOP_SIGNALS = {
 }
 _ANGLES = ("roll", "pitch", "yaw")
 _POSITION = ("x", "y", "z")
-# Angle that accelerates the vehicle along an axis, and its sign, eq (7).
+# Angle that accelerates the vehicle along each axis, and the sign of the acceleration, eq (7).
 _TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
@@ -120,7 +120,7 @@ def _integrating(scenario: Scenario) -> PidPosition:
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
     """Return the scenario with new gains on the ground.
 
-    The gains are for controllers without estimators. Each controller is therefore replaced with its `without_estimator` form.
+    The gains are for controllers without estimators, so each controller is replaced with its `without_estimator` form.
 
     Args:
         scenario: scenario whose control is a cascade.

@@ -10,7 +10,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.evaluator import Evaluator
 
-_MAX_VEHICLES = 1024  # largest number of vehicles that fly at the same time
+_MAX_VEHICLES = 1024  # largest number of vehicles in the fleet that simulates the map
 
 
 class FieldMap(NamedTuple):

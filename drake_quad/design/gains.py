@@ -28,22 +28,22 @@ from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-_MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that is tried
-_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that is tried, relative to the Nyquist frequency
-_NUM_EFFORTS = 120  # number of efforts that are tried
-# Number of bisections between the last acceptable effort and the first unacceptable effort.
+_MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that a design tries
+_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that a design tries, relative to the Nyquist frequency
+_NUM_EFFORTS = 120  # number of efforts that a design tries before the bisection
+# Number of bisections between the largest acceptable effort and the next effort that was tried.
 _NUM_BISECTIONS = 12
-# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of 4
-# / crossover.
+# Largest corner frequency k_I / k_P of an integral, relative to the crossover frequency of its PD. Common PID rules use
+# a reset time of 4 / crossover.
 _MAX_INTEGRAL_RATIO = 0.25
-# Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
+# Bandwidths whose gains may be the start of a search for a regulator, rad/s. The first stable gains are used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop whose slowest pole has a magnitude above 1 - 1e-7 counts as unstable: 2²⁹ ticks do not reduce its response to
-# the negligible size.
+# A loop counts as unstable if 2²⁹ ticks do not reduce its response to `_NEGLIGIBLE_POWER`. The magnitude of its slowest
+# pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
 _NEGLIGIBLE_POWER = 1e-12
 _DIVERGED_POWER = 1e50
-_UNSTABLE_LOG_COST = 100.0  # far above the logarithm of any cost that is compared
+_UNSTABLE_LOG_COST = 100.0  # far above the logarithm of the cost of any stable loop
 
 
 class AxisGains(NamedTuple):
@@ -152,7 +152,7 @@ class PolePair(NamedTuple):
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
-        if determinant == 0.0:  # The measurements do not distinguish value and rate.
+        if determinant == 0.0:  # the measurements do not distinguish value and rate
             return _NO_GAINS
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
@@ -192,7 +192,7 @@ class RegulatorRequirements(NamedTuple):
         def logarithm_of_cost(logs: np.ndarray) -> tuple[float, np.ndarray]:
             gains = np.exp(logs)
             cost, slope = self._cost_and_slope(plant, AxisGains(*gains), effort)
-            if not math.isfinite(cost):  # The line search returns from here to the stable gains.
+            if not math.isfinite(cost):  # the line search returns to stable gains
                 return _UNSTABLE_LOG_COST, np.zeros(len(logs))
             return math.log(cost), gains * slope / cost
 

@@ -43,13 +43,13 @@ from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgCont
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-_NUM_WIND_SAMPLES = 32  # samples from which the statistics of the disturbances are computed
-# Correlation times of a disturbance that is constant during a flight, and of the bias, s. They are so long that the
-# filter estimates both as constants, which has the effect of an integral.
+_NUM_WIND_SAMPLES = 32  # number of samples for the statistics of the disturbances
+# Correlation times, s, of the disturbance that is constant during a flight, and of the bias. They are so long that the
+# filter estimates both as constants, which has the effect of integral control.
 _CONSTANT_TIME = 50.0
 _BIAS_TIME = 20.0
-# Smallest standard deviations, so that a design also exists for a calm and ideal laboratory. The values for noise are
-# half of the noise in laboratory.yaml.
+# Smallest standard deviations that a design assumes, so that it also exists for a calm and ideal laboratory. The noise
+# values are half of those in laboratory.yaml.
 _MIN_DISTURBANCE = 0.05  # m/s²
 _MIN_BIAS = 0.5  # m/s⁴
 _MIN_POSITION_NOISE = 5e-4  # m
@@ -57,17 +57,17 @@ _MIN_ATTITUDE_NOISE = 2e-3  # rad
 # Assumed uncertainty of plant parameters that are not distributions.
 _LAG_SPREAD = 1.6  # factor on the lag
 _RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude response
-_DELAY_SPREAD = 1  # additional frames of latency and ticks of delay
+_DELAY_SPREAD = 1  # additional frames of camera latency, and additional ticks of link delay
 _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is computed
-_MIN_FREQUENCY = 0.3  # rad/s, smallest of these frequencies
-_PENALTY_WEIGHT = 9.0  # weight of violated limits, relative to the logarithm of the error
-_MAX_EVALUATIONS = 600  # largest number of evaluations of the cost in a search
+_MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
+_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost, relative to the logarithm of the error
+_MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
 # Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance.
 # With 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its `bad_day`.
 _TORQUE_HEADROOM = 2.0
-# Largest number of searches until the whole loop satisfies the limits.
+# Largest number of searches, each with tighter limits, until the whole loop observes the limits.
 _MAX_ROUNDS = 5
-_TIGHTENING = 0.998  # additional factor on a violated limit
+_TIGHTENING = 0.998  # additional factor by which a violated limit is tightened
 
 
 class LqgLimits(NamedTuple):
@@ -224,13 +224,14 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         )
 
     def vertical_axis(weight: float, noise: float, first: float) -> VerticalAxis:
-        # The thrust of the lateral axes is the weight minus the estimated disturbance along z. A larger deviation
-        # improves the height slightly, but makes the estimate noisier, and with it the commanded tilt.
+        # The lateral axes assume that the thrust is the weight minus the estimated disturbance along z. A larger
+        # assumed deviation improves the height slightly, but makes this estimate and therefore the commanded tilt
+        # noisier.
         second = float(f"{conditions.vertical.deviation:.4g}")
         common = _common(weight, noise, first, second, conditions.vertical.time, conditions.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    # The search starts from the parameters of controllers/lqg.yaml, or, if the command is an acceleration, from
+    # The search starts from the parameters in controllers/lqg.yaml or, if the command is an acceleration, from
     # equivalent parameters.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
 
@@ -356,7 +357,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
     )
     bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
-        bias = 0.0  # The response includes the whole angular motion.
+        bias = 0.0  # the identified response includes the whole angular motion
     return Conditions(
         lateral,
         vertical,
@@ -428,7 +429,8 @@ class _LiftedLoops:
                 actual_plant.B.ravel(),
             )
             noise[i, chain, chain], noise[i, newest_frame, newest_frame] = actual_plant.Q, actual_plant.R
-        # The queues of commands for the filter and for the vehicle, newest first, advance at each tick.
+        # At each tick, the two command queues advance: one for the filter and one for the vehicle, newest command
+        # first.
         row = np.zeros(size)
         row[estimate] = -gain
         row[filter_commands.start : filter_commands.stop - 1] = -np.array(loop.K_pending)[::-1]

@@ -28,16 +28,17 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# Metrics are magnitudes. Values below this, in SI units, are rounding errors.
+# Metrics below this value, in SI units, are rounding errors around zero. Metrics are magnitudes, so they have a kink at
+# zero.
 _MIN_METRIC = 1e-12
-# Fields that are compared with a random number or with the time. The metrics are not differentiable with respect to
-# them.
+# Fields that the simulation compares with a random number or with the time. Metrics are not differentiable with respect
+# to these fields.
 _COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
-# Relative step of the five-point finite differences. They are nearly exact, since the parameters of a diagram are
-# nearly polynomials of the numbers in a scenario.
+# Relative step of the five-point finite differences. The differences are nearly exact, since the parameters of a
+# diagram are nearly polynomials of a field's value.
 _STEP = 1e-3
-# Weights of five-point differences by step. The one-sided differences are for numbers at the end of their allowed
-# range.
+# Weights of five-point differences, by the number of steps. One-sided differences are used for values at the end of
+# their allowed range.
 _CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
 _FORWARD_WEIGHTS = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _BACKWARD_WEIGHTS = {-steps: -weight for steps, weight in _FORWARD_WEIGHTS.items()}

@@ -22,11 +22,11 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
-_NUM_FREQUENCIES = 300  # number of frequencies on which the delay margin is interpolated
-# Difference of a gain between two linear models. The models are affine in the gain, so that any difference would give
-# the same result.
+_NUM_FREQUENCIES = 300  # number of frequencies between which the delay margin is interpolated
+# Difference between the gains of two linear models. The models are affine in the gains, so that any difference would
+# give the same result.
 _GAIN_STEP = 1.0
-# Matrix entries that change by less than this when the gain changes, relative to the largest entry, are constant.
+# Relative change, with respect to the largest entry, up to which a matrix entry counts as independent of the gain.
 _ROUNDING_TOLERANCE = 1e-9
 
 

@@ -25,24 +25,24 @@ from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import map_leaves
 
-# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them. An
+# Cost of a crash at the end of a flight, m. One crash in 25 flights costs as much as 4 cm of error in all of them. An
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_FRACTION = 0.25  # fraction of the points that determine the next distribution
+_ELITE_FRACTION = 0.25  # fraction of the points, the best ones, that determine the next distribution
 _STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
-_MIN_DEVIATION = 0.01  # smallest standard deviation of the logarithm of a parameter, against premature convergence
+_MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
-# Penalty on the logarithm of the error, relative to the logarithm of the factor by which the limit is missed.
+# Penalty on the logarithm of the error, per unit of the logarithm of the ratio by which a limit is violated.
 _PENALTY = 4.0
-# Assumed error of a predicted limit in the first round: error of its logarithm per unit of distance from the nearest
-# evaluated point. The width of the box is 1.
+# Assumed prediction error of a ratio from `limit_fractions` in the first round: error of its logarithm per distance
+# from the nearest evaluated point, where the width of the box is 1.
 _INITIAL_UNCERTAINTY = 0.5
-# Smallest distance from the limit, in logarithms, because predictions are not exact.
+# Reserve that is kept to a limit, as the logarithm of the ratio, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
-# Initial steps of the local searches, relative to the width of the box.
+# Initial step of each local search, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
-# Fractions of a limit are clipped to this range.
+# Ratios from `limit_fractions` are clipped to this range before they are interpolated.
 _FRACTION_RANGE = (0.2, 1.5)
 
 
@@ -235,7 +235,7 @@ class _GainSearch(NamedTuple):
         """Return the best candidate; the arguments are as in `tune`."""
         count, size = len(self.knobs), self.budget.candidates
         trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.extra_latency)
-        # Coordinates are relative to the box, from 0 to 1.
+        # Coordinates of points are relative to the box and range from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
         evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
@@ -403,7 +403,7 @@ class _EvaluatedPoints:
             uncertainty: assumed prediction error of the logarithm, per distance from the nearest evaluated point. A
                 distance of 1 is the width of the box.
         """
-        # The interpolation requires at least as many points as determine a plane.
+        # The interpolation requires at least as many points as a plane needs.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._fractions))

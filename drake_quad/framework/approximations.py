@@ -27,7 +27,7 @@ _EXPONENT_SHIFT = np.uint64(52)
 _EXPONENT_BIAS = np.uint64(1023)
 _MANTISSA_MASK = np.uint64(2**52 - 1)
 _SIGN_MASK = np.uint64(1 << 63)
-# Left shifts that move the lowest bit, or the second lowest bit, to the sign bit.
+# Left shifts that move the lowest bit and the second lowest bit, respectively, to the sign bit.
 _SIGN_SHIFT = np.uint64(63)
 _BELOW_SIGN_SHIFT = np.uint64(62)
 _ONE_BIT = np.uint64(1)
@@ -57,7 +57,7 @@ _COSINE_COEFFICIENTS = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-# ln 2 as a sum of two doubles. The first has few digits, so that its products with whole numbers are exact.
+# ln 2 as a sum of two doubles. The first double has few digits, so that its products with whole numbers are exact.
 _LN_2_PARTS = (6.93145751953125e-1, 1.42860682030941723212e-6)
 # Polynomial of (exp r - 1 - r) / r² in r, for |r| <= ln 2 / 2. Its error in exp r is below 1.3e-17.
 _EXP_COEFFICIENTS = (
@@ -72,7 +72,7 @@ _EXP_COEFFICIENTS = (
     2.7620138719733994e-07,
     2.5100424157005067e-08,
 )
-# Limits to which arguments are clipped. At these limits, the computed result is infinity or zero.
+# Limits to which the argument of exp is clipped. At these limits, the computed result is infinity or zero.
 _MAX_EXP_ARGUMENT = 710.0
 _MIN_EXP_ARGUMENT = -709.1
 # Polynomial of (ln((1 + s) / (1 - s)) - 2 s) / s³ in s², for (1 + s) / (1 - s) from √½ to √2. Its error is below 1e-17.
@@ -138,7 +138,7 @@ _TANH_COEFFICIENTS = (
     7.959955735264808e-05,
     -1.724487449484433e-05,
 )
-_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which this polynomial is used
+_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which tanh is computed by its polynomial
 # Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
 _ERF_COEFFICIENTS = (
     -0.37612638903183754,
@@ -274,7 +274,7 @@ def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
 @_function
 def exp(x: Symbol) -> Symbol:
     """Return the exponential of x, which is infinite for x of at least 709.4."""
-    # These comparisons are false for NaN, so that NaN remains NaN.
+    # Both comparisons are false for NaN, so that NaN remains NaN.
     clamped = select(x < _MIN_EXP_ARGUMENT, _MIN_EXP_ARGUMENT, x)
     clamped = select(clamped > _MAX_EXP_ARGUMENT, _MAX_EXP_ARGUMENT, clamped)
     rounded = multiply_add(clamped, 1.0 / math.log(2.0), _ROUNDING_OFFSET)

@@ -17,13 +17,13 @@ from pathlib import Path
 
 from drake_quad.files import write_atomically
 
-# Largest total size of the cache. The size of a kernel is 5 to 200 kB, so the cache can contain thousands of kernels.
+# Largest total size of the cache, bytes. A kernel has 5 to 200 kB, so the cache can contain thousands of kernels.
 MAX_BYTES = 256 * 2**20
-_DIGEST_SIZE = 32  # bytes of a SHA-256 digest
-# The pattern matches only files and temporary files of the cache, so that pruning deletes no other file.
+_DIGEST_SIZE = 32  # bytes, size of a SHA-256 digest
+# Pattern of the cache's files and temporary files. Pruning deletes only files that match.
 _CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
-# Opening a file must not follow a symbolic link or block on a FIFO. These flags do not exist on Windows, which needs
-# the flag for binary mode instead.
+# Opening a file must not follow a symbolic link or block on a FIFO. Windows has no flags for this, but needs the flag
+# for binary mode.
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 

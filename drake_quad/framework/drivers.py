@@ -73,7 +73,8 @@ class Driver:
         self._block(f"{counter}_body")
         phi_index = len(self._lines)
         yield
-        # The label of the block that jumps back is known only after the body is appended.
+        # The phi instruction needs the label of the block that jumps back, which is known only after the body is
+        # appended.
         phi = f"  %{counter} = phi i64 [{begin}, %{previous_label}], [%{counter}_next, %{self._label}]"
         self._lines.insert(phi_index, phi)
         self.let(f"{counter}_next", f"add i64 %{counter}, {step}")

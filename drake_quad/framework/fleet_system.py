@@ -189,14 +189,14 @@ class Computation:
         self.results = tuple([_layout_of_target(target) for target in targets])
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
-        # A state that is both read and written is read from the vector to which the result is written.
+        # If a state is both read and written, its previous value is read from the vector that receives the result.
         written = {write.index: argument_index for argument_index, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
-        # Sources are sorted by type in advance, since `run` is called thousands of times per second.
+        # Arguments are sorted by type in advance, since `run` is called thousands of times per second.
         reads_and_indices = [
             (argument_index, read) for argument_index, (read, target) in enumerate(self._sources) if target is None
         ]

@@ -18,7 +18,7 @@ from drake_quad.framework.replacements import explained
 from drake_quad.framework.symbols import Listing, Symbol, element_of, number
 from drake_quad.signals import Row
 
-# True if Python executes all formulas, so that a debugger can stop in them.
+# True if Python executes all formulas, so that a debugger can stop inside a formula.
 INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
 
 
@@ -87,7 +87,7 @@ def hashable_key(constant: Any) -> tuple[Any, str]:
     try:
         hash(constant)
     except TypeError:
-        # The key of a mutable object, such as a list, differs from all other keys.
+        # A mutable object, such as a list, gets a key that differs from all other keys.
         return object(), ""
     return constant, repr(constant)
 

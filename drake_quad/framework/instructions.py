@@ -66,7 +66,7 @@ _BITWISE = {
     "right_shift": "lshr {t} {0}, {1}",
 }
 _ELEMENT_TYPES = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
-# LLVM intrinsics that the instructions call, with the number of arguments of each.
+# LLVM intrinsics that the instructions call, and the number of arguments of each.
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 
 
@@ -131,7 +131,7 @@ def function(
     """
     order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
-    # Position of the last operation that reads each row.
+    # Position, in the schedule, of the last operation that reads each row.
     last_reads: dict[tuple[str, int], int] = {}
     for k, line in enumerate(order):
         operation = listing.operations[line]

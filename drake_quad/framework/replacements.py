@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.errors import did_you_mean
 
-# Hint for authors of formulas, at the end of error messages.
+# Hint for authors of formulas, which ends several error messages.
 ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
 
 REPLACEMENTS = {
@@ -67,7 +67,8 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Further names of the same functions, and of functions for which the same replacement helps.
+# Keys of `REPLACEMENTS` for further function names: other names of the same function, and functions with the same
+# replacement.
 _OTHER_NAMES = {
     "abs": "absolute",
     "acos": "arccos",

@@ -26,7 +26,7 @@ _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
 _PACKAGE = Path(__file__).parent.parent
 _LIBRARIES = ("drake", "numpy", "scipy")  # libraries whose versions can affect results
-# Time, s, after which edited sources may differ from the modules that this process has imported.
+# Start time of this process, s. Sources that were edited later may differ from the imported modules.
 _START_TIME = time.time()
 
 

@@ -16,12 +16,12 @@ from heapq import heappop, heappush
 from drake_quad.framework.machine_code import REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
-# Number of lines among which the next line is selected, from the first unscheduled line on. A larger window needs more
+# Number of lines, from the first unscheduled line on, among which the next line is selected. A larger window needs more
 # registers. In measurements of a tick of 8,800 lines with 32 registers, a window of 300 lines was 4 % slower, and a
 # window of 1,000 lines was as fast. With 16 registers, a window of 60 lines was 2 % slower, and a window of 400 lines
 # was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
-# Number of lines that start in each cycle.
+# Largest number of lines that start in one cycle.
 _WIDTH = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.
 # A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a

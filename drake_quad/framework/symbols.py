@@ -277,7 +277,7 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# Packing with the first and unpacking with the second converts a double to the word with the same bits.
+# Packing with `_FLOAT` and unpacking with `_WORD` converts a double to the word with the same bits.
 _FLOAT = struct.Struct("<d")
 _WORD = struct.Struct("<Q")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from drake_quad.framework.symbols import Listing, Symbol
 
-# Local variables of this package's tools are not named after quantities of a formula.
+# Local variables of these packages do not name quantities of a formula, so they are ignored.
 _IGNORED_MODULES = ("drake_quad.framework", "drake_quad.compilation")
 # Deepest nesting of records and tuples whose fields are named.
 _MAX_DEPTH = 4

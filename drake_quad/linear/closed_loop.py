@@ -29,15 +29,15 @@ from drake_quad.vehicle.effects import hover_equivalent
 from drake_quad.vehicle.motors import ThrottleModel, nominal_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# These subsystems only observe the loop.
+# Subsystems that only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Number of ticks that are simulated before Newton's method starts. In the first ticks, events with different periods
-# that should occur at the same time do not coincide exactly.
+# Number of ticks that are simulated before Newton's method starts. In the first ticks, rounding errors separate events
+# with different periods that should coincide.
 _NUM_SETTLING_TICKS = 4
-# Largest change of the state over a period in an equilibrium, in SI units.
+# Largest state change over a period that counts as an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
-_MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
+_MAX_NEWTON_STEPS = 20  # largest number of steps in the search for an equilibrium
 
 
 class ClosedLoop(NamedTuple):

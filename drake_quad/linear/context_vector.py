@@ -59,7 +59,7 @@ class ContextVector:
 
     def write(self, diagram: Diagram, root: Context, numbers: np.ndarray) -> None:
         """Write a vector (n,) of values to a diagram's context."""
-        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 accepts only contiguous arrays.
+        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 accepts only contiguous arrays
         for group in self._groups:
             end = first + len(group.names)
             self._vector(diagram, root, group).SetFromVector(numbers[first:end])

@@ -28,8 +28,8 @@ from drake_quad.vehicle.motion import accelerations, rotor_state
 
 # Sampling period, s. Wind and drag change within tenths of a second, which this period resolves.
 _STEP = 0.02
-# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T.
-# The autocorrelation is 1/2 at this x.
+# Value of x for which (1 + x) exp(-x) is 1/2. This is the autocorrelation of second-order, critically damped noise with
+# time constant T at the lag x T.
 _HALF_CORRELATION_LAG = 1.67835
 
 
@@ -74,13 +74,14 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     position, velocity, acceleration = (np.array(evaluate(plan.extended_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
-    # The shape of plan data is (times, 1), and of vehicle parameters (N,), so that the shape of results is (times, N).
+    # Plan data have the shape (times, 1), and vehicle parameters the shape (N,), so that results have the shape (times,
+    # N).
     columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
     angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
+    # At given rotor speeds, throttle curve, battery and slung load do not disturb the path.
     effects = fleet.vehicle.effect_parameters()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]

@@ -21,11 +21,12 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # a signal whose S differs from 1 by less at all frequencies is not fed back
-# Grid of `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins to 2e-4.
+_MIN_ECHO = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
+# Number of grid frequencies in `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins
+# to 2e-4.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid
-_NUM_NEAR_PEAK = 17  # number of frequencies between the two neighbours of the largest value on the grid
+_NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neighbours of the largest value on the grid
 
 
 class FastLinkMargins(NamedTuple):
@@ -91,7 +92,8 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
     points = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # All signals are evaluated at the peaks of all signals, but for each signal only the values at its peak are used.
+    # The response of all signals is computed at the peaks of all signals, but each signal uses only the values around
+    # its peak.
     refined = _diagonal(loops, points.ravel())[rows].reshape(len(rows), *points.shape)
     return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", refined)).max(axis=1))
 

@@ -13,7 +13,7 @@ _MIN_FREQUENCY = 1e-4  # rad/s, smallest frequency of the grid
 _NUM_FREQUENCIES = 2000  # points of the grid, which ends at the Nyquist frequency
 _NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
 _NUM_DIVISIONS = 3  # number of refinements around a peak; the relative error of the peak is then about 1e-9
-_NUM_PEAKS = 8  # number of largest local maxima that are refined
+_NUM_PEAKS = 8  # number of local maxima that are refined, largest first
 _MAX_NARROW_DECAY = 0.1  # per radian, largest decay of modes whose peaks the grid can miss
 _MIN_INTEGRATOR_GAIN = 1e6  # smallest |L| at zero frequency of a loop with an integrator
 
@@ -146,7 +146,7 @@ def _crossings(
         inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
-        # A sign change between the ends of an interval may turn out to be a jump inside it.
+        # The refinement may show that a sign change between the ends of an interval is a jump.
         real = passes.any(axis=1)
         inside, values, first = inside[real], values[real], np.argmax(passes[real], axis=1)
         pairs = np.stack([first, first + 1], axis=1)

@@ -10,7 +10,7 @@ import scipy
 _MIN_PARTICIPATION = (
     0.1  # smallest participation of a state that is named, relative to the largest participation in the mode
 )
-_MAX_ERROR = 0.01  # 1/s, largest error of computed repeated eigenvalues
+_MAX_ERROR = 0.01  # 1/s, largest error that rounding causes in repeated eigenvalues
 
 
 class Mode(NamedTuple):

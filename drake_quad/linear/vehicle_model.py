@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
-# A vehicle with a slung load has these additional states.
+# Additional states of a vehicle with a slung load.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
-# Largest acceleration at an operating point, m/s² or rad/s².
+# Largest remaining acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
 _MAX_TRIM_TILT = 1.4  # rad, largest roll and pitch of an operating point
-_NUM_NEWTON_STEPS = 3  # number of steps that refine the solution of SNOPT
+_NUM_NEWTON_STEPS = 3  # number of Newton steps that refine SNOPT's solution
 
 
 class Trim(NamedTuple):

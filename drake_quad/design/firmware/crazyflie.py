@@ -13,27 +13,27 @@ from typing import Any
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Largest thrust of a rotor with standard propellers, N (platform_defaults_cf2.h, THRUST_MAX).
+# Largest rotor thrust with standard propellers, N (platform_defaults_cf2.h, THRUST_MAX).
 MAX_THRUST = 0.12
-# Periods of the loops of position and velocity, and of attitude and body rate, s (stabilizer_types.h).
+# Period of the position and velocity loops, and period of the attitude and body rate loops, s (stabilizer_types.h).
 POSITION_PERIOD = 0.01
 ATTITUDE_PERIOD = 0.002
 _MAX_UNITS = 65535.0
-# Thrust in units for an output of 1 of the velocity loop along Z.
+# Thrust, in command units, that the velocity loop along Z commands per unit of its output.
 _THRUST_SCALE = 1000.0
-# Factor by which the outputs of the position loop may exceed the largest velocity.
+# Largest output of the position loop, relative to the parameter for the largest velocity.
 _VELOCITY_LIMIT_FACTOR = 1.1
 # Smallest limit on the velocity along Z, m/s.
 _MIN_CLIMB = 0.5
-# Limits on integrals of the error, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
+# Limits on the error integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
 _INTEGRAL_LIMIT = 5000.0
 _ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)
 _RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)
-# Largest output of the rate loop, in units.
+# Largest output of the body rate loop, in command units.
 _MAX_OUTPUT = 32767.0
-# Largest output of the velocity loop along Z, in thousands of units.
+# Largest output of the velocity loop along Z, in thousands of command units.
 _MAX_THRUST_CHANGE = 32.767
-# Bandwidth of the filters of position and velocity derivatives, Hz.
+# Cutoff frequency of the derivative filters in the position and velocity loops, Hz.
 _DERIVATIVE_CUTOFF = 20.0
 _DEGREE = math.pi / 180.0
 _POSITION_AXES = ("x", "y", "z")
@@ -156,7 +156,7 @@ def _loop(
     loop: dict[str, Any] = {"k_p": scaled["p"]}
     if any(scaled["i"]):
         loop["k_i"] = scaled["i"]
-        # An axis without a gain also needs a limit.
+        # An axis whose gain is zero also needs a limit.
         limits = zip(scaled["i"], integral_limits, strict=True)
         loop["integral_limit"] = [gain * limit or limit for gain, limit in limits]
         loop["integration"] = "backward_euler"

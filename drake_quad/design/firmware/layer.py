@@ -14,7 +14,7 @@ FIRMWARE: dict[Firmware, str] = {
 }
 """Description of the controller of each firmware."""
 
-_DIGITS = 8  # number of significant digits of written gains
+_DIGITS = 8  # number of significant digits to which numbers in the layer are rounded
 
 
 def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:

@@ -14,14 +14,14 @@ import numpy as np
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Limit on the horizontal integrals of the velocity loop, m/s². PX4 limits them by anti-windup only, so that this value
-# is never reached.
+# Limit on the velocity loop's horizontal integrals, m/s². It is never reached, since PX4 limits these integrals only by
+# anti-windup.
 _NO_LIMIT = 1000.0
-# Body rate error at which the rate loop stops integrating (rate_control.cpp), rad/s.
+# Body rate error above which the rate loop stops integrating (rate_control.cpp), rad/s.
 _INTEGRAL_FADE = math.radians(400.0)
 _AXES = ("ROLL", "PITCH", "YAW")
 _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
-# Longest period of the fastest loop on board, s. All periods are 20 ms divided by powers of two.
+# Longest period of the fastest loop on board, s. All loop periods are 20 ms divided by a power of two.
 _LINK_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
@@ -121,7 +121,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dic
         terms["k_d"] = rates("D")
         if values["IMU_DGYRO_CUTOFF"] > 0.0:
             terms |= {"derivative_bandwidth": [math.tau * values["IMU_DGYRO_CUTOFF"]] * 3, "derivative_order": 1}
-    # The gain K is not part of the feed-forward.
+    # The parameters *_K scale the P, I and D terms, but not the feed-forward.
     feed_forward = [values[f"MC_{axis}RATE_FF"] * scale for axis, scale in zip(_AXES, scales, strict=True)]
     if any(feed_forward):
         terms["k_ff"] = feed_forward
