@@ -108,7 +108,7 @@ def check_user_systems(
     """
     if systems.control is not None and systems.position_controller is not None:
         raise InputError(
-            "control replaces the whole control, so it must not be given together with position_controller"
+            "pass either control or position_controller, not both: control also replaces the position controller"
         )
     if systems.policy is not None and (not rows or systems.control is not None):
         raise InputError(

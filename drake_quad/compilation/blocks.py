@@ -77,7 +77,7 @@ class Block(ABC):
 
 def block_of(system: Any) -> Block | None:
     """Return the block of a leaf system; None if the system cannot be compiled."""
-    kind = next((_BLOCKS[base] for base in type(system).__mro__ if base in _BLOCKS), None)
+    kind = next((_BLOCK_TYPES[base] for base in type(system).__mro__ if base in _BLOCK_TYPES), None)
     if kind is not None:
         return kind(system) if has_vectors(system) and _starts_at_zero(system) else None
     if isinstance(system, FleetSystem) and _is_declared(system):
@@ -284,7 +284,7 @@ class _Trajectory(Block):
         return [view.source(index, element) for element in range(self.system.get_output_port().size())]
 
 
-_BLOCKS: dict[type, Callable[[Any], Block]] = {
+_BLOCK_TYPES: dict[type, Callable[[Any], Block]] = {
     Adder: _Adder,
     Broadcast: _PassThroughBlock,
     ConstantVectorSource: _Constant,

@@ -34,7 +34,7 @@ _LOOP_SIGNALS = {
     "z": ("thrust", "z", "v_z"),
 }
 _ANGLES = ("roll", "pitch", "yaw")
-_POSITION = ("x", "y", "z")
+_POSITION_AXES = ("x", "y", "z")
 # Angle that accelerates the vehicle along each axis, and the sign of the acceleration, eq (7).
 _TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
@@ -72,7 +72,7 @@ class CascadeDesign:
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
         """Return the gains of the loops on the ground, as fields of the scenario block `control`."""
-        blocks = {"position": _POSITION, "attitude": _ANGLES}
+        blocks = {"position": _POSITION_AXES, "attitude": _ANGLES}
         designed = {
             block: [self.loops[axis].gains for axis in axes]
             for block, axes in blocks.items()
@@ -154,7 +154,7 @@ def hover_offset(scenario: Scenario) -> float:
     autopilot: Any = scenario.laboratory.autopilot
     gains: Any = scenario.cascade.position
     offsets = []
-    for index, axis in enumerate(_POSITION[:2]):
+    for index, axis in enumerate(_POSITION_AXES[:2]):
         loop = _ANGLES.index(_TILT_OF_AXIS[axis][0])
         stiffness = nominal.inertia[loop] * autopilot.k_rate[loop] * autopilot.k_attitude[loop]
         tilt = vehicle.mass * vehicle.gravity * vehicle.centre_of_mass[index] / stiffness
@@ -222,7 +222,7 @@ def design_cascade(
         """Design a loop. If another axis has the same plant, as in a symmetric vehicle, reuse its design."""
         loop_options = all_options[axis]
         required = loop_options.requirements
-        if integral is not None and axis in _POSITION:
+        if integral is not None and axis in _POSITION_AXES:
             loop_options = loop_options._replace(
                 requirements=required._replace(phase=required.phase / (1.0 - integral))
             )
@@ -241,7 +241,7 @@ def design_cascade(
         add(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
         integration = _integrating(scenario).integration
-        for axis in _POSITION:
+        for axis in _POSITION_AXES:
             required = all_options[axis].requirements
             loops[axis] = add_integral(loops[axis], required, cost=integral, integration=integration)
     return CascadeDesign(loops, inner)
@@ -337,7 +337,7 @@ def position_plant(
 
     Args:
         laboratory: plant from `laboratory_plant`.
-        scenario: scenario with the nominal vehicle.
+        scenario: scenario that determines the nominal vehicle.
         axis: x or y.
         attitude: gains of the attitude loop that tilts the vehicle along this axis; None if an autopilot controls the
             attitude.

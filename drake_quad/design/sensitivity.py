@@ -36,7 +36,7 @@ _MIN_METRIC = 1e-12
 _COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
 # Relative step of the five-point finite differences. The differences are nearly exact, since the parameters of a
 # diagram are nearly polynomials of a field's value.
-_STEP = 1e-3
+_RELATIVE_STEP = 1e-3
 # Weights of five-point differences, by the number of steps. One-sided differences are used for values at the end of
 # their allowed range.
 _CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
@@ -132,7 +132,7 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nom
     if field.endswith(_COMPARED_FIELDS):
         raise InputError(f"cannot differentiate with respect to {field}: the flight depends on it discontinuously")
     value = number_at(scenario, field)
-    step = _STEP * (abs(value) or 1.0)
+    step = _RELATIVE_STEP * (abs(value) or 1.0)
     seed, structure = np.zeros_like(nominal), _structure(build_tracking_diagram(scenario, plan=plan))
     for neighbour, weight in _neighbours(scenario, field, value, step):
         diagram = build_tracking_diagram(neighbour, plan=plan)

@@ -30,7 +30,7 @@ from drake_quad.scenario.paths import map_leaves
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
 _ELITE_FRACTION = 0.25  # fraction of the points, the best ones, that determine the next distribution
-_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
+_DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
 # Penalty on the logarithm of the error, per unit of the logarithm of the ratio by which a limit is violated.
@@ -255,8 +255,8 @@ class _GainSearch(NamedTuple):
                     )
                 order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
             elite = points[order[: max(round(_ELITE_FRACTION * size), 2)]]
-            mean = mean + _STEP * (elite.mean(axis=0) - mean)
-            spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
+            mean = mean + _DISTRIBUTION_STEP * (elite.mean(axis=0) - mean)
+            spread = spread + _DISTRIBUTION_STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
             points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.min_deviation**2), size), 0.0, 1.0)
             if progress is not None:
                 progress()

@@ -22,7 +22,7 @@ from drake_quad.framework.symbols import Matrix, Symbol, add_branch, are_same, l
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
-_BOOLEANS = (bool, np.bool)
+_BOOLEAN_TYPES = (bool, np.bool)
 
 
 def cos(x: Row) -> Row:
@@ -138,7 +138,7 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     x and y are rows, or records of the same type; a field that is None remains None. Rows of Expression are not
     supported.
     """
-    if isinstance(mask, _BOOLEANS):
+    if isinstance(mask, _BOOLEAN_TYPES):
         return x if mask else y
     if isinstance(x, tuple):
         rows = [where(mask, row, other) for row, other in zip(x, untyped(y), strict=True)]
@@ -166,7 +166,7 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
     Raises:
         TypeError: if the formula is compiled and uses rows that are not arguments.
     """
-    if isinstance(mask, _BOOLEANS):
+    if isinstance(mask, _BOOLEAN_TYPES):
         return formula(*arguments) if mask else otherwise
     if mask.__class__ is Symbol:
         return where(mask, add_branch(untyped(mask), formula, arguments), otherwise)

@@ -56,7 +56,7 @@ INSTRUCTIONS = {
     "truth_of_word": "trunc {t} {0} to {r}",
 }
 # LLVM instructions for operations on words and truth values that differ from the instructions for numbers.
-_BITWISE = {
+_INTEGER_INSTRUCTIONS = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
     "bitwise_and": "and {t} {0}, {1}",
@@ -386,7 +386,9 @@ def _write_operation(
 @functools.cache
 def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
     """Return the template of an instruction, given the types of its first operand and of its result."""
-    templates = INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _BITWISE else _BITWISE
+    templates = (
+        INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _INTEGER_INSTRUCTIONS else _INTEGER_INSTRUCTIONS
+    )
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 

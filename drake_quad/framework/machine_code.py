@@ -38,7 +38,9 @@ def _check_pointer() -> None:
     """Raise ImportError if NumPy arrays do not have the memory layout that machine code expects."""
     array = np.zeros(1)
     if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
-        raise ImportError("machine code cannot find the elements of NumPy's arrays in this Python")
+        raise ImportError(
+            "NumPy's arrays have an unknown memory layout in this Python, so machine code cannot access them"
+        )
 
 
 _check_pointer()

@@ -74,7 +74,7 @@ class Layout(NamedTuple):
 
     def _flatten(self, value: Any, rows: list[Any]) -> None:
         if self is ROW:
-            if value is None or isinstance(value, _NO_ROWS):
+            if value is None or isinstance(value, _REJECTED_TYPES):
                 raise TypeError(f"expected a number or a row, not {type(value).__name__}")
             rows.append(value)
             return
@@ -91,7 +91,7 @@ class Layout(NamedTuple):
 
 
 # Types that are rejected where a row is expected. A formula may return them by mistake.
-_NO_ROWS = (tuple, list, dict, str, bytes, complex)
+_REJECTED_TYPES = (tuple, list, dict, str, bytes, complex)
 ROW = Layout(float, (), 1)
 """Layout of a single row."""
 ABSENT = Layout(NoneType, (), 0)

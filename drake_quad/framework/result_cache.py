@@ -24,7 +24,7 @@ from drake_quad.framework import code_cache
 
 _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
-_PACKAGE = Path(__file__).parent.parent
+_PACKAGE_FOLDER = Path(__file__).parent.parent
 _LIBRARIES = ("drake", "numpy", "scipy")  # libraries whose versions can affect results
 # Start time of this process, s. Sources that were edited later may differ from the imported modules.
 _START_TIME = time.time()
@@ -91,13 +91,13 @@ def _identity(value: Any) -> bytes | None:
 @functools.cache
 def _program() -> tuple[Any, ...] | None:
     """Return a digest of everything but the arguments on which results depend; None if it cannot be determined."""
-    digest, sources = hashlib.sha256(), sorted(_PACKAGE.rglob("*.py"))
+    digest, sources = hashlib.sha256(), sorted(_PACKAGE_FOLDER.rglob("*.py"))
     with suppress(OSError):
         # If the package is in an archive, its sources cannot be read.
         if not sources or max(source.stat().st_mtime for source in sources) > _START_TIME:
             return None
         for source in sources:
-            digest.update(f"{source.relative_to(_PACKAGE)}\0".encode() + source.read_bytes())
+            digest.update(f"{source.relative_to(_PACKAGE_FOLDER)}\0".encode() + source.read_bytes())
         processor = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         libraries = tuple([version(name) for name in _LIBRARIES])
         return (digest.hexdigest(), libraries, platform.python_version(), platform.platform(), processor)

@@ -22,11 +22,11 @@ from drake_quad.framework.symbols import LEAVES, Listing
 # was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
 # Largest number of lines that start in one cycle.
-_WIDTH = 3
+_LINES_PER_CYCLE = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.
 # A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a
 # mask register: without this latency in the schedule, a tick with some arctangents was 15 % slower for one vehicle.
-_LATENCY = {
+_LATENCIES = {
     **dict.fromkeys(("bits_of", "number_of"), 0),
     **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
     "multiply_add": 4,
@@ -40,7 +40,7 @@ def schedule(listing: Listing) -> list[int]:
     """Return the line numbers in scheduled order; each line comes after its operands."""
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
-    latencies = [_LATENCY.get(operation.name, 1) for operation in operations]
+    latencies = [_LATENCIES.get(operation.name, 1) for operation in operations]
     users: list[list[int] | None] = [None] * len(operations)
     for line in lines:
         users[line] = []
@@ -59,7 +59,7 @@ def schedule(listing: Listing) -> list[int]:
     while first < count:
         while waiting and waiting[0][0] <= cycle:
             heappush(ready, heappop(waiting)[1])
-        room, last = _WIDTH, lines[min(first + _WINDOW, count) - 1]
+        room, last = _LINES_PER_CYCLE, lines[min(first + _WINDOW, count) - 1]
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)

@@ -210,7 +210,7 @@ class Listing:
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
         if value.__class__ is float:  # the most frequent type
-            return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
+            return self.add("constant", _WORD_FORMAT.unpack(_FLOAT_FORMAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray):
             value = element_of(value)
         if isinstance(value, bool | np.bool):
@@ -277,9 +277,9 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# Packing with `_FLOAT` and unpacking with `_WORD` converts a double to the word with the same bits.
-_FLOAT = struct.Struct("<d")
-_WORD = struct.Struct("<Q")
+# Packing with `_FLOAT_FORMAT` and unpacking with `_WORD_FORMAT` converts a double to the word with the same bits.
+_FLOAT_FORMAT = struct.Struct("<d")
+_WORD_FORMAT = struct.Struct("<Q")
 
 
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
@@ -372,7 +372,7 @@ class Symbol:
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
         name = function.__name__
-        if name not in _UFUNCS or method != "__call__" or options:
+        if name not in _ACCEPTED_UFUNCS or method != "__call__" or options:
             raise numpy_refusal(calling_numpy_function() or name)
         return operation(name, *inputs)
 
@@ -416,7 +416,7 @@ class Symbol:
 
 
 # Names of NumPy's functions that accept symbols.
-_UFUNCS = (
+_ACCEPTED_UFUNCS = (
     *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
     *(*_COMPARISONS, *_LOGICAL),
 )
@@ -455,14 +455,14 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
-        if name in _AMBIGUOUS:
-            raise TypeError(_TRUTHS_ADDED)
+        if name in _AMBIGUOUS_OPERATIONS:
+            raise TypeError(_TRUTH_ARITHMETIC_MESSAGE)
     return operation(name, *map(number, symbols), kind=kind)
 
 
 # Operations whose results on truth values differ between Python and NumPy.
-_AMBIGUOUS = ("add", "subtract", "negative")
-_TRUTHS_ADDED = (
+_AMBIGUOUS_OPERATIONS = ("add", "subtract", "negative")
+_TRUTH_ARITHMETIC_MESSAGE = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
     " drake_quad.framework.elementary, or combine them by `&` and `|`"
 )
@@ -491,7 +491,7 @@ def to_symbols(*operands: Any) -> list[Symbol]:
     for operand in operands:
         symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
         if symbol.listing is not listing:
-            raise TypeError(_FOREIGN_SYMBOL)
+            raise TypeError(_FOREIGN_SYMBOL_MESSAGE)
         symbols.append(symbol)
     return symbols
 
@@ -511,7 +511,7 @@ def are_same(x: Any, y: Any) -> bool:
     return x is y
 
 
-_FOREIGN_SYMBOL = (
+_FOREIGN_SYMBOL_MESSAGE = (
     "the formula of `where_needed` or an activation uses a row that is not one of its arguments; add it to them"
 )
 
@@ -543,7 +543,7 @@ def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[An
 
 def _branch(inside: Listing, results: Sequence[Symbol]) -> Branch:
     if any(symbol.listing is not inside for symbol in results):
-        raise TypeError(_FOREIGN_SYMBOL)
+        raise TypeError(_FOREIGN_SYMBOL_MESSAGE)
     return Branch(tuple(inside.operations), tuple([symbol.line for symbol in results]))
 
 

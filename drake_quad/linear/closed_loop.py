@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Subsystems that only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
-_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+_HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 # Number of ticks that are simulated before Newton's method starts. In the first ticks, rounding errors separate events
 # with different periods that should coincide.
 _NUM_SETTLING_TICKS = 4
@@ -223,7 +223,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
         InputError: if the rotors cannot hold the vehicle in hover.
     """
     parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_parameters()
-    hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER.position[2]))
+    hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER_ROUTE.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
             f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, not at"

@@ -27,7 +27,7 @@ from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.motion import accelerations, rotor_state
 
 # Sampling period, s. Wind and drag change within tenths of a second, which this period resolves.
-_STEP = 0.02
+_SAMPLING_PERIOD = 0.02
 # Value of x for which (1 + x) exp(-x) is 1/2. This is the autocorrelation of second-order, critically damped noise with
 # time constant T at the lag x T.
 _HALF_CORRELATION_LAG = 1.67835
@@ -70,7 +70,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
         plan: plan along which the disturbances are sampled.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
-    times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
+    times = np.arange(0.0, flight_duration(scenario, plan), _SAMPLING_PERIOD)
     position, velocity, acceleration = (np.array(evaluate(plan.extended_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
@@ -97,7 +97,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     linear_samples, angular_samples = (
         np.concatenate([np.broadcast_to(row, shape) for row in rows]) for rows in (linear, angular)
     )
-    return DisturbanceSamples(_STEP, linear_samples, angular_samples)
+    return DisturbanceSamples(_SAMPLING_PERIOD, linear_samples, angular_samples)
 
 
 def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceStatistics:

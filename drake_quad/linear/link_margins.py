@@ -21,7 +21,7 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
+_MIN_FEEDBACK = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
 # Number of grid frequencies in `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins
 # to 2e-4.
 _NUM_FREQUENCIES = 240
@@ -74,7 +74,7 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
     loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
     grid = frequencies(loops.period, points=_NUM_FREQUENCIES, lowest=_MIN_FREQUENCY)
     S = _diagonal(loops, grid)
-    fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_ECHO)
+    fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_FEEDBACK)
     return FastLinkMargins(
         _peaks(loops, fed_back, grid, S[fed_back]), fast_margins(1.0 / S[fed_back] - 1.0, grid).delay
     )
@@ -126,7 +126,7 @@ def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
     sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
     if (
         not len(sensitivity.A)
-        or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_ECHO
+        or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_FEEDBACK
     ):
         return None
     opened = replace(sensitivity, A=sensitivity.A - sensitivity.B @ sensitivity.C, C=-sensitivity.C, D=np.zeros((1, 1)))

@@ -10,7 +10,7 @@ import scipy
 _MIN_PARTICIPATION = (
     0.1  # smallest participation of a state that is named, relative to the largest participation in the mode
 )
-_MAX_ERROR = 0.01  # 1/s, largest error that rounding causes in repeated eigenvalues
+_MAX_POLE_ERROR = 0.01  # 1/s, largest error that rounding causes in repeated eigenvalues
 
 
 class Mode(NamedTuple):
@@ -59,7 +59,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
     result = []
     while remaining:
         first = values[remaining[0]]
-        radius = max(1e-3 * abs(pole_of(first)), _MAX_ERROR)
+        radius = max(1e-3 * abs(pole_of(first)), _MAX_POLE_ERROR)
         equal = [i for i in remaining if distance(values[i], first) < radius]
         remaining = [i for i in remaining if i not in equal]
         pole = pole_of(np.mean(values[equal]))
@@ -72,7 +72,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
             for i in np.argsort(-participation, kind="stable")
             if participation[i] > _MIN_PARTICIPATION * participation.max()
         ]
-        damping = -pole.real / size if size > _MAX_ERROR else np.nan
+        damping = -pole.real / size if size > _MAX_POLE_ERROR else np.nan
         result.append(Mode(pole, size, damping, len(equal), tuple(states[i] for i in order)))
     return sorted(result, key=lambda mode: mode.frequency)
 

@@ -95,7 +95,7 @@ class SampledSystem:
         inputs = basis.conj().T @ (self.B / scale)
         gaps = np.asarray(z)[:, np.newaxis] - np.diag(triangular)
         if not gaps.all():
-            raise np.linalg.LinAlgError("a point is a pole")
+            raise np.linalg.LinAlgError("one of the points is a pole of the system")
         states = np.empty((len(self.A), *np.shape(z), self.B.shape[1]), dtype=complex)
         with single_threaded_blas():
             for i in reversed(range(len(self.A))):

@@ -9,7 +9,7 @@ import pytest
 from drake_quad.framework import elementary
 from drake_quad.framework.symbols import Listing, Matrix, SymbolKind
 
-LAYER = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
+LAYER_MATRIX = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
 
 
 def branched(*, factor=2.0, mask=1.0, argument=0):
@@ -20,7 +20,7 @@ def branched(*, factor=2.0, mask=1.0, argument=0):
     return traced
 
 
-def layered(*, matrix=LAYER, activation=elementary.tanh):
+def layered(*, matrix=LAYER_MATRIX, activation=elementary.tanh):
     def traced(listing):
         elementary.dense(matrix, [listing.row(0, 0), listing.row(0, 1)], activation)
 

@@ -18,19 +18,19 @@ MAX_THRUST = 0.12
 # Period of the position and velocity loops, and period of the attitude and body rate loops, s (stabilizer_types.h).
 POSITION_PERIOD = 0.01
 ATTITUDE_PERIOD = 0.002
-_MAX_UNITS = 65535.0
+_MAX_ROTOR_COMMAND = 65535.0  # command units
 # Thrust, in command units, that the velocity loop along Z commands per unit of its output.
 _THRUST_SCALE = 1000.0
 # Largest output of the position loop, relative to the parameter for the largest velocity.
 _VELOCITY_LIMIT_FACTOR = 1.1
 # Smallest limit on the velocity along Z, m/s.
-_MIN_CLIMB = 0.5
+_MIN_CLIMB_LIMIT = 0.5
 # Limits on the error integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
 _INTEGRAL_LIMIT = 5000.0
 _ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)
 _RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)
 # Largest output of the body rate loop, in command units.
-_MAX_OUTPUT = 32767.0
+_MAX_RATE_LOOP_OUTPUT = 32767.0
 # Largest output of the velocity loop along Z, in thousands of command units.
 _MAX_THRUST_CHANGE = 32.767
 # Cutoff frequency of the derivative filters in the position and velocity loops, Hz.
@@ -50,7 +50,7 @@ def crazyflie_layer(
         nominal: parameters of the nominal vehicle.
         max_thrust: largest rotor thrust, which corresponds to 65535 units, N.
     """
-    unit = max_thrust / _MAX_UNITS
+    unit = max_thrust / _MAX_ROTOR_COMMAND
     per_velocity = _THRUST_SCALE * 4.0 * unit / nominal.mass
     weight = nominal.mass * nominal.gravity
     scales = [_DEGREE, _DEGREE, per_velocity]
@@ -62,7 +62,7 @@ def crazyflie_layer(
     )
     fastest = [values[f"posCtlPid.{axis}VelMax"] for axis in "xyz"]
     position["limit"] = [
-        _VELOCITY_LIMIT_FACTOR * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB))
+        _VELOCITY_LIMIT_FACTOR * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB_LIMIT))
     ]
     velocity_gains = _gains(values, "velCtlPid.v{axis}K{term}", _POSITION_AXES)
     velocity = _loop(velocity_gains, scales, (_INTEGRAL_LIMIT,) * 3, (_DERIVATIVE_CUTOFF,) * 3)
@@ -79,7 +79,7 @@ def crazyflie_layer(
                 "kind": "tilt",
                 "hover_thrust": values["posCtlPid.thrustBase"] * 4.0 * unit / weight,
                 "min_thrust": values["posCtlPid.thrustMin"] * 4.0 * unit / weight,
-                "max_thrust": _MAX_UNITS * 4.0 * unit / weight,
+                "max_thrust": _MAX_ROTOR_COMMAND * 4.0 * unit / weight,
             },
         },
         "laboratory": {
@@ -119,7 +119,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: 
     rate_gains = _gains(values, "pid_rate.{axis}_k{term}", _ANGLES)
     scales = [each / _DEGREE for each in per_output]
     rate = _loop(rate_gains, scales, [limit * _DEGREE for limit in _RATE_INTEGRAL_LIMITS], rate_cutoffs)
-    rate["limit"] = [_MAX_OUTPUT * each for each in per_output]
+    rate["limit"] = [_MAX_RATE_LOOP_OUTPUT * each for each in per_output]
     return {
         "kind": "attitude",
         "period": ATTITUDE_PERIOD,

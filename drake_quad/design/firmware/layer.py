@@ -14,7 +14,7 @@ FIRMWARE: dict[Firmware, str] = {
 }
 """Description of the controller of each firmware."""
 
-_DIGITS = 8  # number of significant digits to which numbers in the layer are rounded
+_NUM_DIGITS = 8  # number of significant digits to which numbers in the layer are rounded
 
 
 def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:
@@ -30,4 +30,4 @@ def _rounded(value: Any) -> Any:
         return {name: _rounded(each) for name, each in value.items()}
     if isinstance(value, list):
         return [_rounded(each) for each in value]
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+    return float(f"{value:.{_NUM_DIGITS}g}") if isinstance(value, float) else value

@@ -16,13 +16,13 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Limit on the velocity loop's horizontal integrals, m/s². It is never reached, since PX4 limits these integrals only by
 # anti-windup.
-_NO_LIMIT = 1000.0
+_UNREACHED_INTEGRAL_LIMIT = 1000.0
 # Body rate error above which the rate loop stops integrating (rate_control.cpp), rad/s.
-_INTEGRAL_FADE = math.radians(400.0)
+_INTEGRAL_FADE_ERROR = math.radians(400.0)
 _AXES = ("ROLL", "PITCH", "YAW")
 _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
 # Longest period of the fastest loop on board, s. All loop periods are 20 ms divided by a power of two.
-_LINK_PERIOD = 0.02
+_MAX_LOOP_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
 
@@ -65,7 +65,10 @@ def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict
     velocity: dict[str, Any] = {"k_p": level_and_up("MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")}
     integral = level_and_up("MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
     if any(integral):
-        velocity |= {"k_i": integral, "integral_limit": [_NO_LIMIT, _NO_LIMIT, _GRAVITY]}
+        velocity |= {
+            "k_i": integral,
+            "integral_limit": [_UNREACHED_INTEGRAL_LIMIT, _UNREACHED_INTEGRAL_LIMIT, _GRAVITY],
+        }
     derivative = level_and_up("MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
     if any(derivative):
         velocity["k_d"] = derivative
@@ -101,8 +104,10 @@ def gyroscope_period(values: Mapping[str, float]) -> float:
 
     The period is 1 / IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
     """
-    halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
-    return _LINK_PERIOD / 2.0 ** max(0, halvings)
+    halvings = (
+        round(math.log2(_MAX_LOOP_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
+    )
+    return _MAX_LOOP_PERIOD / 2.0 ** max(0, halvings)
 
 
 def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
@@ -116,7 +121,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dic
     terms: dict[str, Any] = {}
     if any(rates("I")):
         limits = [values[name] * scale for name, scale in zip(_INTEGRAL_LIMITS, scales, strict=True)]
-        terms |= {"k_i": rates("I"), "integral_limit": limits, "integral_fade": _INTEGRAL_FADE}
+        terms |= {"k_i": rates("I"), "integral_limit": limits, "integral_fade": _INTEGRAL_FADE_ERROR}
     if any(rates("D")):
         terms["k_d"] = rates("D")
         if values["IMU_DGYRO_CUTOFF"] > 0.0:
