@@ -70,8 +70,8 @@ def build_laboratory_of(
     Args:
         recipes: recipes from `laboratory_recipes`, by path.
         num_vehicles: number of vehicles N.
-        samples: source of the random numbers. It is a study's samples, None for Drake's random sources, or `Exported`
-            for input ports.
+        samples: source of the random noise: the samples of a study, None for Drake's random sources, or `Exported` for
+            input ports.
         user_wind: user's source of wind, in addition to the sources in the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
@@ -151,8 +151,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
 def jump_times(batch: Batch) -> tuple[float, ...]:
     """Return the sorted times at which the forces on vehicles with a continuous state are discontinuous, s.
 
-    An integrator with error control cannot step across such a time. A simulation must stop just before the time and
-    continue from the time itself. Vehicles with a time step have no such times.
+    An integrator with error control cannot step across a discontinuity. A simulation must stop just before each of
+    these times and continue from the time itself. Vehicles with a time step have no jump times.
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()

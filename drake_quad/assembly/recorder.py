@@ -11,8 +11,8 @@ def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
     """Build the diagram `recorder`, which has an input port for each signal and records all signals at every tick.
 
     Drake's log samples its input before the discrete updates of the same instant. It would therefore record the state
-    of a discrete vehicle one period late. For this reason, a zero-order hold samples all signals during the discrete
-    updates of each tick, and the log reads the hold's output at the next tick.
+    of a discrete vehicle one period late. A zero-order hold therefore samples all signals during the discrete updates
+    of each tick, and the log reads the hold's output at the next tick.
 
     Args:
         signals: size of each input port, by name.

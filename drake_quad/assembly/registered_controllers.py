@@ -1,11 +1,11 @@
 """Registration of a user's Python controllers, so that scenarios can name them as a `kind`.
 
-In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode`. It is a kind of position
-controller or, if the system has the output port of a control, a kind of control. Scenarios, commands and functions use
-it in the same way as the kinds of this library. If the system is a `FleetSystem` that declares a record of parameters
-with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
+In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode`. The class becomes a position
+controller or, if it has the output port of a control, a control. Scenarios, commands and functions then use `kind:
+mine.SlidingMode` in the same way as the kinds of this library. If the system is a `FleetSystem` that declares a record
+of parameters with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
 
-A kind is known only after its module was imported. A scenario never imports a module.
+A scenario can use a kind only after the kind's module was imported. Scenarios never import modules.
 """
 
 import inspect
@@ -108,8 +108,8 @@ class RegisteredControl(_UserSystemSettings, Control):
 def register_controller(system: Any) -> str:
     """Register a Drake system class as a kind of controller, and return the name of the kind.
 
-    The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a kind of position
-    controller, and a class with the port `wrench` or `attitude_target` a kind of control.
+    The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a position
+    controller. A class with the output port `wrench` or `attitude_target` becomes a control.
 
     Args:
         system: class with the ports that `simulate` requires of a `position_controller` or a `control`. For studies and
@@ -230,7 +230,7 @@ def _recipe(settings: Any) -> Recipe:
 def _registered(kind: str, system: type) -> Any:
     """Return the settings of a kind if this system class is registered for it; otherwise None."""
     found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
-    # The name of the kind of exported code contains a digest of the code.
+    # Exported code has a kind whose name contains a digest of the code, so different code has a different kind.
     is_same = getattr(found, "system", None) is system or (found is not None and issubclass(system, ExportedController))
     return found if is_same else None
 

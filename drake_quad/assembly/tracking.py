@@ -53,19 +53,19 @@ def build_fleet_diagram(
 
     Args:
         batch: samples to fly.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
         user_systems: the user's systems, built for the same number of vehicles. The diagram will own them.
         record: True to add a recorder, which samples all signals at every control tick.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
         injects: True to add two ports. The signal at the input port `injection` is added to the command over the link;
             the output port `injected` has the sum.
-        exported: declaration of input ports for the random numbers of the laboratory.
+        exported: declaration of input ports that supply the laboratory's random numbers.
         open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
-        InputError: if the control requires a policy and has none, a user's system does not fit, or the time step of the
-            vehicle is too long.
+        InputError: if the control lacks a required policy, a user's system is unsuitable, or the vehicle's time step is
+            too long.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
@@ -160,7 +160,7 @@ def reset_fleet(
         diagram: diagram from `build_fleet_diagram` for a batch of the same scenario and size, and for the same plan.
         context: context of the diagram.
         batch: new batch.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
         user_systems: user's systems in the diagram, which do not depend on the batch.
 
     Raises:
@@ -188,7 +188,7 @@ def set_fleet_parameters(
         diagram: diagram from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
         context: context of the diagram.
         batch: batch that determines the parameters.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
         user_systems: user's systems in the diagram, whose parameters do not change.
     """
     recipes = {

@@ -100,7 +100,7 @@ def check_user_systems(
         systems: systems to check.
         num_vehicles: number of vehicles N.
         command: signal that the command link carries, which a user's control must compute.
-        rows: number of rows of `observation` and `action`, if the control of the scenario has a policy.
+        rows: numbers of rows of `observation` and `action`, if the scenario's control has a policy.
         sensors: names of the ports of sensors, which a user's control may read.
 
     Raises:

@@ -90,7 +90,7 @@ class ClockedFleet:
         clocks: (N,) numbers of ticks since the last restart of each vehicle, int64.
 
     Raises:
-        InputError: if the diagram cannot be compiled with such ticks.
+        InputError: if the diagram cannot be compiled with ticks of this period.
     """
 
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, outputs: Sequence[str], monitor: str) -> None:

@@ -121,7 +121,7 @@ def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int,
 
 
 def _take_function(width: int, lanes: int) -> str:
-    """Return the LLVM code of `take`, which copies the table row selected by the clock of each vehicle of a vector."""
+    """Return the LLVM code of `take`, which copies each vehicle's table row, selected by its clock, for one vector."""
     driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
     with driver.loop("lane", 0, lanes):
         driver.at("clock_at", "clocks", "%lane", "i64")

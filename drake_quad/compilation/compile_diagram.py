@@ -91,7 +91,7 @@ def compiled_part(diagram: Diagram) -> CompiledSystem:
 def as_compilable(system: Any) -> Any:
     """Return the system if it can be compiled, else a `SystemPlaceholder` for it.
 
-    A diagram with the placeholder can be compiled. In the compiled diagram, the system replaces the placeholder.
+    A diagram with the placeholder can be compiled. The compiled diagram contains the system instead of the placeholder.
     """
     leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
     return system if all(map(block_of, leaves)) else SystemPlaceholder(system)

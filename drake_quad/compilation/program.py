@@ -371,7 +371,7 @@ class Program:
         return RowRanges(_consecutive_ranges(states), _consecutive_ranges(parameters), _consecutive_ranges(inputs))
 
     def _external_sizes(self) -> dict[Port | ExportedPort, int]:
-        """Return the size of each external source of the compiled systems and of the diagram's outputs."""
+        """Return the size of each external source that the compiled systems and the diagram's outputs read."""
         sizes: dict[Port | ExportedPort, int] = {}
         leaves = self.topology.leaves
         used = [source for path in self.blocks for source in self.topology.sources(path)]

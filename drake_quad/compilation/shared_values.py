@@ -28,7 +28,7 @@ class _Second(NamedTuple):
     ticks: TickOf
 
 
-# Shared values: the time, the number of a pair of ticks, the position of a tick in its pair, and an element of a port.
+# A shared value is the time, the number of a pair of ticks, a tick's position in its pair, or an element of a port.
 _SharedValue = str | TickOf | _Second | SharedValueSource
 TIME_VALUE = "time"
 """Shared value that is the time of the instant, s."""
@@ -63,8 +63,8 @@ class SharedValues:
 
         Args:
             times: (events, instants) times of the instants, s.
-            values: function that returns the value of an output port, given the path of the leaf system, the index of
-                the port, and the time (s).
+            values: function that returns an output port's value, given the path of its leaf system, its index, and the
+                time (s).
         """
         table = np.empty((len(times), max(1, self.width)))
         port_values: dict[tuple[int, str, int], np.ndarray] = {}

@@ -25,8 +25,8 @@ class RowRanges(NamedTuple):
     """Row range (first row and number of rows) of each state group, parameter and external input.
 
     Attributes:
-        states: ranges of state groups, by the path of the leaf system and the number of the group.
-        parameters: ranges of parameters, by the path of the leaf system and the index of the parameter.
+        states: range of each state group, by the path of its leaf system and its number.
+        parameters: range of each parameter, by the path of its leaf system and its index.
         inputs: ranges of external inputs, by their source: an uncompiled system's output port, or a port of the
             diagram.
     """

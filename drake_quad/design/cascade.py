@@ -281,7 +281,7 @@ def on_board_angle_plant(plant: SampledSystem, angle: str, inertia: float) -> Sa
     Args:
         plant: plant from `on_board_plant`.
         angle: roll, pitch or yaw.
-        inertia: moment of inertia of the nominal vehicle about the axis of this angle, kg m².
+        inertia: nominal moment of inertia about the axis of this angle, kg m².
     """
     torque, value, rate = _LOOP_SIGNALS[angle]
     angle_plant = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
@@ -320,7 +320,7 @@ def _markov(plant: SampledSystem) -> np.ndarray:
 def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -> SampledSystem:
     """Return the plant from a commanded angular acceleration to the measured angle and rate of an axis.
 
-    For the axis z, the result is the plant from a commanded acceleration to the measured height and its rate.
+    The plant of the axis z leads from a commanded acceleration to the measured height and its rate.
 
     Args:
         laboratory: plant from `laboratory_plant`.

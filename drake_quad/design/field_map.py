@@ -20,7 +20,7 @@ class FieldMap(NamedTuple):
         x: (columns,) values of the field on the horizontal axis.
         y: (rows,) values of the field on the vertical axis.
         metrics: metrics of the flights, as arrays (rows, columns).
-        requirements: names of the requirements of the scenario.
+        requirements: names of the scenario's requirements.
     """
 
     x: np.ndarray

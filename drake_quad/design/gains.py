@@ -1,8 +1,8 @@
 """Design of PD gains on the linear model of the laboratory, including its delays, holds, lags and filters.
 
 The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
-and rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
--a / g. Height is controlled by a separate loop, like an angle.
+and rate. The position loops around them are designed next: a commanded acceleration a along x demands the pitch a / g,
+and along y the roll -a / g. The height has a separate loop, which is designed in the same way as the loop of an angle.
 
 The gains of a family depend on one parameter, the effort. The design uses a given effort, or the largest effort that
 meets the required margins. The families are:
@@ -38,8 +38,8 @@ _NUM_BISECTIONS = 12
 _MAX_INTEGRAL_RATIO = 0.25
 # Bandwidths whose gains may be the start of a search for a regulator, rad/s. The first stable gains are used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop counts as unstable if 2²⁹ ticks do not reduce its response to `_NEGLIGIBLE_POWER`. The magnitude of its slowest
-# pole is then above 1 - 1e-7.
+# A loop counts as unstable if the power of its closed-loop matrix over 2²⁹ ticks is not below `_NEGLIGIBLE_POWER`. The
+# magnitude of its slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
 _NEGLIGIBLE_POWER = 1e-12
 _DIVERGED_POWER = 1e50
@@ -207,11 +207,11 @@ class RegulatorRequirements(NamedTuple):
     def _cost_and_slope(self, plant: SampledSystem, gains: AxisGains, effort: float) -> tuple[float, np.ndarray]:
         """Return the cost of a PD, and its derivatives with respect to k_P and k_D.
 
-        The closed loop is F = A - B K C, with the gains K. With P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and
-        Q = Σ Fᵏ B Bᵀ Fᵏᵀ, the cost is Bᵀ P B, and its derivative is 2 (K C / effort² - Bᵀ P F) Q Cᵀ (W. S. Levine and
-        M. Athans, "On the determination of the optimal constant output feedback gains for linear multivariable
-        systems", IEEE Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums
-        (R. A. Smith, "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
+        The closed loop is F = A - B K C, with the gains K. The cost is Bᵀ P B, and its derivative is 2 (K C / effort² -
+        Bᵀ P F) Q Cᵀ, where P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and Q = Σ Fᵏ B Bᵀ Fᵏᵀ (W. S. Levine and M. Athans,
+        "On the determination of the optimal constant output feedback gains for linear multivariable systems", IEEE
+        Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums (R. A. Smith,
+        "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
         """
         feedback = np.array([gains]) @ plant.C
         power = closed = plant.A - plant.B @ feedback
@@ -337,8 +337,8 @@ def add_integral(
 ) -> LoopDesign:
     """Add an integral to a PD, the largest that costs at most a given fraction of the phase margin.
 
-    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
-    in a slow oscillation, even if the margins at the crossover are large.
+    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. A larger integral would let errors
+    decay in a slow oscillation, even if the margins at the crossover are large.
 
     Args:
         design: design of the PD.

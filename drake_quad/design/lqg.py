@@ -62,8 +62,8 @@ _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is comp
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
 _PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost, relative to the logarithm of the error
 _MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
-# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance.
-# With 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its `bad_day`.
+# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance. In
+# 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4 and 3.4 % of the flights.
 _TORQUE_HEADROOM = 2.0
 # Largest number of searches, each with tighter limits, until the whole loop observes the limits.
 _MAX_ROUNDS = 5
@@ -112,7 +112,7 @@ class Conditions(NamedTuple):
     Attributes:
         lateral: statistics of the disturbing acceleration along x and y.
         vertical: statistics of the disturbing acceleration along z.
-        bias: standard deviation of the bias of the angular motion, m/s⁴.
+        bias: standard deviation of the constant disturbance of the angular motion, m/s⁴.
         position_noise: standard deviation of the measured position, m.
         attitude_noise: standard deviation of the measured attitude, rad.
         loss_rate: fraction of the commands that are lost.
@@ -321,10 +321,10 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
 def snap_limit(limits: LqgLimits, conditions: Conditions) -> float:
     """Return the limit on the RMS command along x and y over the link, m/s⁴.
 
-    The result is the larger of `limits.snap` and a multiple of the constant command that balances an offset of the
-    centre of mass. An offset r causes the angular acceleration m g r / I of a vehicle with mass m and inertia I. This
-    acceleration is large for small vehicles: an offset of 0.3 mm causes 5 rad/s² for a Crazyflie, five times as much as
-    for the paper's vehicle.
+    The limit must leave headroom for the constant command that balances an offset of the centre of mass. It is
+    therefore at least a multiple of this command. An offset r causes the angular acceleration m g r / I of a vehicle
+    with mass m and inertia I. This acceleration is large for small vehicles: an offset of 0.3 mm causes 5 rad/s² for a
+    Crazyflie, five times as much as for the paper's vehicle.
     """
     return max(limits.snap, _TORQUE_HEADROOM * conditions.bias)
 
@@ -473,8 +473,8 @@ class _LiftedLoops:
         # is added to the command. The second index is the stable plant.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
-        # A lost command acts like noise whose variance is that of the change of the command. This noise itself
-        # increases the changes of the command, so its variance follows from a geometric series.
+        # A lost command acts like noise with the variance of the command's change. This noise itself increases the
+        # command's changes, so its variance follows from a geometric series.
         feedback = self.loss_rates[stable] * changes[1]
         converges = feedback < 0.9
         loss_variance = (self.loss_rates[stable] * changes[0])[converges] / (1.0 - feedback[converges])

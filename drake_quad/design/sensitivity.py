@@ -49,7 +49,7 @@ class Sensitivities:
     """Metrics of a flight and their derivatives.
 
     Attributes:
-        fields: paths of the fields of the scenario.
+        fields: paths of the scenario fields.
         values: (fields,) values of the fields.
         metrics: metrics of the flight, by name. After a crash they cover the flight until the crash.
         crash_time: time of the crash, s; infinite without a crash.
@@ -73,7 +73,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
 
     Args:
         scenario: scenario without distributions, unless a sample is given.
-        fields: paths of numbers in the scenario, as in `--set`: `vehicle.mass`, `control.position.k_p.0`.
+        fields: paths of numeric scenario fields, as in `--set`: `vehicle.mass`, `control.position.k_p.0`.
         sample: index of the study sample to fly.
 
     Raises:

@@ -33,7 +33,7 @@ _ELITE_FRACTION = 0.25  # fraction of the points, the best ones, that determine 
 _DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
 _MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
-# Penalty on the logarithm of the error, per unit of the logarithm of the ratio by which a limit is violated.
+# Weight of the penalty for a violated limit: logarithm of the error per logarithm of the violated ratio.
 _PENALTY = 4.0
 # Assumed prediction error of a ratio from `limit_fractions` in the first round: error of its logarithm per distance
 # from the nearest evaluated point, where the width of the box is 1.
@@ -73,7 +73,7 @@ class Budget(NamedTuple):
         candidates: number of candidates that are simulated in each round.
         samples: number of samples for each candidate, in all laboratories together.
         checks: number of evaluations of the limit in each round.
-        steps: number of steps of each of the three local searches after all rounds.
+        steps: number of steps in each of the three local searches that follow the rounds.
     """
 
     rounds: int = 12
@@ -135,7 +135,7 @@ def tune(
 ) -> TuningResult:
     """Tune the parameters of a controller: first for the lateral axes, then for the vertical axis.
 
-    The two stages are almost independent. The rounds are divided between them in proportion to their numbers of knobs.
+    The two stages are almost independent. Each stage gets a number of rounds in proportion to its number of knobs.
     During the first stage, the vertical parameters are held at the middle of their ranges.
 
     Args:

@@ -27,7 +27,8 @@ _EXPONENT_SHIFT = np.uint64(52)
 _EXPONENT_BIAS = np.uint64(1023)
 _MANTISSA_MASK = np.uint64(2**52 - 1)
 _SIGN_MASK = np.uint64(1 << 63)
-# Left shifts that move the lowest bit and the second lowest bit, respectively, to the sign bit.
+# The left shift by `_SIGN_SHIFT` moves the lowest bit to the sign bit, and the shift by `_BELOW_SIGN_SHIFT` the second
+# lowest bit.
 _SIGN_SHIFT = np.uint64(63)
 _BELOW_SIGN_SHIFT = np.uint64(62)
 _ONE_BIT = np.uint64(1)

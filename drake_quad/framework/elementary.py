@@ -133,7 +133,7 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
-    """Return x for the vehicles for which the mask is true, and y for the others.
+    """Return x for vehicles whose mask is true, and y for all other vehicles.
 
     x and y are rows, or records of the same type; a field that is None remains None. Rows of Expression are not
     supported.
@@ -188,7 +188,7 @@ def total(rows: Sequence[Row]) -> Row:
 
 
 def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
-    """Return the sum of the products of the rows of two sequences."""
+    """Return the dot product of two sequences of rows."""
     return total([x * y for x, y in zip(first, second, strict=True)])
 
 

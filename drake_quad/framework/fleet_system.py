@@ -1,7 +1,7 @@
 """LeafSystem for a fleet of vehicles, whose computations are declared as formulas.
 
-A port, parameter or state with k rows has k N elements for N vehicles, in C order of the shape (k, N). For one vehicle,
-this is a k-vector. A record names the rows: `drake_quad.signals` defines the records of the ports.
+A port, parameter or state with k rows has k N elements for N vehicles, in C order of the shape (k, N). A single vehicle
+has a k-vector. The fields of a record name the rows; `drake_quad.signals` defines the records of the ports.
 
 A system declares its ports, parameters and states, and the formula that computes each output or update from them:
 
@@ -10,13 +10,13 @@ A system declares its ports, parameters and states, and the formula that compute
     self.output("acceleration_command", pd_law, measurement, reference, gains)
 
 Drake's callbacks for all scalar types, and the machine code for floats, are derived from the declaration. A formula
-takes and returns records whose fields are rows: numbers for one vehicle and arrays for a fleet. It consists of
-arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
+takes and returns records whose fields are rows. A row is a number for one vehicle, and an array for a fleet. It
+consists of arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
 
 `declare` has two types of arguments. Structural arguments determine the ports and events. `parameters` is a record of
-numbers that may differ between vehicles. Each parameter and each initial state is computed from the parameters by a
-function, its recipe. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with
-other parameters.
+values that may differ between vehicles. Every numeric parameter and initial state has a recipe, a function that
+computes it from `parameters`. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again
+with other parameters.
 """
 
 import inspect

@@ -1,7 +1,7 @@
 """Execution of formulas for every vehicle of a fleet, as machine code or as plain Python.
 
-A formula is a Python function of records and constants. For floats, it is compiled to machine code once. For AutoDiffXd
-and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set, Python executes it.
+A formula is a Python function of records and constants. It is compiled to machine code once for floats. Python executes
+it for AutoDiffXd and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set.
 """
 
 import os

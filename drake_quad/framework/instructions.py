@@ -122,8 +122,7 @@ def function(
         listing: operations of the function.
         stores: rows to write.
         sources: groups of rows to read, by their number in the listing.
-        shared: name of the pointer to the shared values; or the rows of these numbers, if they differ between
-            vehicles.
+        shared: name of the pointer to the shared values; or the rows of these values, if they differ between vehicles.
         lanes: number of vehicles in a vector.
         overlapping: True if the same memory may be read and written through different pointers. All rows are then read
             before the first row is written. Otherwise a row is written as soon as its new value is computed and its old
@@ -385,7 +384,7 @@ def _write_operation(
 
 @functools.cache
 def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
-    """Return the template of an instruction, given the types of its first operand and of its result."""
+    """Return an instruction's template, given the types of its first operand and its result."""
     templates = (
         INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _INTEGER_INSTRUCTIONS else _INTEGER_INSTRUCTIONS
     )

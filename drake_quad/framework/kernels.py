@@ -1,6 +1,6 @@
 """Kernels: machine code that applies a formula to every vehicle of a fleet, `LANES` vehicles at a time.
 
-A group of k rows is an array of k N numbers, in which row i starts at element i N. A vector of vehicles that starts
+A group of k rows is an array with k N elements, in which row i starts at element i N. A vector of vehicles that starts
 with vehicle `first` has its rows at the elements `first + i N`. If N is not a multiple of `LANES`, the remaining
 vehicles are copied to a full vector, which the same instructions compute, and copied back.
 

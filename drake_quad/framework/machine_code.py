@@ -38,9 +38,7 @@ def _check_pointer() -> None:
     """Raise ImportError if NumPy arrays do not have the memory layout that machine code expects."""
     array = np.zeros(1)
     if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
-        raise ImportError(
-            "NumPy's arrays have an unknown memory layout in this Python, so machine code cannot access them"
-        )
+        raise ImportError("machine code cannot access NumPy's arrays: this Python has another memory layout")
 
 
 _check_pointer()

@@ -1,6 +1,6 @@
 """Layout of records in the rows of a vector.
 
-A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. The record's rows are those
+A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. A record contains the rows
 of its fields in order, at any depth of nesting: for example a vehicle's mass, then its three moments of inertia.
 
 The types of the fields determine the layout, with two exceptions, for which an example of the record is required. The

@@ -11,8 +11,8 @@ replacements:
 - `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
   similar lines.
 
-Elementary functions such as the sine are recorded as the operations of their approximation. A listing for a target with
-functions of its own, such as C, records a `Function` instead.
+A call of an elementary function, such as the sine, is recorded as the operations of its approximation. If the generated
+code can call elementary functions, as in C, the listing records a `Function` instead.
 """
 
 import hashlib
@@ -164,7 +164,7 @@ class Listing:
     def __init__(self, *, calls_functions: bool = False) -> None:
         self.operations: list[Operation] = []
         self.calls_functions = calls_functions
-        # The values are line numbers. Symbols would refer to the listing, and such a reference cycle would delay the
+        # The values are line numbers. Symbols would refer to the listing, and this reference cycle would delay the
         # deletion of the listing.
         self._lines: dict[tuple[Any, ...], int] = {}
 
@@ -208,7 +208,7 @@ class Listing:
         return self.add("shared", (index,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
-        """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
+        """Return the symbol of a constant: a number, a NumPy uint64 or a truth value."""
         if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD_FORMAT.unpack(_FLOAT_FORMAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray):

@@ -175,7 +175,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
     Args:
         scenario: scenario with the laboratory.
         vehicle: "nominal" for the vehicle of `nominal_hover`; "actual" for the vehicle of the scenario, without effects
-            that couple its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
+            that couple its axes: differences between rotors, an offset centre of mass, and misaligned markers.
 
     Raises:
         InputError: if hover is not an equilibrium, or a period is longer than the control period.
@@ -257,8 +257,8 @@ def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: Qu
 def decoupled_loop(scenario: Scenario) -> SampledSystem:
     """Return the linear model of `closed_loop` with decoupled axes.
 
-    Thrust and torques of the rotors replace the rotor speeds as states. For a symmetric vehicle each state then belongs
-    to one axis.
+    Thrust and torques of the rotors replace the rotor speeds as states. Each state then belongs to one axis if the
+    vehicle is symmetric.
 
     Raises:
         InputError: under the conditions of `closed_loop`, or if the rotors cannot hold the vehicle in hover.

@@ -36,8 +36,8 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 class ContextVector:
     """Vector of a diagram's state, leaf system by leaf system, and optionally of its numeric parameters.
 
-    The name of an element consists of the names on the path to its system, the name of the group and the name of the
-    row, as in `laboratory.vehicle.state.pitch`. The layout is the same for all scalar types of the diagram.
+    An element's name consists of its system's path, its group and its row, as in `laboratory.vehicle.state.pitch`. The
+    layout is the same for all scalar types of the diagram.
 
     Args:
         diagram: diagram to which the contexts belong.

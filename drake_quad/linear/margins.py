@@ -49,9 +49,9 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """Return the margins of a stable loop with one input and one output.
 
-    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle and
-    of -3 dB, and from its closest approach to -1. These points are located on a grid of 2,000 frequencies and refined
-    between grid points. Polynomials in z would lose too many digits for a dozen states.
+    The margins follow from the frequency response: from the frequencies at which it crosses the negative real axis, the
+    unit circle and -3 dB, and from its closest approach to -1. These points are located on a grid of 2,000 frequencies
+    and refined between grid points. Polynomials in z would lose too many digits for a dozen states.
     """
     grid = frequencies(loop.period)
     response = _response(loop, grid)

@@ -9,7 +9,7 @@ before the events. `linearize` lets Drake's simulator advance the diagram by one
 
     A = ∂Φ/∂x    B = ∂Φ/∂u    C = ∂g/∂x    D = ∂g/∂u
 
-contain the exact effect of every delay, hold, filter and step. For a closed loop A is the monodromy matrix, and its
+contain the exact effect of every delay, hold, filter and step. A of a closed loop is the monodromy matrix, whose
 eigenvalues are the Floquet multipliers.
 """
 

@@ -39,7 +39,7 @@ def regulator_of_scenario(scenario):
 
 
 def assert_nearly_equal(actual, expected):
-    """Assert that two records have the same type and nearly equal numbers."""
+    """Assert that two records have the same type and nearly equal values."""
     assert type(actual) is type(expected)
     for name, field, expected_field in zip(actual._fields, actual, expected, strict=True):
         np.testing.assert_allclose(field, expected_field, rtol=1e-12, err_msg=name)

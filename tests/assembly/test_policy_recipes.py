@@ -55,7 +55,7 @@ def test_the_hovering_action_holds_the_nominal_vehicle_in_hover(action):
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)
         np.testing.assert_allclose(row, row[0], rtol=0.0, atol=1e-9, err_msg=name)
-    # With a different action, the vehicle moves.
+    # A different action moves the vehicle.
     other_state = simulate_actions(scenario, np.array(hovering) + 0.1).record("state")
     assert abs(other_state.z[-1] - other_state.z[0]) > 0.01
 

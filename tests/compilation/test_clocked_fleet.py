@@ -24,7 +24,7 @@ def windy_scenario(diagrams):
 
 
 def restart_vehicles(fleet, diagram, vehicles):
-    """Restart vehicles of the fleet with the initial values of the first vehicles of a diagram."""
+    """Restart vehicles of the fleet with the initial values that a diagram's first vehicles have."""
     initial = Initializer(diagram, outputs=SELECTED_OUTPUTS).initial_values(diagram.CreateDefaultContext())
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 

@@ -43,7 +43,8 @@ def _kind(value):
 def features_of(batch, plan):
     """Return the features of a batch's diagram: the class of each system, with each of its structural arguments.
 
-    Numbers, such as periods, are compared by their type, and the items of a tuple, such as effects, one by one.
+    Numbers, such as periods, only contribute their type. Each item of a tuple, such as each effect, is a separate
+    feature.
     """
     recipes = laboratory_recipes(batch, plan, 1.0) | control_recipes(batch, plan)
     features = set()

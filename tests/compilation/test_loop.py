@@ -69,7 +69,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
 def test_only_rows_that_change_are_written(n):
-    """Memory outside the fleet does not change. Without events, nothing changes."""
+    """Memory outside the fleet does not change. Nothing changes if there are no events."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
     loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)

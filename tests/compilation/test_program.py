@@ -192,7 +192,7 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
 
 @fleet_system(float)
 class WithInitialParameters(FleetSystem):
-    """System with a list of numbers as initial state."""
+    """System whose initial state is a list of numbers."""
 
     def declare(self, *, by):
         x = self.state("x", lambda _: (1.0,))

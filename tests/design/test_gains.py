@@ -404,7 +404,7 @@ def test_the_search_includes_bandwidths_up_to_a_third_of_half_the_sampling_rate(
 
 
 def test_a_design_whose_largest_effort_meets_all_requirements_has_no_limits():
-    """For a double integrator without delay, even the fastest gains of the search meet the requirements."""
+    """Even the fastest gains of the search meet these requirements for a double integrator without delay."""
     design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
     assert (design.axis, design.limits) == ("x", ())
     assert design.bandwidth == pytest.approx(np.pi / 0.06)

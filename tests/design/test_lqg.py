@@ -34,7 +34,7 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
 NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
-# Without drag the chain is an exact model of the vehicle.
+# The chain of lags and integrators is an exact model of a vehicle without drag.
 NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
 

@@ -79,7 +79,7 @@ def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
 
 
 def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, stub_flights):
-    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
+    """If k_P is at its limit of 2, the best k_D is 2 √(2 / 4)."""
     stub_flights(quadratic_error)
     result = tune(
         [laboratory],

@@ -53,7 +53,7 @@ def test_each_point_of_the_map_has_the_poles_and_margins_of_a_single_loop(scenar
 
 
 def test_a_position_loop_without_k_p_is_not_stable(scenario):
-    """Without k_P, the pole of the integrator remains at 1."""
+    """The integrator's pole remains at 1 if k_P is zero."""
     gain_map = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D_VALUES[:3])
     np.testing.assert_allclose(gain_map.size, 1.0, atol=1e-8)
     assert not gain_map.stable.any()

@@ -79,7 +79,7 @@ def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     assert code_cache.read(KERNEL_NAME) is None
     code_cache.write(OTHER_KERNEL_NAME, OBJECT_CODE)
     assert [*file.parent.iterdir()] == [file]
-    # Another user may own a file in the folder of this user.
+    # A file in this user's folder may belong to another user.
     monkeypatch.setattr(code_cache, "_is_trusted", lambda folder: True)
     assert code_cache.read(KERNEL_NAME) is None
 

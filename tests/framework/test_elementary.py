@@ -36,7 +36,7 @@ def test_elementary_functions_agree_for_all_scalar_types(function):
 
 
 def test_log1p_is_accurate_and_has_derivatives():
-    """log1p accepts numbers and arrays, with and without derivatives. For tiny x, log(1 + x) = x."""
+    """log1p accepts numbers and arrays, with and without derivatives. log(1 + x) is x for tiny x."""
     numbers = [0.3, 1e-9, 1e-20, 0.0]
     expected = np.log1p(numbers)
     assert [elementary.log1p(x) for x in numbers] == pytest.approx(expected, rel=1e-15)

@@ -93,7 +93,7 @@ def test_outputs_are_computed_by_their_formulas(n):
     error, wind = np.random.default_rng(0).normal(size=(2, 3 * n))
     system.GetInputPort("error").FixValue(context, error)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error)
-    # For a disconnected input port, the formula gets None.
+    # The formula receives None if the optional input port is not connected.
     system.GetInputPort("wind").FixValue(context, wind)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error + wind)
     system.set_parameter(context, "gains", Gains(np.arange(1.0, n + 1.0), Acceleration(0.0, 0.5, 0.0)))

@@ -62,7 +62,7 @@ def test_results_are_cached_separately_for_each_program_function_and_arguments(m
 
 
 def test_equal_scenarios_have_the_same_key_in_every_process():
-    """Pydantic's own pickle of a scenario contains a set of names, whose order differs between processes."""
+    """Pydantic pickles a scenario with a set of names, whose order differs between processes."""
     statement = (
         "import hashlib; from drake_quad import load_scenario; from drake_quad.framework.result_cache import _identity;"
         "print(hashlib.sha256(_identity([load_scenario('robustness'), load_scenario('forest')])).hexdigest())"

@@ -1,4 +1,4 @@
-"""Tests of the scheduling of the lines of a listing."""
+"""Tests of the order in which the lines of a listing are scheduled."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""Tests of the digest of a listing, which is the key of its cached machine code."""
+"""Tests of the digest that identifies a listing and is the key of its cached machine code."""
 
 import subprocess
 import sys

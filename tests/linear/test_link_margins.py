@@ -151,7 +151,7 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
 def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margins_of, controller, signal, side):
     """Dividing a moment of inertia by a factor increases the gain by this factor.
 
-    No rigid body has such moments of inertia, so the scenario is changed after it has been loaded.
+    No rigid body has these moments of inertia, so the scenario is changed after its validation.
     """
     sign = 1.0 if side == "gain" else -1.0
     limit = 10.0 ** (sign * getattr(margins_of(controller)[signal], side) / 20.0)

@@ -35,7 +35,7 @@ def hover(diagrams):
 def classical_response(frequency, *, delay_ticks, h=0.01):
     """Return the response from a commanded acceleration to value and rate of a double integrator with rotor lag.
 
-    The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old.
+    The input is held over ticks of 2h and delayed by whole ticks, and a frame is h old when it is read.
     Matrix exponentials give the exact result.
     """
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])

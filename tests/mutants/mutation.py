@@ -1,8 +1,8 @@
 """Mutants of a Python source text. A mutant is the text with one small change that a test should detect.
 
-The changes are chosen for formulas. In addition to the usual changes, an addend or a factor is removed, a clamp is
-removed, a sine is replaced by a cosine, and neighbours are exchanged (arguments, elements of a tuple, targets of an
-assignment).
+The changes are chosen for formulas. There are four changes in addition to the usual ones: removal of an addend or
+factor, removal of a clamp, replacement of a sine with a cosine, and exchange of neighbours (arguments, elements of a
+tuple, targets of an assignment).
 
 Some changes are omitted, because either no test or every test detects them:
 
@@ -174,7 +174,7 @@ def _name(call: ast.Call) -> str:
 
 
 def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a node is -1 in a call of reshape, for which NumPy also accepts other negative numbers."""
+    """Return whether a node is -1 in a call of reshape, where NumPy accepts any negative number."""
     called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
     return called and isinstance(node, ast.UnaryOp)
 

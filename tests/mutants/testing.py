@@ -94,7 +94,7 @@ class Plugin:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         self.lines.clear()
         if self.chosen is None:
-            # Without cached machine code, every test runs the lines of its formulas and of the generator of LLVM code.
+            # No machine code is cached, so every test runs the lines of its formulas and of the LLVM code generator.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
             sys.modules["drake_quad.framework.machine_code"]._GENERATOR = None
             sys.monitoring.restart_events()

@@ -44,8 +44,8 @@ def defaults_of(firmware: Firmware) -> FirmwareParameters:
 def read_parameters(path: Path) -> FirmwareParameters:
     """Read a vehicle's controller parameters from a file.
 
-    The file is a ULog or a parameter file of QGroundControl (PX4), a YAML file of the Crazyflie's client or of cflib,
-    or a text of lines with a name and a number.
+    PX4 parameters are in a ULog or a parameter file of QGroundControl. Crazyflie parameters are in a YAML file of its
+    client or of cflib. Both may also be in a text file whose lines contain a name and a number.
 
     Raises:
         InputError: if the file cannot be read, or contains no parameter of either firmware.
@@ -101,7 +101,7 @@ def _declared(firmware: str) -> dict[str, _Declaration]:
 
 
 def _in_text(path: Path, data: bytes) -> dict[str, float]:
-    """Return the numbers in a YAML file of cflib, or in lines of text, by name."""
+    """Return the parameters in a YAML file of cflib or in lines of text, by name."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
