@@ -1,1 +1,1 @@
-"""Assembly of the diagram of a scenario."""
+"""Assembly of the Drake diagram that simulates a scenario."""

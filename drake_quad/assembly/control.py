@@ -1,4 +1,4 @@
-"""Assembly of the control of a scenario."""
+"""Assembly of a scenario's control diagram."""
 
 from pydrake.systems.framework import Diagram
 
@@ -14,7 +14,7 @@ from drake_quad.scenario.setting import ControlSetting
 
 
 def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
-    """Return the properties of a scenario on which its control depends, given the plan that is flown."""
+    """Return the scenario properties on which its control depends, for a flight along a plan."""
     laboratory = scenario.laboratory
     return ControlSetting(
         nominal=nominal_parameters(scenario),
@@ -28,12 +28,12 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
 
 
 def control_recipes(batch: Batch, plan: Plan, user_systems: UserSystems = UserSystems()) -> dict[str, Recipe]:
-    """Return the recipes for the systems of a control, by their paths in its diagram.
+    """Return a recipe for each system in the control diagram, by the path of the system.
 
     Args:
-        batch: batch that is flown.
-        plan: plan that is flown.
-        user_systems: user's systems, which replace systems of the control. Replaced systems have no recipes.
+        batch: samples to fly, with one vehicle for each.
+        plan: plan that the vehicles follow.
+        user_systems: the user's systems. The systems that they replace have no recipes.
     """
     if user_systems.control is not None:
         return {}
@@ -46,16 +46,16 @@ def control_recipes(batch: Batch, plan: Plan, user_systems: UserSystems = UserSy
 def build_control(
     scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, user_systems: UserSystems = UserSystems()
 ) -> Diagram:
-    """Build the control of a scenario.
+    """Build the control diagram of a scenario.
 
     Args:
         scenario: scenario with the control.
-        recipes: recipes for the systems of the control, from `control_recipes`.
+        recipes: recipes from `control_recipes`, by path.
         num_vehicles: number of vehicles N.
-        user_systems: user's systems, which replace systems of the control.
+        user_systems: the user's systems, which replace systems of the control diagram.
 
     Raises:
-        InputError: if the user gives a position controller, but the control is not a cascade.
+        InputError: if the user passes a position controller, but the control is not a cascade.
     """
     control = scenario.control
     if user_systems.position_controller is not None and "position_controller" not in control.user_system_paths:

@@ -1,4 +1,4 @@
-"""Assembly of the laboratory and the flight monitor of a scenario."""
+"""Assembly of a scenario's laboratory diagram and flight monitor."""
 
 import math
 from typing import Any
@@ -30,20 +30,20 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, QuadrotorConfig
 
-# Largest ratio of the time step to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to
+# Largest ratio of the time step to the shortest time constant. The fourth-order Runge-Kutta method is stable up to
 # 2.78.
 _MAX_STABLE_STEP = 2.5
-# Prefixes of the paths of systems in the laboratory.
+# Prefixes that the paths of wind systems and sensors have in the laboratory.
 _WIND_PREFIX = "wind."
 _SENSORS_PREFIX = "sensors."
 
 
 def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
-    """Return the recipes for the systems of a laboratory, including the vehicles, by their paths in its diagram.
+    """Return a recipe for each system in the laboratory diagram, including the vehicles, by the path of the system.
 
     Args:
-        batch: batch that is flown.
-        plan: plan that is flown; the vehicles hover at its beginning.
+        batch: samples to fly, with one vehicle for each.
+        plan: plan that the vehicles follow; they hover at its beginning.
         duration: duration of the flight, s.
 
     Raises:
@@ -65,12 +65,12 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 def build_laboratory_of(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, user_wind: Any = None
 ) -> Diagram:
-    """Build a laboratory from recipes.
+    """Build the laboratory diagram from recipes.
 
     Args:
-        recipes: recipes for the systems of the laboratory, from `laboratory_recipes`.
+        recipes: recipes from `laboratory_recipes`, by path.
         num_vehicles: number of vehicles N.
-        samples: source of the random numbers: samples of a study, None for Drake's random sources, or `Exported` for
+        samples: source of the random noise: the samples of a study, None for Drake's random sources, or `Exported` for
             input ports.
         user_wind: user's source of wind, in addition to the sources in the recipes.
     """
@@ -90,7 +90,7 @@ def wind_period(scenario: Scenario) -> float:
 
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
-    """Build the flight monitor, which detects crashes and computes the metrics, for flights of a plan in a scenario."""
+    """Build the flight monitor, which detects crashes and computes the metrics of flights along a plan."""
     space, tilt = scenario.room(), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     return FlightMonitor(
@@ -104,7 +104,7 @@ def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMo
 
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
-    """Return the true parameters of the vehicle of a scenario or of a `Batch.fleet_scenario`."""
+    """Return the true parameters of a scenario's vehicle, or of the vehicles in a `Batch.fleet_scenario`."""
     rotors = rotors_of(vehicle)
     factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
     return record_like(QuadrotorParameters, vehicle, rotors=rotors.with_thrust_factors(*factors))
@@ -136,7 +136,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Paired rotors produce every torque for all values that can be drawn.
+    # Layouts with paired rotors can produce every torque for all values that can be drawn.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(
             f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
@@ -151,8 +151,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
 def jump_times(batch: Batch) -> tuple[float, ...]:
     """Return the sorted times at which the forces on vehicles with a continuous state are discontinuous, s.
 
-    An integrator with error control cannot step across such a time. A simulation must stop just before the time and
-    continue from the time itself. Vehicles with a time step have no such times.
+    An integrator with error control cannot step across a discontinuity. A simulation must stop just before each of
+    these times and continue from the time itself. Vehicles with a time step have no jump times.
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
@@ -190,11 +190,11 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the recipe for the command link, which outputs a hover command until the first packet arrives.
+    """Return the recipe for the command link. The link outputs a hover command until the first packet arrives.
 
     Args:
-        scenario: scenario with the link.
-        fleet: link of a `Batch.fleet_scenario`.
+        scenario: scenario that contains the link.
+        fleet: settings of the link in a `Batch.fleet_scenario`.
         yaw: yaw of the initial hover, rad.
     """
     link, nominal = scenario.laboratory.command_link, nominal_parameters(scenario)
@@ -207,26 +207,26 @@ def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
 
 
 def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipe for the system `autopilot` between link and allocation; empty if there is no such system."""
+    """Return the recipe for the autopilot between link and allocation; empty if the scenario has no autopilot."""
     settings, nominal = scenario.laboratory.autopilot, nominal_parameters(scenario)
     follows_attitude = not scenario.control.commands_rates_only()
     return fleet.recipes(nominal, settings=settings, follows_attitude=follows_attitude)
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipes for the wind of a scenario, by the names of the systems."""
+    """Return a recipe for each wind system of a scenario, by the system's name."""
     by_kind: dict[type[WindSource], list[Any]] = {}
     for settings, source in zip(scenario.laboratory.wind, fleet.laboratory.wind, strict=True):
         by_kind.setdefault(type(settings), []).append(source)
     surroundings = WindSurroundings(steady_wind(fleet.laboratory.wind), wind_period(scenario))
     recipes: dict[str, Recipe] = {}
-    # The order is fixed, since it determines the rounding of the sum of all winds and the order in drawings.
+    # The order is fixed, since it affects the rounding of the total wind and the order of systems in drawings.
     for kind in sorted(by_kind, key=lambda kind: kind.depends_on_position):
         recipes |= kind.recipes(by_kind[kind], surroundings)
     return recipes
 
 
 def _sensors(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
-    """Return the recipes for the sensors of a scenario, by the names of their ports."""
+    """Return a recipe for each sensor of a scenario, by the name of the sensor's port."""
     settings, drawn = scenario.laboratory.named_sensors, fleet.laboratory.named_sensors
     return {name: sensor.recipe(drawn[name], fleet.vehicle) for name, sensor in settings.items()}

@@ -1,4 +1,4 @@
-"""Flight recorder, a diagram of Drake's own systems that logs signals."""
+"""Flight recorder: a diagram of Drake's standard systems that logs signals."""
 
 from collections.abc import Mapping
 
@@ -8,11 +8,11 @@ from pydrake.systems.primitives import Multiplexer, VectorLogSink, ZeroOrderHold
 
 
 def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
-    """Build a diagram `recorder` with one input port for each signal, which records all signals at every tick.
+    """Build the diagram `recorder`, which has an input port for each signal and records all signals at every tick.
 
-    A log samples its input before the discrete updates of the same time, and would therefore record the state of a
-    discrete vehicle one period late. Therefore a zero-order hold samples all signals at each tick together with all
-    other discrete updates, and the log reads the output of the hold at the next tick.
+    Drake's log samples its input before the discrete updates of the same instant. It would therefore record the state
+    of a discrete vehicle one period late. A zero-order hold therefore samples all signals during the discrete updates
+    of each tick, and the log reads the hold's output at the next tick.
 
     Args:
         signals: size of each input port, by name.
@@ -32,7 +32,7 @@ def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
 
 
 def clear_recorder(recorder: Diagram, context: Context) -> None:
-    """Delete all recorded ticks. The log keeps them even if the context is reset to its defaults.
+    """Delete all recorded ticks, which the log keeps even if the context is reset to its defaults.
 
     Args:
         recorder: recorder from `build_recorder`.

@@ -1,11 +1,11 @@
-"""Controllers in Python as kinds of the scenario language.
+"""Registration of a user's Python controllers, so that scenarios can name them as a `kind`.
 
-In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode` of a position controller, or of
-a whole control if the system has the output port of a control. Scenarios use this kind like the kinds of this library,
-so that all commands and functions can fly it. If the system is a `FleetSystem` that declares a record of parameters
-with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
+In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode`. The class becomes a position
+controller or, if it has the output port of a control, a control. Scenarios, commands and functions then use `kind:
+mine.SlidingMode` in the same way as the kinds of this library. If the system is a `FleetSystem` that declares a record
+of parameters with defaults, as in `def declare(self, *, parameters=Gains())`, these parameters are fields of the kind.
 
-A kind is known only after its module was imported. A scenario never imports a module.
+A scenario can use a kind only after the kind's module was imported. Scenarios never import modules.
 """
 
 import inspect
@@ -40,7 +40,7 @@ COMMANDS = ("acceleration_command", *_CONTROL_COMMANDS)
 
 
 class _UserSystemSettings(Model):
-    """Settings of a user's Python system.
+    """Settings of a user's Python system in a scenario.
 
     Attributes:
         system: class of the system.
@@ -50,7 +50,7 @@ class _UserSystemSettings(Model):
 
     @classmethod
     def registration_option(cls) -> str:
-        """Return the option `--controller` for the system; empty if no file that can be imported defines it."""
+        """Return the option `--controller` that imports the system; empty if no importable file defines it."""
         if issubclass(cls.system, ExportedController):
             return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
         file = "" if cls.system.__module__ == "__main__" else file_of(cls.system)
@@ -64,7 +64,7 @@ class _UserSystemSettings(Model):
 
 
 class RegisteredPositionController(_UserSystemSettings, PositionController):
-    """Position controller in Python."""
+    """Settings of a position controller that is a user's Python system."""
 
     feed_forward: FeedForward = Field(  # type: ignore[misc]
         default="none", description="highest derivative of the reference that the attitude control feeds forward"
@@ -78,7 +78,7 @@ class RegisteredPositionController(_UserSystemSettings, PositionController):
 
 
 class RegisteredControl(_UserSystemSettings, Control):
-    """Control in Python."""
+    """Settings of a control that is a user's Python system."""
 
     network: ClassVar = None
 
@@ -87,7 +87,7 @@ class RegisteredControl(_UserSystemSettings, Control):
         return {"system": _recipe(self)}
 
     def build(self, systems: Mapping[str, Any], user_systems: Mapping[str, Any]) -> Diagram:
-        """Return a diagram around the system, with its ports."""
+        """Return a diagram that contains the system and exports its ports."""
         system, builder = systems["system"], DiagramBuilder()
         builder.AddNamedSystem("system", system)
         for port in map(system.get_input_port, range(system.num_input_ports())):
@@ -101,19 +101,19 @@ class RegisteredControl(_UserSystemSettings, Control):
         return True
 
     def limits(self) -> ThrustVectoringSettings:
-        """Return the default limits, which a system may ignore."""
+        """Return the default limits on the commands, which a user's system may ignore."""
         return ThrustVectoringSettings()
 
 
 def register_controller(system: Any) -> str:
     """Register a Drake system class as a kind of controller, and return the name of the kind.
 
-    The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a kind of position
-    controller, and a class with the port `wrench` or `attitude_target` a kind of control.
+    The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a position
+    controller. A class with the output port `wrench` or `attitude_target` becomes a control.
 
     Args:
-        system: class with the ports of a `position_controller` or a `control` of `simulate`. For studies and
-            fleets, its constructor takes `num_vehicles`, the number N of vehicles.
+        system: class with the ports that `simulate` requires of a `position_controller` or a `control`. For studies and
+            fleets, its constructor must accept `num_vehicles`, the number N of vehicles.
 
     Raises:
         InputError: if the class has none of these output ports or cannot be constructed.
@@ -147,7 +147,7 @@ def register_controller(system: Any) -> str:
 
 
 def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
-    """Return new systems of the registered kinds in a scenario that are no `FleetSystem`.
+    """Return a new system for each registered kind in a scenario that is not a `FleetSystem`.
 
     The keys are the arguments of `simulate` that accept the systems.
     """
@@ -161,7 +161,7 @@ def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, 
 
 
 def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
-    """Return an object of a class; if the constructor does not take a number of vehicles, it is for one vehicle.
+    """Construct a system for N vehicles, or for one vehicle if its constructor has no argument `num_vehicles`.
 
     Raises:
         InputError: if the constructor fails.
@@ -182,7 +182,7 @@ def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
 
 
 def _takes_number(system: type) -> bool:
-    """Return whether the constructor of a class takes the number of vehicles."""
+    """Return whether the constructor of a class has an argument `num_vehicles`."""
     try:
         return "num_vehicles" in inspect.signature(system).parameters
     except ValueError:  # some classes implemented in C++ have no signature
@@ -190,10 +190,10 @@ def _takes_number(system: type) -> bool:
 
 
 def _role_of(system: Any) -> tuple[str, str]:
-    """Return the part of the loop that a system replaces, and its command over the link.
+    """Return the part of the loop that a system replaces, and the command that it sends over the link.
 
     Raises:
-        InputError: if it has the output port of neither a position controller nor a control.
+        InputError: if the system has the output port of neither a position controller nor a control.
     """
     count = system.num_output_ports() if hasattr(system, "num_output_ports") else 0
     ports = {system.get_output_port(i).get_name() for i in range(count)}
@@ -210,7 +210,7 @@ def _role_of(system: Any) -> tuple[str, str]:
 
 
 def _default_parameters(system: Any) -> Any:
-    """Return the default record of the parameters that a `FleetSystem` declares; None if they are not plain numbers."""
+    """Return the default parameter record that a `FleetSystem` declares; None if its fields are not plain numbers."""
     if not hasattr(system, "declare"):
         return None
     parameter = inspect.signature(system.declare).parameters.get("parameters")
@@ -220,7 +220,7 @@ def _default_parameters(system: Any) -> Any:
 
 
 def _recipe(settings: Any) -> Recipe:
-    """Return the recipe for the system of a registered kind."""
+    """Return the recipe for the system that a registered kind stands for."""
     parameters = _default_parameters(settings.system)
     if parameters is not None:
         parameters = type(parameters)(*(getattr(settings, name) for name in parameters._fields))
@@ -228,18 +228,18 @@ def _recipe(settings: Any) -> Recipe:
 
 
 def _registered(kind: str, system: type) -> Any:
-    """Return the settings of a kind if it is registered for this system; otherwise None."""
+    """Return the settings of a kind if this system class is registered for it; otherwise None."""
     found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
-    # The name of the kind of exported code contains a digest of the code.
+    # Exported code has a kind whose name contains a digest of the code, so different code has a different kind.
     is_same = getattr(found, "system", None) is system or (found is not None and issubclass(system, ExportedController))
     return found if is_same else None
 
 
 def _restored(system: type, fields: dict[str, Any]) -> Any:
-    """Return the settings of a system in another process, where its kind may not be registered yet."""
+    """Unpickle the settings of a system in another process, where its kind may not be registered yet."""
     return _registered(register_controller(system), system).model_construct(**fields)
 
 
 def _restored_export(folder: Path, machine: str, fields: dict[str, Any]) -> Any:
-    """Return the settings of an exported controller in another process."""
+    """Unpickle the settings of an exported controller in another process."""
     return _restored(exported_controller(folder, machine), fields)

@@ -29,13 +29,12 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Signals of a control that are exported and recorded. A user's control must only provide the signal for the command
-# link.
+# Control signals that are exported and recorded. A user's control must provide only the signal for the command link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
 )
-# Signals that a controller may send over the command link; it sends one of them.
+# Signals that a controller may send over the command link. Each controller sends one of them.
 _COMMANDS = ("wrench", "attitude_target")
 
 
@@ -50,23 +49,23 @@ def build_fleet_diagram(
     exported: Exported | None = None,
     open_action: bool = False,
 ) -> Diagram:
-    """Build the closed loop of a scenario for the samples of a batch, with one vehicle for each sample.
+    """Build the closed loop of a scenario, with one vehicle for each sample in a batch.
 
     Args:
-        batch: batch that is flown.
-        plan: plan that is flown.
-        user_systems: user's systems for the same number of vehicles, which the diagram will own.
-        record: True to add a recorder of all signals, sampled at every tick of the control.
+        batch: samples to fly.
+        plan: plan that the vehicles follow.
+        user_systems: the user's systems, built for the same number of vehicles. The diagram will own them.
+        record: True to add a recorder, which samples all signals at every control tick.
         drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
             samples.
-        injects: True to add an input port `injection`, which is added to the command over the link, and an output port
-            `injected` with the sum.
-        exported: declaration of input ports for the random numbers of the laboratory.
+        injects: True to add two ports. The signal at the input port `injection` is added to the command over the link;
+            the output port `injected` has the sum.
+        exported: declaration of input ports that supply the laboratory's random numbers.
         open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
-        InputError: if the control requires a policy and has none, a user's system does not fit, or the time step of the
-            vehicle is too long.
+        InputError: if the control lacks a required policy, a user's system is unsuitable, or the vehicle's time step is
+            too long.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     command, rows = scenario.laboratory.autopilot.command, scenario.control.policy_rows()
@@ -161,7 +160,7 @@ def reset_fleet(
         diagram: diagram from `build_fleet_diagram` for a batch of the same scenario and size, and for the same plan.
         context: context of the diagram.
         batch: new batch.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
         user_systems: user's systems in the diagram, which do not depend on the batch.
 
     Raises:
@@ -189,7 +188,7 @@ def set_fleet_parameters(
         diagram: diagram from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
         context: context of the diagram.
         batch: batch that determines the parameters.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
         user_systems: user's systems in the diagram, whose parameters do not change.
     """
     recipes = {

@@ -1,4 +1,4 @@
-"""User's systems, which replace parts of the closed loop, with checks of their ports."""
+"""Systems that a user passes to replace parts of the closed loop, and checks of their ports."""
 
 import inspect
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from drake_quad.signals import SIGNALS
 
 
 class UserSystems(NamedTuple):
-    """User's Drake systems in the closed loop; for studies, functions that build them for N vehicles.
+    """The user's Drake systems in the closed loop or, for studies, functions that build these systems for N vehicles.
 
     Attributes:
         position_controller: replaces the position controller of the scenario. Input ports: `measurement` and
@@ -33,11 +33,11 @@ class UserSystems(NamedTuple):
 
     @property
     def specified(self) -> dict[str, Any]:
-        """Systems that the user gives, by attribute name."""
+        """Systems that the user passes, by attribute name."""
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def build(self, num_vehicles: int) -> "UserSystems":
-        """Return the systems that these functions build for N vehicles.
+        """Call the user's functions, and return the systems that they build for N vehicles.
 
         Raises:
             InputError: if a function cannot be called with the number of vehicles as its only argument, or does not
@@ -47,7 +47,7 @@ class UserSystems(NamedTuple):
         for name, make in self.specified.items():
             takes_a_number = _takes_a_number(make)
             system = make(num_vehicles) if takes_a_number else None
-            if not _is_system(system):  # None is rejected here, since it would select the scenario's own system
+            if not _is_system(system):  # reject None, which would later select the scenario's system
                 flaw = f"{_described(make)} returns {_returned(system)}" if takes_a_number else f"is {_described(make)}"
                 raise InputError(
                     f"{name} must be a function of the number of vehicles that returns a Drake system for them, as in"
@@ -58,7 +58,7 @@ class UserSystems(NamedTuple):
 
 
 class SystemPorts(NamedTuple):
-    """Ports that a user's system may or must have.
+    """Ports that a user's system may have or must have.
 
     Attributes:
         inputs: names of the input ports that the system may have.
@@ -100,15 +100,15 @@ def check_user_systems(
         systems: systems to check.
         num_vehicles: number of vehicles N.
         command: signal that the command link carries, which a user's control must compute.
-        rows: number of rows of `observation` and `action`, if the control of the scenario has a policy.
+        rows: numbers of rows of `observation` and `action`, if the scenario's control has a policy.
         sensors: names of the ports of sensors, which a user's control may read.
 
     Raises:
-        InputError: if a system has ports that do not fit, or two systems exclude each other.
+        InputError: if a system has unsuitable ports, or if two systems cannot be used together.
     """
     if systems.control is not None and systems.position_controller is not None:
         raise InputError(
-            "control replaces the whole control, so it must not be given together with position_controller"
+            "pass either control or position_controller, not both: control also replaces the position controller"
         )
     if systems.policy is not None and (not rows or systems.control is not None):
         raise InputError(
@@ -159,7 +159,7 @@ def _is_system(thing: Any) -> bool:
 
 
 def _takes_a_number(make: Any) -> bool:
-    """Return whether a function can be called with one argument; True if it has no signature."""
+    """Return whether a function accepts a single argument; True if its signature is unknown."""
     try:
         inspect.signature(make).bind(1)
     except TypeError:  # also raised for objects that are not callable
@@ -170,7 +170,7 @@ def _takes_a_number(make: Any) -> bool:
 
 
 def _described(thing: Any) -> str:
-    """Return a short description, without memory address, of an object that should be a system."""
+    """Return a short description of an object that should be a system, without its memory address."""
     if not callable(thing):
         return "None" if thing is None else f"an object of type {type(thing).__name__}"
     name = getattr(thing, "__name__", type(thing).__name__)

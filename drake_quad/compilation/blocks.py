@@ -1,7 +1,7 @@
-"""Blocks: leaf systems that can be compiled, with the formulas for their outputs and updates.
+"""Blocks: leaf systems that can be compiled, with the formulas of their outputs and updates.
 
-A FleetSystem declares its formulas. In addition, the compiler supports those systems of Drake that a fleet needs, which
-select, join, add, scale or hold rows.
+A FleetSystem declares its formulas. The compiler also supports the Drake systems that select, join, add, scale or hold
+rows.
 """
 
 import math
@@ -32,12 +32,13 @@ from drake_quad.framework.records import ABSENT
 
 
 class BlockUpdate(NamedTuple):
-    """Update of the state of a block.
+    """Update of a block's state.
 
     Attributes:
-        compute: function of a view of the trace that returns the new rows of state groups, by the number of the group.
+        compute: function that takes the `BlockView` of a trace, and returns the new rows of state groups by group
+            number.
         period: period of the update, s; None for an update at the start of a simulation.
-        unrestricted: True for an update before all discrete updates of the same instant.
+        unrestricted: True for an update that precedes all discrete updates of the same instant.
         at_start: True if the update also takes place at time zero.
     """
 
@@ -48,7 +49,7 @@ class BlockUpdate(NamedTuple):
 
 
 class Block(ABC):
-    """Leaf system that can be compiled.
+    """Leaf system that the compiler supports.
 
     Attributes:
         system: leaf system of Drake.
@@ -62,7 +63,7 @@ class Block(ABC):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key. The computations of blocks with equal keys are equal, for any number of vehicles."""
+        """Hashable key. Blocks with equal keys have the same computations, for any number of vehicles."""
         return type(self), *[work.period for work in self.updates]
 
     @abstractmethod
@@ -76,7 +77,7 @@ class Block(ABC):
 
 def block_of(system: Any) -> Block | None:
     """Return the block of a leaf system; None if the system cannot be compiled."""
-    kind = next((_BLOCKS[base] for base in type(system).__mro__ if base in _BLOCKS), None)
+    kind = next((_BLOCK_TYPES[base] for base in type(system).__mro__ if base in _BLOCK_TYPES), None)
     if kind is not None:
         return kind(system) if has_vectors(system) and _starts_at_zero(system) else None
     if isinstance(system, FleetSystem) and _is_declared(system):
@@ -119,7 +120,7 @@ def _is_declared(system: FleetSystem) -> bool:
 
 
 class _Declared(Block):
-    """Block of a FleetSystem, whose computations are declared."""
+    """Block of a FleetSystem, which declares its computations."""
 
     def __init__(self, system: FleetSystem) -> None:
         super().__init__(system)
@@ -172,7 +173,7 @@ def _update_function(computation: Computation) -> Callable[[BlockView], dict[int
 
 
 def _results(computation: Computation, view: BlockView) -> list[Rows]:
-    """Return the rows of each result of a computation."""
+    """Run the formula of a computation on symbols, and return the rows of each result."""
     values = []
     for read in computation.reads:
         match read:
@@ -242,7 +243,7 @@ class _Gain(Block):
 
     @property
     def _factors(self) -> list[float]:
-        # Drake has no method that returns the factors.
+        # Drake's Gain has no method that returns its factors, so the gain is evaluated for inputs of 1.
         context = self.system.CreateDefaultContext()
         self.system.get_input_port().FixValue(context, np.ones(self.system.get_input_port().size()))
         factors: list[float] = self.system.get_output_port().Eval(context).tolist()
@@ -283,7 +284,7 @@ class _Trajectory(Block):
         return [view.source(index, element) for element in range(self.system.get_output_port().size())]
 
 
-_BLOCKS: dict[type, Callable[[Any], Block]] = {
+_BLOCK_TYPES: dict[type, Callable[[Any], Block]] = {
     Adder: _Adder,
     Broadcast: _PassThroughBlock,
     ConstantVectorSource: _Constant,

@@ -1,8 +1,7 @@
-"""Compiled fleet in which every vehicle has an individual clock.
+"""Compiled fleet whose vehicles restart individually, each with its own clock.
 
-In Drake's simulator, the time is the same for all vehicles. If vehicles of a fleet restart at different times, each
-needs an individual clock. This clock counts the ticks since the last restart of the vehicle. It determines the
-reference and the random numbers of the vehicle.
+In Drake's simulator, all vehicles share one time. Vehicles that restart at different times need individual clocks. A
+vehicle's clock counts the ticks since its last restart, and determines its reference and its random numbers.
 """
 
 import itertools
@@ -18,7 +17,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# Index of the first row in the log, and layout, of each port or state group, by name.
+# First row in the log and layout of each port or state group, by name.
 _LogRows = dict[str, tuple[int, Layout]]
 
 
@@ -37,7 +36,7 @@ class InitialValues(NamedTuple):
 
 
 class Initializer:
-    """Machine code that initializes simulations of a diagram.
+    """Machine code that computes the initial values of a diagram's simulations.
 
     Args:
         diagram: diagram for any number of vehicles; all its systems must be compilable.
@@ -53,7 +52,7 @@ class Initializer:
         self._events = [event for event in (program.event_at(None), logging_event) if event is not None]
 
     def initial_values(self, context: Context) -> InitialValues:
-        """Return state, parameters and outputs at time zero, given a context of the diagram."""
+        """Return state, parameters and outputs at time zero, for the parameters in a context of the diagram."""
         program, n = self._program, self._program.num_vehicles
         state, parameters = program.read(context)
         for event in self._events:
@@ -74,15 +73,15 @@ def _compilable(diagram: Diagram) -> Program:
 
 
 class ClockedFleet:
-    """Vehicles of a diagram in machine code, simulated tick by tick, each with an individual clock.
+    """Fleet that machine code simulates tick by tick, with an individual clock for each vehicle.
 
     A tick starts with the discrete updates at an instant and ends just before the discrete updates at the next instant.
     The updates use the value of the diagram's input port. The outputs are evaluated at the end of the tick.
 
     Args:
         diagram: diagram for any number of vehicles with one input port; all its systems must be compilable.
-        tick: period of the ticks, s, of which all periods in the diagram must be divisors.
-        num_ticks: number of ticks at which a clock stops.
+        tick: period of the ticks, s; it must be a multiple of each period in the diagram.
+        num_ticks: tick count at which each clock stops.
         outputs: names of the selected output ports of the diagram, without duplicates.
         monitor: path of a system whose next discrete state can also be read.
 
@@ -91,7 +90,7 @@ class ClockedFleet:
         clocks: (N,) numbers of ticks since the last restart of each vehicle, int64.
 
     Raises:
-        InputError: if the diagram cannot be compiled with such ticks.
+        InputError: if the diagram cannot be compiled with ticks of this period.
     """
 
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, outputs: Sequence[str], monitor: str) -> None:
@@ -134,21 +133,21 @@ class ClockedFleet:
         np.minimum(self._all_clocks + 1, self._max_clock, out=self._all_clocks)
 
     def columns(self, name: str) -> slice:
-        """Return the columns of `InitialValues.outputs` that contain a selected output port, given its name."""
+        """Return the columns of `InitialValues.outputs` that belong to a selected output port."""
         first, layout = self._output_rows[name]
         return slice(first, first + layout.num_rows)
 
     def outputs(self, name: str, dtype: Any = float) -> np.ndarray:
-        """Return the (N, rows) value of a selected output port after a tick, given its name and the NumPy type."""
+        """Return the (N, rows) value of a selected output port after a tick, converted to a NumPy type."""
         rows = self._loop.log[:, self.columns(name)]
         return np.array(rows.transpose(0, 2, 1), dtype, order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
     def output_record(self, name: str) -> Any:
-        """Return the value of a selected output port after a tick, given its name, as a record of (N,) rows."""
+        """Return the value of a selected output port after a tick, as a record of (N,) rows."""
         return self._record(*self._output_rows[name])
 
     def next_state(self, name: str) -> Any:
-        """Return the value of a state group of the monitor after its next update, as a record of (N,) rows."""
+        """Return the value of a monitor's state group after its next update, as a record of (N,) rows."""
         return self._record(*self._state_rows[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
@@ -156,7 +155,7 @@ class ClockedFleet:
         return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
     def _log_rows(self, outputs: Sequence[str], monitor: str) -> tuple[_LogRows, _LogRows]:
-        """Return the positions of the selected ports, and of the monitor's state groups, in the log."""
+        """Return the log rows of each selected port and of each of the monitor's state groups."""
         ports = []
         for name in outputs:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles

@@ -1,10 +1,10 @@
-"""Machine code of a tick for vehicles with individual clocks.
+"""Machine code that simulates one tick of vehicles with individual clocks.
 
 All rows of a vector of vehicles are stored contiguously in memory, and remain there from tick to tick:
 
     rows    (vectors, rows, lanes)      [state of vehicles 0 to 7] [state of vehicles 8 to 15] ...
 
-A table contains the numbers that depend only on time, one row per tick. For each vehicle, its clock selects the row.
+A table contains the values that depend only on time, with one row per tick. A vehicle's clock selects its row.
 Results that depend only on parameters are computed when the parameters change.
 """
 
@@ -26,16 +26,16 @@ class ClockedLoop:
     """Machine code that simulates a tick.
 
     Args:
-        listing: listing of a tick, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
-        logged: symbols or numbers to write to the log.
-        sizes: numbers of rows of the groups.
-        width: number of columns of the table.
+        listing: operations of a tick, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        changes: symbol or number that each changed row of the state receives, by row index.
+        logged: symbols or numbers that are written to the log, row by row.
+        sizes: number of rows in each group.
+        width: number of columns in the table of time-dependent values.
         num_vehicles: number N of vehicles.
 
     Attributes:
         lanes: number of vehicles in a vector.
-        state: (vectors, rows, lanes) state, which a tick changes.
+        state: (vectors, rows, lanes) state, which each tick updates.
         parameters: (vectors, rows, lanes) parameters; `prepare` must be called after they change.
         inputs: (vectors, rows, lanes) inputs.
         log: (vectors, rows, lanes) logged values of the last tick.
@@ -65,9 +65,9 @@ class ClockedLoop:
         self._allocate(num_vehicles)
 
     def with_num_vehicles(self, num_vehicles: int) -> Self:
-        """Return a loop with the same machine code for another number of vehicles.
+        """Return a copy of this loop for another number of vehicles, with the same machine code.
 
-        Loops for a single vehicle and loops for several vehicles cannot be converted to each other.
+        A loop for a single vehicle cannot be converted to a loop for several vehicles, or vice versa.
         """
         result = copy.copy(self)
         result._allocate(num_vehicles)
@@ -83,7 +83,11 @@ class ClockedLoop:
         self._arrays = self.state, self.parameters, self.inputs, self._precomputed, self.log, self.clocks, self._shared
 
     def prepare(self, vectors: Sequence[int]) -> None:
-        """Compute the results that depend only on parameters, for the vectors with the given indices."""
+        """Compute the results that depend only on parameters.
+
+        Args:
+            vectors: indices of the vectors of vehicles.
+        """
         for vector in vectors:
             self._run(vector, 1, 1, *self._arrays, self._shared)
 
@@ -91,7 +95,7 @@ class ClockedLoop:
         """Simulate one tick for all vehicles.
 
         Args:
-            table: (ticks, width) numbers that depend only on time.
+            table: (ticks, width) values that depend only on time.
         """
         self._run(0, len(self.state), 0, *self._arrays, table)
 
@@ -103,7 +107,7 @@ def _zeros(vectors: int, rows: int, lanes: int) -> np.ndarray:
 
 
 def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int, lanes: int) -> str:
-    """Return the LLVM code of both parts of a tick, given the number of rows of each group, and the table's width."""
+    """Return the LLVM code of a tick: the function `PREPARE`, the function `EVENT`, and the driver that calls them."""
     shared = Rows("%shared", lanes)
     return "\n".join(
         [
@@ -117,7 +121,7 @@ def _module(preparation: Part, event: Part, rows: Mapping[str, int], width: int,
 
 
 def _take_function(width: int, lanes: int) -> str:
-    """Return the LLVM code of `take`, which copies the table row selected by the clock of each vehicle of a vector."""
+    """Return the LLVM code of `take`, which copies each vehicle's table row, selected by its clock, for one vector."""
     driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
     with driver.loop("lane", 0, lanes):
         driver.at("clock_at", "clocks", "%lane", "i64")

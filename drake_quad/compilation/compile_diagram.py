@@ -1,4 +1,4 @@
-"""Compilation of a diagram: its systems are replaced with one compiled system."""
+"""Compilation of a diagram, which replaces its systems with one compiled system."""
 
 from collections import defaultdict
 from typing import Any
@@ -23,13 +23,13 @@ def compile_diagram(
 ) -> Diagram:
     """Compile a diagram to machine code.
 
-    All systems that declare formulas, and some simple systems of Drake, are compiled to a single system. Every other
-    system, such as a controller in plain Python, remains a separate system in the compiled diagram.
+    Systems that declare formulas, and some simple Drake systems, are compiled to a single system. All other systems,
+    such as a controller in plain Python, remain separate systems in the compiled diagram.
 
     Args:
         diagram: diagram of systems with discrete state, for any number of vehicles. The compiled diagram refers to it
             and does not change it.
-        ticks: largest number of ticks that one event may simulate, if no other system uses the results in between.
+        ticks: largest number of ticks that one event may simulate, if no other system needs intermediate results.
             Outputs are then updated only at the end of an event, and simulations must start at time zero. None for an
             event at every instant at which an event of the diagram occurs, so that state and outputs equal the state
             and outputs of the original diagram at any time.
@@ -89,9 +89,9 @@ def compiled_part(diagram: Diagram) -> CompiledSystem:
 
 
 def as_compilable(system: Any) -> Any:
-    """Return the system if it can be compiled, else a `SystemPlaceholder` for use in a diagram that will be compiled.
+    """Return the system if it can be compiled, else a `SystemPlaceholder` for it.
 
-    In the compiled diagram, the stand-in is replaced with the system.
+    A diagram with the placeholder can be compiled. The compiled diagram contains the system instead of the placeholder.
     """
     leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
     return system if all(map(block_of, leaves)) else SystemPlaceholder(system)
@@ -100,7 +100,7 @@ def as_compilable(system: Any) -> Any:
 def _connect_uncompiled(
     builder: DiagramBuilder, program: Program, core: Any, uncompiled: dict[str, Any]
 ) -> dict[str, list[Any]]:
-    """Connect the inputs of uncompiled systems; return the inputs to export, by the name of the exported port."""
+    """Connect the inputs of uncompiled systems, and return the inputs that the diagram exports, by port name."""
     exported: dict[str, list[Any]] = defaultdict(list)
     for path, system in uncompiled.items():
         for index, source in enumerate(program.topology.sources(path)):

@@ -1,4 +1,4 @@
-"""Drake system that replaces the compiled systems of a diagram."""
+"""The Drake system that replaces all compiled systems of a diagram."""
 
 import functools
 from collections.abc import Iterable, Sequence
@@ -15,14 +15,14 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Largest number of cached tables of the numbers that all vehicles share. Further tables are computed in each flight.
+# Largest number of cached tables of shared values. When the cache is full, every flight computes its further tables.
 _MAX_TABLES = 256
-# Number of events that a table covers if the simulator requests one event at a time.
+# Number of events in a table if the simulator requests one event at a time.
 _TABLE_EVENTS = 64
 
 
 class Log:
-    """Recorded outputs of a compiled system since time zero, as consecutive arrays (ticks, rows, N)."""
+    """Outputs of a compiled system that were recorded since time zero, as consecutive arrays (ticks, rows, N)."""
 
     def __init__(self) -> None:
         self.parts: list[np.ndarray] = []
@@ -31,13 +31,13 @@ class Log:
 class CompiledSystem(LeafSystem):
     """Single system that replaces all compiled systems of a diagram.
 
-    The discrete state contains the rows of the states of all compiled systems, system by system. The first numeric
-    parameter contains the rows of all their parameters.
+    The discrete state contains the state rows of all compiled systems, system by system. The first numeric parameter
+    contains all their parameter rows.
 
     Args:
         program: compiler of the diagram.
-        ticks: largest number of ticks that one event may simulate, if no other system uses the results in between; None
-            for an event at every instant at which an event of the diagram occurs.
+        ticks: largest number of ticks that one event may simulate, if no other system needs intermediate results; None
+            to declare an event at every instant at which the original diagram has an event.
         tick: period of the ticks, s, which must be one of the diagram's periods; None for the least common multiple of
             all periods.
         record: True to record the diagram's output ports at every tick.
@@ -73,7 +73,7 @@ class CompiledSystem(LeafSystem):
         self.recorded = dict(program.topology.outputs) if record else {}
         self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
-        # An event may span several instants only if no other system uses the results of the instants in between.
+        # An event may span several instants only if no other system uses the intermediate results.
         is_alone = not program.row_ranges.inputs
         strides, ports = None, tuple(self.recorded.values())
         if ticks is not None and (is_alone or not program.uncompiled_have_state):
@@ -99,16 +99,16 @@ class CompiledSystem(LeafSystem):
         self.program.write(diagram_context, state, parameters)
 
     def set_end(self, context: Context, time: float) -> None:
-        """Set the time (s) after which events that simulate several ticks change nothing."""
+        """Set the end of the simulation, s. Later events that simulate several ticks have no effect."""
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
-        """Return a copy of the record of a group of a FleetSystem's state.
+        """Return a copy of a FleetSystem's state group, as a record.
 
         Args:
             context: context of this system.
-            path: path of the FleetSystem in the diagram, with dots between names.
-            name: name of the group.
+            path: path of the FleetSystem in the diagram, with names joined by dots.
+            name: name of the state group.
         """
         group = lookup(self._system(path).states, name, "group of the state")
         rows = self._rows(
@@ -117,13 +117,13 @@ class CompiledSystem(LeafSystem):
         return group.layout.build(rows)
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
-        """Return a copy of the record of a FleetSystem's parameter; the arguments are as in `get_state`."""
+        """Return a copy of a FleetSystem's parameter, as a record; the arguments are as in `get_state`."""
         parameter = lookup(self._system(path).parameters, name, "parameter")
         row_range = self.program.row_ranges.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), row_range))
 
     def log(self, context: Context) -> dict[str, np.ndarray]:
-        """Return the (ticks, rows · N) signals that were recorded since time zero, by name."""
+        """Return the signals recorded since time zero, by name, as arrays (ticks, rows · N)."""
         parts = context.get_abstract_parameter(self._log).get_value().parts
         n = self.program.num_vehicles
         num_rows = sum(self.GetOutputPort(name).size() for name in self.recorded) // n
@@ -150,7 +150,7 @@ class CompiledSystem(LeafSystem):
         return part.tolist() if n == 1 else part.reshape(count, n)  # type: ignore[return-value]
 
     def _declare_instants(self) -> None:
-        """Declare events at every instant at which an event of the diagram occurs."""
+        """Declare an event at every instant at which the original diagram has an event."""
         program, ports = self.program, tuple(self.recorded.values())
         discrete = [
             program.event_at(instant, () if instant % self._instants else ports) for instant in range(program.cycle)
@@ -214,7 +214,7 @@ class CompiledSystem(LeafSystem):
             parts.append(log)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the shared numbers of consecutive events, from a cache that is filled for many events at once."""
+        """Return the shared values of consecutive events, from a cache that is filled for many events at once."""
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
@@ -223,12 +223,12 @@ class CompiledSystem(LeafSystem):
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
     def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
-        """Run one event at the context's time, and return its log."""
+        """Run the event at the context's time, and return its log."""
         shared = self._shared_at(event, context.get_time())[None]
         return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
 
     def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """Run events, given the (events, width) shared numbers, and return their logs."""
+        """Run consecutive events with a table (events, width) of shared values, and return their logs."""
         n = self.program.num_vehicles
         log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
@@ -251,11 +251,11 @@ class CompiledSystem(LeafSystem):
         return inputs
 
     def _declare_output(self, name: str, port: Port) -> None:
-        """Declare an output port with the value of an output port of a leaf system."""
+        """Declare an output port that has the value of a leaf system's output port."""
         size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
         logging_event = functools.cache(
             lambda: self.program.logging_event((port,))
-        )  # outputs are compiled at their first evaluation
+        )  # an output is compiled when it is first evaluated
 
         def calc(context: Context, output: BasicVector) -> None:
             # The event only logs the port and does not change the state.
@@ -268,7 +268,7 @@ class CompiledSystem(LeafSystem):
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
     def _shared_at(self, code: Event, time: float) -> np.ndarray:
-        """Return the shared numbers at a time (s); they are cached if the time is an instant of the diagram."""
+        """Return the shared values at a time (s); they are cached if the time is an instant of the diagram."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
             return self._table(code, instant, 1)[0]

@@ -1,7 +1,7 @@
-"""Machine code that simulates several events, vector by vector of vehicles.
+"""Machine code that simulates several events for one vector of vehicles after another.
 
-The rows of a vector of vehicles are copied from the fleet to contiguous memory, which remains in the processor's
-fastest cache during all events, and are copied back at the end:
+The rows of one vector of vehicles are copied from the fleet to contiguous memory, which remains in the processor's
+fastest cache during all events. After the last event they are copied back:
 
     fleet  ──gather──▶  rows of a vector's vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
@@ -25,15 +25,15 @@ class Loop:
     """Machine code that simulates consecutive events.
 
     Args:
-        listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
-        logged: symbols or numbers to write to the log at every event.
-        sizes: numbers of rows of the groups.
-        width: number of shared numbers of an event, which are the same for all vehicles.
+        listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        changes: symbol or number that each changed row of the state receives, by row index.
+        logged: symbols or numbers that every event writes to the log.
+        sizes: number of rows in each group.
+        width: number of values that all vehicles share in an event.
         single_vehicle: True for machine code that computes only one vehicle.
 
     Attributes:
-        num_logged: number of rows that are written to the log at every event.
+        num_logged: number of rows that every event writes to the log.
     """
 
     def __init__(
@@ -48,9 +48,9 @@ class Loop:
     ) -> None:
         self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
         results = Results.of(listing, changes, logged)
-        # The rows of precomputed results are the last ones. There are at most as many as operations, and memory that is
-        # not used costs nothing. All calls can share this memory, since the function holds Python's global interpreter
-        # lock while it runs.
+        # The precomputed results occupy the last rows. There are at most as many results as operations, and unused
+        # memory costs nothing. All calls can share this memory, since the function holds Python's global interpreter
+        # lock.
         self._scratch = aligned((sum(sizes) + len(listing.operations)) * self._lanes)
         identity = f"loop {self._lanes} {sizes} {width} {results} {listing.digest()}"
         address = generated_kernel_address(identity, lambda: self._module(listing, results, sizes, width))
@@ -58,7 +58,7 @@ class Loop:
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address)
 
     def _module(self, listing: Listing, results: Results, sizes: PartSizes, width: int) -> str:
-        """Return the LLVM code."""
+        """Return the LLVM code of both parts of an event, and of the driver that calls them."""
         preparation, event = split_listing(listing, results)
         return "\n".join(
             [
@@ -71,7 +71,7 @@ class Loop:
         )
 
     def padded(self, num_vehicles: int) -> int:
-        """Return the number of vehicles in a log, which is the number of vehicles rounded up to whole vectors."""
+        """Return the number of columns in a log: the number of vehicles, rounded up to whole vectors."""
         return -(-num_vehicles // self._lanes) * self._lanes
 
     def run(
@@ -89,7 +89,7 @@ class Loop:
             state: (rows · N,) state, which is overwritten.
             parameters: (rows · N,) parameters.
             inputs: (rows · N,) inputs, which are the same at all events.
-            shared: (events, width) numbers that all vehicles share.
+            shared: (events, width) values that all vehicles share.
             log: (events, num_logged, padded N) log, which is overwritten.
             num_vehicles: number N of vehicles.
         """

@@ -1,4 +1,4 @@
-"""Split of the listing of an event, so that results that depend only on parameters are computed in advance."""
+"""Split of an event's listing: results that depend only on parameters are computed in advance."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,18 +9,18 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Numbers of the groups of precomputed and of logged rows, in addition to the groups of a trace.
+# Numbers of two groups in addition to the groups of a trace: precomputed rows and logged rows.
 PRECOMPUTED = 3
 LOG = 4
-# Size of a line of the processor's cache, bytes. The addresses of arrays are multiples of this size.
+# Size of a cache line of the processor, bytes. Array addresses are multiples of this size.
 CACHE_LINE = 64
-# Names and arguments of the LLVM functions of both parts.
+# Names and arguments of the LLVM functions that compute the two parts of an event.
 PREPARE = "@prepare(ptr %parameters, ptr %precomputed)"
 EVENT = "@event(ptr %state, ptr %inputs, ptr %precomputed, ptr %shared, ptr %log, i64 %padded)"
 
 
 class PartSizes(NamedTuple):
-    """Numbers of rows of the groups of a listing.
+    """Number of rows in each group that a listing reads.
 
     Attributes:
         state: number of rows of the state.
@@ -37,21 +37,21 @@ class Part(NamedTuple):
     """Part of an event.
 
     Attributes:
-        listing: operations of the part.
-        stores: results, each with the group and row to which it is written.
+        listing: operations of this part.
+        stores: group and row to which each result is written, and the result.
     """
 
     listing: Listing
     stores: list[tuple[tuple[int, int], Symbol]]
 
     def llvm_function(self, head: str, *, lanes: int, log_stride: str | int, shared: str | Rows) -> str:
-        """Return the LLVM code of the part as a function.
+        """Return the LLVM code of a function that computes this part.
 
         Args:
             head: name and arguments of the function, `PREPARE` or `EVENT`.
             lanes: number of vehicles in a vector.
             log_stride: distance between consecutive rows of the log, in elements.
-            shared: shared numbers, as in `drake_quad.framework.instructions.function`.
+            shared: shared values, as in `drake_quad.framework.instructions.function`.
         """
         groups = {
             STATE: Rows("%state", lanes),
@@ -72,10 +72,10 @@ def aligned(size: int) -> np.ndarray:
 
 
 class Results(NamedTuple):
-    """Lines of a listing that are the results of an event.
+    """Listing lines that are the results of an event.
 
     Attributes:
-        changes: line of the new value of each row of the state that changes, by the index of the row.
+        changes: line that computes the new value of each changed state row, by row index.
         logged: lines that are written to the log.
     """
 
@@ -84,7 +84,7 @@ class Results(NamedTuple):
 
     @classmethod
     def of(cls, listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> "Results":
-        """Return the results, given their symbols; numbers are added to the listing."""
+        """Return the lines of results that are symbols or numbers; numbers are added to the listing as constants."""
 
         def line(result: Any) -> int:
             return (result if result.__class__ is Symbol else listing.constant(result)).line
@@ -93,10 +93,10 @@ class Results(NamedTuple):
 
 
 def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
-    """Split a listing into a part that depends only on parameters, and the rest, which reads the results of this part.
+    """Split a listing into a part that depends only on parameters, and the rest, which reads this part's results.
 
     Args:
-        listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        listing: operations of an event, which read the groups `STATE`, `PARAMETERS` and `INPUTS`.
         results: results of the event.
     """
     lines = [*results.changes.values(), *results.logged]
@@ -116,7 +116,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
 
 
 class _Copy:
-    """Copy of the requested lines of a listing and of their operands.
+    """Partial copy of a listing, with only the requested lines and their operands.
 
     Attributes:
         listing: listing of the copied lines.
@@ -127,14 +127,14 @@ class _Copy:
         self._lines: dict[int, int] = {}
 
     def line(self, line: int) -> int:
-        """Return the number in the copy of a line of the source."""
+        """Copy a line of the source unless it was copied before, and return its number in the copy."""
         found = self._lines.get(line)
         if found is None:
             found = self._lines[line] = self._copied(line, self._source[line])
         return found
 
     def symbol(self, line: int) -> Symbol:
-        """Return the symbol of a line of the source in the copy."""
+        """Copy a line of the source unless it was copied before, and return its symbol in the copy."""
         return Symbol(self.listing, self.line(line), self._source[line].kind)
 
     def _copied(self, line: int, operation: Operation) -> int:
@@ -145,12 +145,12 @@ class _Copy:
 
 
 class _RemainingPart(_Copy):
-    """Copy of a listing that reads the results that depend only on parameters, instead of computing them.
+    """Partial copy of a listing that reads precomputed results where they depend only on parameters.
 
     Args:
         source: listing to copy.
-        fixed: for each line of the listing, True if it depends only on parameters.
-        preparation: copy that computes these lines.
+        fixed: mask of the lines that depend only on parameters.
+        preparation: copy that computes the lines that depend only on parameters.
 
     Attributes:
         precomputed: lines of the source that `preparation` computes and this copy reads.
@@ -162,7 +162,7 @@ class _RemainingPart(_Copy):
         self._fixed, self._preparation = fixed, preparation
 
     def _copied(self, line: int, operation: Operation) -> int:
-        # Repeating a comparison is faster than storing its result.
+        # Recomputing a comparison is faster than storing its result.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
             self._preparation.line(line)
             self.precomputed.append(line)
@@ -171,7 +171,7 @@ class _RemainingPart(_Copy):
 
 
 def _are_fixed(listing: Listing) -> list[bool]:
-    """Return for each line of a listing whether it depends only on parameters and constants."""
+    """Return a mask of the lines that depend only on parameters and constants."""
     fixed: list[bool] = []
     for operation in listing.operations:
         name, operands = operation.name, operation.operands
@@ -183,7 +183,7 @@ def _are_fixed(listing: Listing) -> list[bool]:
 
 
 def _required_lines(listing: Listing, lines: Iterable[int]) -> list[int]:
-    """Return the given lines of a listing and all lines on which they depend, in order."""
+    """Return given lines of a listing, and all lines on which they depend, in ascending order."""
     required = [False] * len(listing.operations)
     for line in lines:
         required[line] = True

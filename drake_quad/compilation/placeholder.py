@@ -1,4 +1,4 @@
-"""Stand-in with the same ports as a system of another diagram."""
+"""Placeholder with the same ports as a system that belongs to another diagram."""
 
 from typing import Any
 
@@ -6,9 +6,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class SystemPlaceholder(LeafSystem):
-    """Stand-in for a system that belongs to another diagram, or will be added to another diagram.
+    """Placeholder for a system that belongs to another diagram, or will be added to another diagram.
 
-    The stand-in has the same ports as the system, and evaluates the system to compute its outputs. The outputs may
+    The placeholder has the same ports as the system, and evaluates the system to compute its outputs. The outputs may
     depend on the inputs, the time and the default parameters. The system must not have a state.
 
     Attributes:
@@ -41,7 +41,7 @@ class SystemPlaceholder(LeafSystem):
 
 
 def wrapped_system(system: Any) -> Any:
-    """Return the system that a stand-in evaluates; other systems are returned unchanged."""
+    """Return the system that a placeholder evaluates; other systems are returned unchanged."""
     return system.system if isinstance(system, SystemPlaceholder) else system
 
 

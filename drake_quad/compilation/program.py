@@ -1,4 +1,4 @@
-"""Compiler of a diagram: the instants of its events, and the machine code of each event."""
+"""Compiler of a diagram, which determines the instants of its events and generates the machine code of each event."""
 
 import functools
 import itertools
@@ -24,8 +24,8 @@ from drake_quad.process_settings import without_garbage_collection
 
 # Largest supported number of instants in the least common multiple of all periods.
 _MAX_CYCLE = 64
-# Largest number of events whose machine code is cached. Diagrams that differ only in their numbers and in the sizes of
-# their fleets share this machine code.
+# Largest number of events whose machine code is cached. Diagrams that differ only in their values and in the number of
+# vehicles share this machine code.
 _MAX_CACHED_EVENTS = 256
 _event_cache: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_CACHED_EVENTS)
 _Result = TypeVar("_Result")
@@ -33,12 +33,12 @@ _Key = TypeVar("_Key")
 
 
 class Event(NamedTuple):
-    """Machine code of an event.
+    """Machine code that simulates an event.
 
     Attributes:
-        loop: machine code.
-        shared: numbers that all vehicles share.
-        instants: number of instants that the event simulates.
+        loop: machine code and its memory.
+        shared: values that all vehicles share.
+        instants: number of consecutive instants that the event simulates.
         inputs: external inputs that the event reads.
     """
 
@@ -49,7 +49,7 @@ class Event(NamedTuple):
 
 
 def _cached(make: Callable[..., _Result]) -> Callable[..., _Result]:
-    """Cache the results of a method of `Program` for all equivalent diagrams; its arguments must be hashable."""
+    """Cache the results of a `Program` method for all equivalent diagrams; its arguments must be hashable."""
 
     @functools.wraps(make)
     def shared(program: "Program", *arguments: Any) -> _Result:
@@ -70,11 +70,11 @@ class Program:
         diagram: diagram to compile.
         topology: leaf systems and connections of the diagram.
         blocks: leaf systems that can be compiled, by path.
-        row_ranges: ranges of rows of all states, parameters and external inputs.
-        sizes: total numbers of rows of states, parameters and external inputs.
+        row_ranges: rows that each state group, parameter and external input occupies.
+        sizes: total number of state rows, parameter rows and rows of external inputs.
         num_vehicles: number N of vehicles.
-        base: time between two instants, s, which is the shortest period.
-        cycle: number of instants in the least common multiple of all periods.
+        base: time between two instants, which is the diagram's shortest period, s.
+        cycle: number of instants in a cycle, which is the least common multiple of the diagram's periods.
 
     Raises:
         InputError: if the diagram contains no FleetSystem, or if its periods are not multiples of the shortest period.
@@ -105,7 +105,7 @@ class Program:
 
     @property
     def uncompiled_have_state(self) -> bool:
-        """True if a system that is not compiled has a state."""
+        """True if an uncompiled system has a state."""
         return any(has_state(wrapped_system(system)) for system in self.uncompiled.values())
 
     def updates(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, BlockUpdate]]:
@@ -123,7 +123,7 @@ class Program:
         ]
 
     def external_sources(self, port: Port) -> set[Port | ExportedPort]:
-        """Return the external sources on which an output port of a leaf system depends by direct feedthrough."""
+        """Return the external sources that have direct feedthrough to a leaf system's output port."""
         if port in self.row_ranges.inputs:
             return {port}
         sources: set[Port | ExportedPort] = set()
@@ -152,12 +152,12 @@ class Program:
     def event_at(
         self, instant: int | None, recorded: tuple[Port, ...] = (), unrestricted: bool = False
     ) -> Event | None:
-        """Return the event of an instant of the cycle, or of the start of a simulation; None if nothing happens then.
+        """Return the event at an instant of the cycle, or at the start of a simulation; None if nothing happens then.
 
         Args:
             instant: number of the instant in the cycle; None for the start of a simulation.
-            recorded: ports that are logged before the updates.
-            unrestricted: True for the event of the unrestricted updates, False for the event of the discrete updates.
+            recorded: output ports that are logged before the updates.
+            unrestricted: True for an event with the unrestricted updates, False for an event with the discrete updates.
         """
         updates = self.updates(instant, unrestricted=unrestricted)
         trace, shared = self._trace(1)
@@ -169,7 +169,7 @@ class Program:
 
     @_cached
     def logging_event(self, logged_ports: tuple[Port, ...]) -> Event:
-        """Return the event that logs the values of ports at an instant, and changes nothing."""
+        """Return an event that logs the values of output ports at an instant, and changes no state."""
         trace, shared = self._trace(1)
         return self._event(trace, shared, 1, _rows(trace, logged_ports))
 
@@ -177,7 +177,7 @@ class Program:
         """Return the number of instants in a period (s) of the diagram.
 
         Raises:
-            InputError: if the cycle is not a multiple of the period.
+            InputError: if the diagram's cycle is not a multiple of this period.
         """
         instants = round(period / self.base)
         if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
@@ -189,15 +189,15 @@ class Program:
 
     @_cached
     def strides(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
-        """Return the events of a cycle, each of which simulates as many instants as possible.
+        """Return the events that simulate a cycle, each over as many instants as possible.
 
         An event starts with the discrete updates at an instant and ends just before the discrete updates at a later
         instant. A cycle consists of several events if external inputs are read more than once, or if a single event
-        would exceed `max_instants` instants. The result is None if instants cannot be joined at all.
+        would exceed `max_instants` instants. The result is None if events cannot simulate whole instants.
 
         Args:
             recorded: ports that are logged every `max_instants` instants, from the first instant on.
-            max_instants: largest number of instants of an event, of which the cycle is a multiple.
+            max_instants: largest number of instants in an event. The cycle must be a multiple of it.
         """
         if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
             # Unrestricted updates at time zero require a separate event.
@@ -214,7 +214,7 @@ class Program:
         return None
 
     def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
-        """Return an event of several instants; None if it would read external inputs after the first instant."""
+        """Return an event over several instants; None if it would read external inputs after the first instant."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
         trace.advance(self.updates(first), first=first == 0)
@@ -224,7 +224,7 @@ class Program:
         return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
     def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
-        """Trace from the end of the discrete updates at an instant to just before the updates at a later instant."""
+        """Trace `instants` instants, from after the discrete updates at the first to before those at the last."""
         for instant in range(first + 1, first + instants + 1):
             trace.next_instant()
             trace.advance(self.updates(instant % self.cycle, unrestricted=True))
@@ -234,10 +234,10 @@ class Program:
     def tick_loop(
         self, instants: int, logged_ports: tuple[Port, ...], monitor: str
     ) -> tuple[ClockedLoop, SharedValues]:
-        """Return the machine code of a tick for vehicles with individual clocks, and the shared numbers of its table.
+        """Return the machine code of a tick for vehicles with individual clocks, and the columns of its table.
 
-        At the end of a tick, the log contains the rows of the ports, followed by the rows of the next state of a
-        system, in the order of its state groups.
+        At the end of a tick, the log contains the rows of the ports, followed by the monitor's next state in the order
+        of its state groups.
 
         Args:
             instants: number of instants in a tick, which must be a whole cycle.
@@ -282,13 +282,13 @@ class Program:
         return loop, shared
 
     def times(self, first: int, instants: int, count: int) -> np.ndarray:
-        """Return the (count, instants + 1) times, s, of the instants of `count` events, from event `first` on."""
+        """Return the times of all instants of `count` consecutive events, an array (count, instants + 1), s."""
         begins = instants * (first + np.arange(count))
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 
     def table(self, shared: SharedValues, times: np.ndarray) -> np.ndarray:
-        """Return the (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
+        """Return the table (events, width) of shared values at given times (events, instants), s."""
         # Each call creates new contexts, so that threads that share a diagram do not change each other's time.
         contexts: dict[str, Context] = {}
 
@@ -304,7 +304,7 @@ class Program:
 
     @functools.cached_property
     def signature(self) -> tuple[Any, ...]:
-        """Hashable key. The machine code of diagrams with equal keys is equal."""
+        """Hashable key. Diagrams with equal keys have the same machine code."""
         leaves = self.topology.leaves
         blocks = tuple(
             [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]
@@ -336,7 +336,7 @@ class Program:
         return instant % round(update.period / self.base) == 0
 
     def _instants(self) -> tuple[float, int]:
-        """Return the time between two instants, s, and the number of instants in a cycle."""
+        """Return the time between two instants (s), and the number of instants in a cycle."""
         periods = [
             (path, update.period)
             for path, block in self.blocks.items()
@@ -371,7 +371,7 @@ class Program:
         return RowRanges(_consecutive_ranges(states), _consecutive_ranges(parameters), _consecutive_ranges(inputs))
 
     def _external_sizes(self) -> dict[Port | ExportedPort, int]:
-        """Return the size of each external source of the compiled systems and of the diagram's outputs."""
+        """Return the size of each external source that the compiled systems and the diagram's outputs read."""
         sizes: dict[Port | ExportedPort, int] = {}
         leaves = self.topology.leaves
         used = [source for path in self.blocks for source in self.topology.sources(path)]
@@ -390,7 +390,7 @@ class Program:
         return size // self.num_vehicles
 
     def _groups(self, name: str, root: Context) -> Iterable[tuple[str, int, Any]]:
-        """Yield path, number and vector of each state group or numeric parameter of the compiled systems."""
+        """Yield path, number and vector of each state group or numeric parameter in the compiled systems."""
         for path in self.blocks:
             context = self.topology.leaves[path].GetMyMutableContextFromRoot(root)
             if name == "state":
@@ -401,7 +401,7 @@ class Program:
                     yield path, index, context.get_mutable_numeric_parameter(index)
 
     def _vectors(self, context: Context, state: np.ndarray, parameters: np.ndarray) -> Iterable[tuple[Any, np.ndarray]]:
-        """Yield each vector of a context of the diagram, with its part of `state` or `parameters`."""
+        """Yield each vector in a context, with the slice of `state` or `parameters` that belongs to it."""
         for name, row_ranges, numbers in (
             ("state", self.row_ranges.states, state),
             ("parameters", self.row_ranges.parameters, parameters),
@@ -418,11 +418,11 @@ def _label(source: Port | ExportedPort) -> str:
 
 
 def _consecutive_ranges(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, int]]:
-    """Return the first row and the number of rows of each of several consecutive groups."""
+    """Return the first row and the number of rows of each group, if the groups are stored consecutively."""
     firsts = itertools.accumulate(num_rows.values(), initial=0)
     return {key: (first, count) for (key, count), first in zip(num_rows.items(), firsts)}
 
 
 def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
-    """Return the rows of several output ports, port by port."""
+    """Return the rows of several output ports, in the order of the ports."""
     return [row for port in ports for row in trace.output(port)]

@@ -1,4 +1,4 @@
-"""Numbers that all vehicles share at an instant: times, ticks of random streams and references."""
+"""Values that all vehicles share at an instant: the time, the ticks of random streams, and the reference."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -23,19 +23,19 @@ class SharedValueSource(NamedTuple):
 
 
 class _Second(NamedTuple):
-    """Number that is 1 if an instant is the second tick of a pair of ticks, else 0."""
+    """Shared value that is 1 if an instant is the second tick of a pair of ticks, else 0."""
 
     ticks: TickOf
 
 
-# Shared numbers: the time, the number of a pair of ticks, the position of a tick in its pair, and an element of a port.
+# A shared value is the time, the number of a pair of ticks, a tick's position in its pair, or an element of a port.
 _SharedValue = str | TickOf | _Second | SharedValueSource
 TIME_VALUE = "time"
-"""Shared number that is the time of the instant, s."""
+"""Shared value that is the time of the instant, s."""
 
 
 class SharedValues:
-    """Columns of a table of shared numbers, with a row for each event and a column for each number of each instant."""
+    """Columns of a table of shared values. A row is an event, and a column is one value at one instant of the event."""
 
     def __init__(self) -> None:
         self._columns: dict[tuple[int, _SharedValue], int] = {}
@@ -46,16 +46,16 @@ class SharedValues:
         return len(self._columns)
 
     def column(self, instant: int, number: _SharedValue) -> int:
-        """Return the index of the column of a number; the column is added if it does not exist.
+        """Return the index of a value's column; the column is added if it does not exist.
 
         Args:
             instant: index of the instant in the event.
-            number: number in the column.
+            number: shared value in the column.
         """
         return self._columns.setdefault((instant, number), len(self._columns))
 
     def second(self, instant: int, ticks: TickOf) -> int:
-        """Return the index of the column that is 1 if an instant is the second tick of a pair of ticks, else 0."""
+        """Return the index of the column that is 1 where the instant is the second tick of a pair, else 0."""
         return self.column(instant, _Second(ticks))
 
     def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
@@ -63,8 +63,8 @@ class SharedValues:
 
         Args:
             times: (events, instants) times of the instants, s.
-            values: function that returns the value of an output port, given the path of the leaf system, the index of
-                the port, and the time (s).
+            values: function that returns an output port's value, given the path of its leaf system, its index, and the
+                time (s).
         """
         table = np.empty((len(times), max(1, self.width)))
         port_values: dict[tuple[int, str, int], np.ndarray] = {}

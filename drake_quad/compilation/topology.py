@@ -1,4 +1,4 @@
-"""Leaf systems of a diagram and their connections, with nested diagrams flattened."""
+"""Leaf systems of a diagram and the connections between them, with nested diagrams flattened."""
 
 from typing import Any, NamedTuple
 
@@ -37,7 +37,7 @@ class Topology:
 
     Attributes:
         leaves: leaf systems, by path.
-        outputs: exported output port of a leaf system, by the name of the diagram's output port.
+        outputs: leaf system's port behind each output port of the diagram, by the name of the diagram's port.
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -53,7 +53,7 @@ class Topology:
             self.outputs[name] = self._leaf_output(Port("", number))
 
     def source(self, port: Port) -> Port | ExportedPort | None:
-        """Return the source of an input port of a leaf system: an output port, or an exported input port.
+        """Return the source of a leaf system's input port: an output port, or an input port of the diagram.
 
         The result is None if the port is not connected.
         """
@@ -67,7 +67,7 @@ class Topology:
         return self._leaf_output(self._sibling_sources[port])
 
     def sources(self, path: str) -> list[Port | ExportedPort | None]:
-        """Return the source of each input port of a leaf system, given its path."""
+        """Return the source of each input port of the leaf system at a path."""
         return [self.source(Port(path, index)) for index in range(self.leaves[path].num_input_ports())]
 
     def _walk(self, path: str, diagram: Diagram) -> None:

@@ -1,7 +1,6 @@
-"""Trace of a diagram: its formulas are executed on symbols, instant by instant.
+"""Trace of a diagram, which executes the diagram's formulas on symbols, instant by instant.
 
-The listing of a trace contains all operations by which the final state of the diagram is computed from its initial
-state.
+The listing of a trace contains all operations that compute the diagram's final state from its initial state.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,21 +13,22 @@ from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# Symbols or numbers of the rows of a port, state or parameter.
+# Rows of a port, state or parameter; each row is a symbol or a number.
 Rows = list[Any]
-# Numbers of the groups of a listing.
+# Numbers of the groups that a listing reads.
 STATE, PARAMETERS, INPUTS = range(3)
-# Tolerance for rounding errors on the ratio of two periods, which must be a whole number.
+# Tolerance for rounding errors in the ratio of two periods, which must be a whole number.
 ROUNDING = 1e-9
 
 
 class RowRanges(NamedTuple):
-    """First row and number of rows of each state group, parameter and external input of a diagram.
+    """Row range (first row and number of rows) of each state group, parameter and external input.
 
     Attributes:
-        states: ranges of state groups, by the path of the leaf system and the number of the group.
-        parameters: ranges of parameters, by the path of the leaf system and the index of the parameter.
-        inputs: ranges of external inputs, by the output port of an uncompiled system or the port of the diagram.
+        states: range of each state group, by the path of its leaf system and its number.
+        parameters: range of each parameter, by the path of its leaf system and its index.
+        inputs: ranges of external inputs, by their source: an uncompiled system's output port, or a port of the
+            diagram.
     """
 
     states: Mapping[tuple[str, int], tuple[int, int]]
@@ -42,15 +42,15 @@ class Trace:
     Args:
         topology: leaf systems and connections of the diagram.
         blocks: compiled leaf systems, as `Block`, by path.
-        row_ranges: ranges of rows of all states, parameters and external inputs.
+        row_ranges: rows that each state group, parameter and external input occupies.
         base: time between two instants, s.
-        instants: number of instants of the event.
-        shared: numbers that all vehicles share, to which the trace adds the numbers that it needs.
+        instants: number of instants in the event.
+        shared: table columns of shared values, to which the trace adds the columns that it needs.
 
     Attributes:
-        listing: operations that have been traced.
+        listing: operations traced so far.
         instant: index of the current instant in the event.
-        inputs: external inputs that have been read.
+        inputs: external inputs read so far.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Trace:
         self._outputs.clear()
 
     def changes(self) -> dict[int, Any]:
-        """Return the symbols or numbers of changed rows of the state, by the index of the row."""
+        """Return the symbol or number that each changed row of the state has, by row index."""
         return {
             self._row_ranges.states[key][0] + row: value
             for key, rows in self._states.items()
@@ -112,14 +112,14 @@ class Trace:
         }
 
     def shared(self, number: str | SharedValueSource = TIME_VALUE) -> Symbol:
-        """Return a number that all vehicles share at the current instant: the time (s), or an element of a port."""
+        """Return the time (s), or an element of a port that all vehicles share, at the current instant."""
         return self.listing.shared(self._shared.column(self.instant, number))
 
     def tick(self, ticks: TickOf) -> Tick:
         """Return the tick at the current instant.
 
-        If the event consists of whole pairs of ticks, the position in the pair is a constant, and both ticks share the
-        number of the pair.
+        If the event consists of whole pairs of ticks, the position of a tick in its pair is a constant, and both ticks
+        use the same shared value for the pair number.
         """
         step = round(ticks.period / self._base)
         on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
@@ -169,11 +169,11 @@ class Trace:
 
 
 class BlockView(NamedTuple):
-    """View of a trace for a single block.
+    """View of a trace, restricted to the ports and states of one block.
 
     Attributes:
         trace: trace of the diagram.
-        path: path of the block.
+        path: path of the block in the diagram.
     """
 
     trace: Trace

@@ -1,4 +1,4 @@
-"""Design of the gains of a scenario's whole cascade."""
+"""Design of all gains in a scenario's cascade."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import with_values
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
-# Torque, angle and body rate of each attitude loop. The height loop has the same structure, with thrust, height and
-# vertical velocity.
+# Signals of each loop: torque, angle and body rate of an attitude loop; thrust, height and vertical velocity of the
+# height loop.
 _LOOP_SIGNALS = {
     "roll": ("tau_x", "roll", "p"),
     "pitch": ("tau_y", "pitch", "q"),
@@ -34,18 +34,18 @@ _LOOP_SIGNALS = {
     "z": ("thrust", "z", "v_z"),
 }
 _ANGLES = ("roll", "pitch", "yaw")
-_POSITION = ("x", "y", "z")
-# Angle that accelerates the vehicle along an axis, and its sign, eq (7).
+_POSITION_AXES = ("x", "y", "z")
+# Angle that accelerates the vehicle along each axis, and the sign of the acceleration, eq (7).
 _TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
 class LoopOptions(NamedTuple):
-    """Options for the design of a loop.
+    """Design options for one loop.
 
     Attributes:
-        family: family of gains.
+        family: family of gains that the design searches.
         requirements: margins that the loop must have.
-        effort: effort of the gains; None for the largest effort that meets the requirements.
+        effort: effort that determines the gains; None for the largest effort that meets the requirements.
     """
 
     family: GainFamily
@@ -55,11 +55,11 @@ class LoopOptions(NamedTuple):
 
 @dataclass(frozen=True)
 class CascadeDesign:
-    """Loops of a cascade, by name: roll, pitch, yaw, x, y, z, and on board roll rate, roll, and so on.
+    """Designed loops of a cascade, by name: roll, pitch, yaw, x, y, z; on board also roll rate, pitch rate, yaw rate.
 
     Attributes:
         loops: loops on the ground, including the attitude loops if attitude is controlled on the ground.
-        on_board: loops of an autopilot, if they have been designed.
+        on_board: loops of an autopilot, if the design includes them.
     """
 
     loops: Mapping[str, LoopDesign]
@@ -71,8 +71,8 @@ class CascadeDesign:
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
-        """Return the gains in the form of the block `control` of a scenario."""
-        blocks = {"position": _POSITION, "attitude": _ANGLES}
+        """Return the gains of the loops on the ground, as fields of the scenario block `control`."""
+        blocks = {"position": _POSITION_AXES, "attitude": _ANGLES}
         designed = {
             block: [self.loops[axis].gains for axis in axes]
             for block, axes in blocks.items()
@@ -84,7 +84,7 @@ class CascadeDesign:
         }
 
     def autopilot_gains(self) -> dict[str, list[float]]:
-        """Return the gains in the form of the block `laboratory.autopilot` of a scenario; empty without such gains."""
+        """Return the gains on board, as fields of the block `laboratory.autopilot`; empty if none were designed."""
         if not self.on_board:
             return {}
         loops = {"k_attitude": _ANGLES, "k_rate": [_rate_of(angle) for angle in _ANGLES]}
@@ -101,7 +101,9 @@ def _proportional(loop: LoopDesign) -> float:
 
 
 def with_integrals(scenario: Scenario) -> Scenario:
-    """Return the scenario; if its position controller has no integral, a PID whose k_I are zero replaces it.
+    """Return the scenario with a position controller that has an integral.
+
+    A position controller without an integral is replaced with a PID whose k_I are zero.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -116,9 +118,13 @@ def _integrating(scenario: Scenario) -> PidPosition:
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """Return the scenario with new gains, in the form of `CascadeDesign.gains`.
+    """Return the scenario with new gains on the ground.
 
-    The gains are for controllers without estimators, so the `without_estimator` form of each controller replaces it.
+    The gains are for controllers without estimators, so each controller is replaced with its `without_estimator` form.
+
+    Args:
+        scenario: scenario whose control is a cascade.
+        gains: gains by controller and field, as in `CascadeDesign.gains`.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -129,16 +135,16 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """Return the scenario with new gains on board, in the form of `CascadeDesign.autopilot_gains`."""
+    """Return the scenario with new gains on board, which have the form of `CascadeDesign.autopilot_gains`."""
     return with_values(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
 def hover_offset(scenario: Scenario) -> float:
-    """Return the horizontal distance at which a scenario hovers from its reference, m, if no loop has an integral.
+    """Return the horizontal distance from the reference at which the vehicle hovers if no loop has an integral, m.
 
-    An offset c of the centre of mass causes the torque m g c, which the loops on board cancel only by an attitude error
-    of m g c / (I k_rate k_attitude). The position loop cancels the acceleration of g per rad of this error by an offset
-    from the reference.
+    An offset c of the centre of mass causes the torque m g c. The loops on board balance it with an attitude error of m
+    g c / (I k_rate k_attitude). This error causes an acceleration of g per rad, which the position loop balances with
+    an offset from the reference.
 
     Args:
         scenario: scenario without distributions, with an autopilot of kind `attitude` and a position controller with
@@ -148,7 +154,7 @@ def hover_offset(scenario: Scenario) -> float:
     autopilot: Any = scenario.laboratory.autopilot
     gains: Any = scenario.cascade.position
     offsets = []
-    for index, axis in enumerate(_POSITION[:2]):
+    for index, axis in enumerate(_POSITION_AXES[:2]):
         loop = _ANGLES.index(_TILT_OF_AXIS[axis][0])
         stiffness = nominal.inertia[loop] * autopilot.k_rate[loop] * autopilot.k_attitude[loop]
         tilt = vehicle.mass * vehicle.gravity * vehicle.centre_of_mass[index] / stiffness
@@ -157,7 +163,7 @@ def hover_offset(scenario: Scenario) -> float:
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for attitude loops, two ticks of delay.
+    """Return options for the fastest pole pairs whose margins are 45°, 6 dB and, in attitude loops, two ticks of delay.
 
     Args:
         period: control period, s.
@@ -168,7 +174,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
 
 
 def on_board_options() -> dict[str, LoopOptions]:
-    """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
+    """Return options for the fastest autopilot gains whose margins are 60° and 10 dB.
 
     These margins are larger than on the ground to limit overshoot, because every packet of the link is a step input to
     the loops on board.
@@ -187,12 +193,12 @@ def design_cascade(
     on_board: bool = False,
     integral: float | None = None,
 ) -> CascadeDesign:
-    """Design the gains of a scenario's cascade for its laboratory and its nominal vehicle.
+    """Design the cascade gains of a scenario for its laboratory and its nominal vehicle.
 
-    With an autopilot only the position loops are designed, around the attitude loops of the autopilot.
+    If the scenario has an autopilot, only the position loops around its attitude loops are designed.
 
     Args:
-        scenario: scenario; its present gains of the designed loops are ignored.
+        scenario: scenario with a cascade. Its present gains are ignored in the loops that are designed.
         options: options for each axis; by default `default_options`, and `on_board_options` for an autopilot.
         on_board: True to design the loops of an autopilot of kind `attitude` first.
         integral: fraction of the phase margin that the integrals of the position loops may cost, between 0 and 1. The
@@ -213,10 +219,10 @@ def design_cascade(
     loops: dict[str, LoopDesign] = {}
 
     def add(axis: str, plant: SampledSystem) -> None:
-        """Design a loop, or reuse the design of an axis with the same plant, as in a symmetric vehicle."""
+        """Design a loop. If another axis has the same plant, as in a symmetric vehicle, reuse its design."""
         loop_options = all_options[axis]
         required = loop_options.requirements
-        if integral is not None and axis in _POSITION:
+        if integral is not None and axis in _POSITION_AXES:
             loop_options = loop_options._replace(
                 requirements=required._replace(phase=required.phase / (1.0 - integral))
             )
@@ -235,21 +241,21 @@ def design_cascade(
         add(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
         integration = _integrating(scenario).integration
-        for axis in _POSITION:
+        for axis in _POSITION_AXES:
             required = all_options[axis].requirements
             loops[axis] = add_integral(loops[axis], required, cost=integral, integration=integration)
     return CascadeDesign(loops, inner)
 
 
 def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> dict[str, LoopDesign]:
-    """Design the loops of an autopilot, each as fast as its margins allow: body rate loops first, then attitude loops.
+    """Design the body rate loops and then the attitude loops of an autopilot, each as fast as its margins allow.
 
     Args:
         scenario: scenario with an autopilot of kind `attitude`, whose gains are ignored.
         options: options for each loop.
 
     Raises:
-        InputError: requirements cannot be met, or there is no such autopilot.
+        InputError: if the requirements cannot be met, or the autopilot is of another kind.
     """
     if not scenario.laboratory.autopilot.loop_gains:
         kind = scenario.laboratory.autopilot.kind
@@ -270,12 +276,12 @@ def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> 
 
 
 def on_board_angle_plant(plant: SampledSystem, angle: str, inertia: float) -> SampledSystem:
-    """Return the plant from an angular acceleration that an autopilot commands to an angle and its rate.
+    """Return the plant from an autopilot's commanded angular acceleration to an angle and its rate.
 
     Args:
         plant: plant from `on_board_plant`.
         angle: roll, pitch or yaw.
-        inertia: moment of inertia of the nominal vehicle about the axis of this angle, kg m².
+        inertia: nominal moment of inertia about the axis of this angle, kg m².
     """
     torque, value, rate = _LOOP_SIGNALS[angle]
     angle_plant = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
@@ -283,7 +289,7 @@ def on_board_angle_plant(plant: SampledSystem, angle: str, inertia: float) -> Sa
 
 
 def on_board_attitude_plant(angle_plant: SampledSystem, k_rate: float) -> SampledSystem:
-    """Return the plant from a commanded body rate to the angle, with the rate loop closed.
+    """Return the plant from a commanded body rate to the angle, with a closed rate loop.
 
     Args:
         angle_plant: plant from an angular acceleration to an angle and its rate, over a period of the autopilot.
@@ -303,7 +309,7 @@ def _has_equal_response(a: SampledSystem, b: SampledSystem) -> bool:
 
 
 def _markov(plant: SampledSystem) -> np.ndarray:
-    """Return an impulse response that is long enough to distinguish plants with this number of states."""
+    """Return the impulse response of a plant, long enough to distinguish it from any plant with as many states."""
     state, response = plant.B, []
     for _ in range(2 * len(plant.A)):
         response.append(plant.C @ state)
@@ -314,7 +320,7 @@ def _markov(plant: SampledSystem) -> np.ndarray:
 def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -> SampledSystem:
     """Return the plant from a commanded angular acceleration to the measured angle and rate of an axis.
 
-    For z it is the plant from a commanded acceleration to the measured height and its rate.
+    The plant of the axis z leads from a commanded acceleration to the measured height and its rate.
 
     Args:
         laboratory: plant from `laboratory_plant`.
@@ -327,13 +333,14 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
 def position_plant(
     laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains | None
 ) -> SampledSystem:
-    """Return the plant from a commanded acceleration on x or y to position and velocity, with the attitude loop closed.
+    """Return the plant from a commanded acceleration on x or y to position and velocity, with a closed attitude loop.
 
     Args:
         laboratory: plant from `laboratory_plant`.
-        scenario: scenario with the nominal vehicle.
+        scenario: scenario that determines the nominal vehicle.
         axis: x or y.
-        attitude: gains of the attitude loop that accelerates along this axis; None if it is controlled on board.
+        attitude: gains of the attitude loop that tilts the vehicle along this axis; None if an autopilot controls the
+            attitude.
     """
     tilt, sign = _TILT_OF_AXIS[axis]
     if attitude is None:

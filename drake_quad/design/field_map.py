@@ -1,4 +1,4 @@
-"""Map of the flights over two fields of a scenario, such as two components of the initial state."""
+"""Map of flight metrics over two scenario fields, such as two components of the initial state."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,17 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.evaluator import Evaluator
 
-_MAX_VEHICLES = 1024  # largest number of vehicles that fly at the same time
+_MAX_VEHICLES = 1024  # largest number of vehicles in the fleet that simulates the map
 
 
 class FieldMap(NamedTuple):
-    """Flights of a scenario over a grid of two of its fields.
+    """Flights of a scenario over a grid of values for two of its fields.
 
     Attributes:
         x: (columns,) values of the field on the horizontal axis.
         y: (rows,) values of the field on the vertical axis.
         metrics: metrics of the flights, as arrays (rows, columns).
-        requirements: names of the requirements of the scenario.
+        requirements: names of the scenario's requirements.
     """
 
     x: np.ndarray
@@ -30,7 +30,7 @@ class FieldMap(NamedTuple):
 
     @property
     def satisfied(self) -> np.ndarray:
-        """True for flights (rows, columns) without a crash that violate no requirement."""
+        """Mask (rows, columns) of the flights that do not crash and violate no requirement."""
         result: np.ndarray = ~self.metrics.crashed
         for name in self.requirements:
             result = result & ~(getattr(self.metrics, name) < 0.0)
@@ -38,10 +38,10 @@ class FieldMap(NamedTuple):
 
 
 def field_map(scenario: Scenario, x: str, y: str, *, size: int, compiled: bool = True) -> FieldMap:
-    """Fly a scenario over a grid of two of its fields.
+    """Fly a scenario over a grid of values for two of its fields.
 
-    The cells of the grid divide the distributions of the two fields equally. All other distributions are replaced by
-    their medians. All flights have the wind and noise of the same sample.
+    The grid divides the distribution of each of the two fields into cells of equal probability. All other distributions
+    are replaced with their medians. All flights have the same wind and noise.
 
     Args:
         scenario: scenario in which both fields are distributions, usually uniform ones.

@@ -1,11 +1,11 @@
 """Design of PD gains on the linear model of the laboratory, including its delays, holds, lags and filters.
 
 The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
-and rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
--a / g. Height is controlled by a separate loop, like an angle.
+and rate. The position loops around them are designed next: a commanded acceleration a along x demands the pitch a / g,
+and along y the roll -a / g. The height has a separate loop, which is designed in the same way as the loop of an angle.
 
-A family of gains depends on one number, the effort. The design uses the largest effort that meets the required margins,
-or a given effort. The families are:
+The gains of a family depend on one parameter, the effort. The design uses a given effort, or the largest effort that
+meets the required margins. The families are:
 
 - `PolePair`: the two gains place two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
   bandwidth ω and a damping ratio ζ. These must be the slowest poles of the loop.
@@ -28,22 +28,22 @@ from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-_MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that is tried
-_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that is tried, relative to the Nyquist frequency
-_NUM_EFFORTS = 120  # number of efforts that are tried
-# Number of bisections between the last acceptable effort and the first unacceptable effort.
+_MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that a design tries
+_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that a design tries, relative to the Nyquist frequency
+_NUM_EFFORTS = 120  # number of efforts that a design tries before the bisection
+# Number of bisections between the largest acceptable effort and the next effort that was tried.
 _NUM_BISECTIONS = 12
-# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of 4
-# / crossover.
+# Largest corner frequency k_I / k_P of an integral, relative to the crossover frequency of its PD. Common PID rules use
+# a reset time of 4 / crossover.
 _MAX_INTEGRAL_RATIO = 0.25
-# Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
+# Bandwidths whose gains may be the start of a search for a regulator, rad/s. The first stable gains are used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
-# A loop whose slowest pole has a magnitude above 1 - 1e-7 counts as unstable: 2²⁹ ticks do not reduce its response to
-# the negligible size.
+# A loop counts as unstable if the power of its closed-loop matrix over 2²⁹ ticks is not below `_NEGLIGIBLE_POWER`. The
+# magnitude of its slowest pole is then above 1 - 1e-7.
 _MAX_DOUBLINGS = 29
 _NEGLIGIBLE_POWER = 1e-12
 _DIVERGED_POWER = 1e50
-_UNSTABLE_LOG_COST = 100.0  # far above the logarithm of any cost that is compared
+_UNSTABLE_LOG_COST = 100.0  # far above the logarithm of the cost of any stable loop
 
 
 class AxisGains(NamedTuple):
@@ -62,7 +62,7 @@ class PidGains(NamedTuple):
 
 
 class ProportionalGain(NamedTuple):
-    """Gain k (1/s) of a loop on board."""
+    """Gain k (1/s) of a proportional loop on board."""
 
     k: float
 
@@ -76,12 +76,12 @@ _SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
 class Requirements(NamedTuple):
-    """Margins that a loop must have.
+    """Required margins of a loop.
 
     Attributes:
-        phase: phase margin, degrees.
-        gain: gain margin, dB.
-        delay: delay margin, s.
+        phase: smallest phase margin, degrees.
+        gain: smallest gain margin, dB.
+        delay: smallest delay margin, s.
     """
 
     phase: float = 45.0
@@ -89,12 +89,12 @@ class Requirements(NamedTuple):
     delay: float = 0.0
 
     def min_ratio(self, margins: FastMargins) -> float:
-        """Return the smallest ratio of a margin to its required value; 1 or more if all requirements are met."""
+        """Return the smallest ratio of a margin to its requirement; it is 1 or more if all requirements are met."""
         pairs = ((getattr(margins, name), required) for name, required in self._asdict().items() if required > 0.0)
         return min((float(actual) / required for actual, required in pairs), default=1.0)
 
     def shortfalls(self, margins: FastMargins) -> dict[str, str]:
-        """Return the margins that are too small, with a description of their values."""
+        """Return a description of each margin that is too small, by the name of the requirement."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
         return {
             f"{name} margin": f"{factor * float(getattr(margins, name)):.1f}{unit}, less than"
@@ -106,17 +106,17 @@ class Requirements(NamedTuple):
 
 @dataclass(frozen=True)
 class LoopDesign:
-    """A designed loop.
+    """Result of the design of one loop.
 
     Attributes:
         axis: name of the axis.
         gains: gains of the PD, the PID or the proportional law.
-        plant: plant from the commanded acceleration to the measured value and rate, and for a PID to the integral of
-            the value; for a proportional law, from its command to the controlled quantity.
+        plant: plant from the commanded acceleration to the measured value and rate. A PID's plant has the integral of
+            the value as third output. A proportional law's plant leads from the command to the controlled quantity.
         margins: margins of the loop.
         bandwidth: bandwidth of the pole pair, rad/s; None for other families.
-        cost_ratio: ratio of the cost of the PD to the cost of the full regulator; None for other families.
-        limits: requirements that a faster loop of the same family would violate; empty for a given effort.
+        cost_ratio: cost of the PD relative to the cost of the full-state regulator; None for other families.
+        limits: requirements that a faster loop of the family would violate; empty if the effort was given.
     """
 
     axis: str
@@ -129,13 +129,13 @@ class LoopDesign:
 
 
 class GainFamily(Protocol):
-    """Gains that depend on one number, the effort."""
+    """Family of gains that depend on one parameter, the effort."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
-        """Return the gains for a plant and an effort."""
+        """Return the gains that an effort determines for a plant."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the efforts to try, in ascending order."""
+        """Return the efforts that the design tries, in ascending order."""
 
 
 class PolePair(NamedTuple):
@@ -152,12 +152,12 @@ class PolePair(NamedTuple):
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
-        if determinant == 0.0:  # The measurements do not distinguish value and rate.
+        if determinant == 0.0:  # the measurements do not distinguish value and rate
             return _NO_GAINS
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the bandwidths to try."""
+        """Return the bandwidths that the design tries, rad/s."""
         return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
@@ -169,7 +169,7 @@ class Proportional(NamedTuple):
         return ProportionalGain(effort)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the gains to try; with an integrator as plant, the crossover frequency equals the gain."""
+        """Return the gains that the design tries. For an integrator as plant, the crossover frequency is the gain."""
         return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
@@ -183,7 +183,7 @@ class RegulatorRequirements(NamedTuple):
     rate_time: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """Return the gains with the smallest cost. The search starts from the gains for a slow double integrator."""
+        """Return the gains with the smallest cost. The search starts from gains for a slow double integrator."""
         slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _START_FREQUENCIES]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
@@ -192,7 +192,7 @@ class RegulatorRequirements(NamedTuple):
         def logarithm_of_cost(logs: np.ndarray) -> tuple[float, np.ndarray]:
             gains = np.exp(logs)
             cost, slope = self._cost_and_slope(plant, AxisGains(*gains), effort)
-            if not math.isfinite(cost):  # The line search returns from here to the stable gains.
+            if not math.isfinite(cost):  # the line search returns to stable gains
                 return _UNSTABLE_LOG_COST, np.zeros(len(logs))
             return math.log(cost), gains * slope / cost
 
@@ -200,18 +200,18 @@ class RegulatorRequirements(NamedTuple):
         return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
-        """Return the cost of a PD, which is infinite if the loop is unstable."""
+        """Return the cost of a PD; it is infinite if the loop is unstable."""
         cost, _ = self._cost_and_slope(plant, gains, effort)
         return cost
 
     def _cost_and_slope(self, plant: SampledSystem, gains: AxisGains, effort: float) -> tuple[float, np.ndarray]:
         """Return the cost of a PD, and its derivatives with respect to k_P and k_D.
 
-        The closed loop is F = A - B K C, with the gains K. With P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and
-        Q = Σ Fᵏ B Bᵀ Fᵏᵀ, the cost is Bᵀ P B, and its derivative is 2 (K C / effort² - Bᵀ P F) Q Cᵀ (W. S. Levine and
-        M. Athans, "On the determination of the optimal constant output feedback gains for linear multivariable
-        systems", IEEE Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums
-        (R. A. Smith, "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
+        The closed loop is F = A - B K C, with the gains K. The cost is Bᵀ P B, and its derivative is 2 (K C / effort² -
+        Bᵀ P F) Q Cᵀ, where P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and Q = Σ Fᵏ B Bᵀ Fᵏᵀ (W. S. Levine and M. Athans,
+        "On the determination of the optimal constant output feedback gains for linear multivariable systems", IEEE
+        Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums (R. A. Smith,
+        "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
         """
         feedback = np.array([gains]) @ plant.C
         power = closed = plant.A - plant.B @ feedback
@@ -236,7 +236,7 @@ class RegulatorRequirements(NamedTuple):
         return (plant.B.T @ S @ plant.B).item()
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the efforts to try."""
+        """Return the efforts that the design tries."""
         return np.geomspace(1e-2, 1e3, _NUM_EFFORTS // 6)
 
     def _state_weight(self, plant: SampledSystem) -> np.ndarray:
@@ -244,10 +244,10 @@ class RegulatorRequirements(NamedTuple):
 
 
 def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
-    """Return the loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
+    """Return the loop transfer function of a PD, k_P G_value + k_D G_rate, for a plant with these two outputs.
 
-    A PID around a plant `with_integral` adds k_I G_integral. The loop of a proportional law around a plant with one
-    output is k G.
+    A PID for a plant from `with_integral` adds k_I G_integral. The loop transfer function of a proportional law is k G,
+    for a plant with one output.
     """
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
@@ -266,10 +266,10 @@ def design_loop(
     Args:
         plant: plant from a commanded acceleration to the measured value and rate; for a proportional law, to one
             output.
-        family: family of gains.
-        requirements: required margins.
-        axis: name of the axis, for messages.
-        effort: effort of the gains; the largest effort that meets the requirements if not given.
+        family: family of gains that the design searches.
+        requirements: margins that the loop must have.
+        axis: name of the axis, for error messages.
+        effort: effort that determines the gains; None for the largest effort that meets the requirements.
 
     Raises:
         InputError: if the requirements cannot be met.
@@ -312,9 +312,9 @@ def design_loop(
 
 
 def with_integral(plant: SampledSystem, integration: Integration = "forward_euler") -> SampledSystem:
-    """Return a plant with the integral i of its value as an additional output, as a PID computes it.
+    """Return a plant with an additional output: the integral i of the value, as a PID computes it.
 
-    At every tick i⁺ = i + h value. The output is i with the integration `forward_euler`, and i⁺ with `backward_euler`.
+    At every tick, i⁺ = i + h value. The output is i for `forward_euler` integration, and i⁺ for `backward_euler`.
     """
     n = len(plant.A)
     value, *_ = plant.C
@@ -335,10 +335,10 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add to a PD the largest integral that costs at most a given fraction of the phase margin.
+    """Add an integral to a PD, the largest that costs at most a given fraction of the phase margin.
 
-    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
-    in a slow oscillation, even if the margins at the crossover are large.
+    k_I is at most a quarter of k_P times the crossover frequency of the PD loop. A larger integral would let errors
+    decay in a slow oscillation, even if the margins at the crossover are large.
 
     Args:
         design: design of the PD.
@@ -371,7 +371,7 @@ def add_integral(
 
 
 class _GainTrial(NamedTuple):
-    """Trial of an effort: gains, descriptions of their flaws, and the smallest ratio of a margin to its requirement."""
+    """Trial of an effort: gains, flaws of the loop, and the smallest ratio of a margin to its requirement."""
 
     effort: float
     gains: AxisGains | ProportionalGain
@@ -382,7 +382,7 @@ class _GainTrial(NamedTuple):
 def _flaws_of(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """Return descriptions of the flaws of a loop, except margins that are too small."""
+    """Return descriptions of a loop's flaws other than margins that are too small."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:
@@ -420,5 +420,5 @@ def _finished(
 
 
 def _rounded(gains: AxisGains | ProportionalGain) -> AxisGains | ProportionalGain:
-    """Return the gains rounded to four significant digits, as in the written scenario."""
+    """Return the gains rounded to four significant digits, as a scenario file contains them."""
     return type(gains)(*(float(f"{gain:.4g}") for gain in gains))

@@ -1,9 +1,9 @@
 """Design of linear-quadratic-Gaussian control: the parameters of `control.kind: lqg`, for several plants at once.
 
-A textbook design for one plant has hardly any margin. The parameters therefore minimise the mean square of the position
-error over several plants, with different lags, camera latencies and link delays, in the wind and noise of the scenario.
-The peak sensitivity, the delay margin and the RMS of the commands are limited. A trial solves two Riccati equations
-and, for each plant, a Lyapunov equation of the closed loop over a tick, without any simulation.
+A textbook design for one plant has hardly any margin. The parameters therefore minimise the mean square position error
+of several plants, with different lags, camera latencies and link delays, in the scenario's wind and noise. The design
+limits the peak sensitivity, the delay margin and the RMS of the commands. A trial requires no simulation: it solves two
+Riccati equations and, for each plant, a Lyapunov equation of the closed loop over a tick.
 
 The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and leans in the
 wind. If the whole loop violates a limit that the chain satisfies, the limit of the chain is tightened and the search
@@ -43,13 +43,13 @@ from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgCont
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 
-_NUM_WIND_SAMPLES = 32  # samples from which the statistics of the disturbances are computed
-# Correlation times of a disturbance that is constant during a flight, and of the bias, s. They are so long that the
-# filter estimates both as constants, which has the effect of an integral.
+_NUM_WIND_SAMPLES = 32  # number of samples for the statistics of the disturbances
+# Correlation times, s, of the disturbance that is constant during a flight, and of the bias. They are so long that the
+# filter estimates both as constants, which has the effect of integral control.
 _CONSTANT_TIME = 50.0
 _BIAS_TIME = 20.0
-# Smallest standard deviations, so that a design also exists for a calm and ideal laboratory. The values for noise are
-# half of the noise in laboratory.yaml.
+# Smallest standard deviations that a design assumes, so that it also exists for a calm and ideal laboratory. The noise
+# values are half of those in laboratory.yaml.
 _MIN_DISTURBANCE = 0.05  # m/s²
 _MIN_BIAS = 0.5  # m/s⁴
 _MIN_POSITION_NOISE = 5e-4  # m
@@ -57,24 +57,24 @@ _MIN_ATTITUDE_NOISE = 2e-3  # rad
 # Assumed uncertainty of plant parameters that are not distributions.
 _LAG_SPREAD = 1.6  # factor on the lag
 _RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude response
-_DELAY_SPREAD = 1  # additional frames of latency and ticks of delay
+_DELAY_SPREAD = 1  # additional frames of camera latency, and additional ticks of link delay
 _NUM_FREQUENCIES = 120  # number of frequencies at which the sensitivity is computed
-_MIN_FREQUENCY = 0.3  # rad/s, smallest of these frequencies
-_PENALTY_WEIGHT = 9.0  # weight of violated limits, relative to the logarithm of the error
-_MAX_EVALUATIONS = 600  # largest number of evaluations of the cost in a search
-# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance.
-# With 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its `bad_day`.
+_MIN_FREQUENCY = 0.3  # rad/s, smallest frequency at which the sensitivity is computed
+_PENALTY_WEIGHT = 9.0  # weight of violated limits in the cost, relative to the logarithm of the error
+_MAX_EVALUATIONS = 600  # largest number of cost evaluations in a search
+# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance. In
+# 1,000 flights of `bad_day`, Crazyflie designs with the factors 1, 2 and 3 crash in 17, 2.4 and 3.4 % of the flights.
 _TORQUE_HEADROOM = 2.0
-# Largest number of searches until the whole loop satisfies the limits.
+# Largest number of searches, each with tighter limits, until the whole loop observes the limits.
 _MAX_ROUNDS = 5
-_TIGHTENING = 0.998  # additional factor on a violated limit
+_TIGHTENING = 0.998  # additional factor by which a violated limit is tightened
 
 
 class LqgLimits(NamedTuple):
-    """Limits of a design.
+    """Limits that a design must observe.
 
     Attributes:
-        sensitivity: largest peak of |1 / (1 + L)| at the command link, for the whole loop of the nominal plant.
+        sensitivity: largest peak of |1 / (1 + L)| at the command link, for the loop with the nominal plant.
         delay: smallest delay margin at the command link, s.
         snap: largest RMS of the command along x and y with torques over the link, m/s⁴; see `snap_limit`.
         acceleration: largest RMS of the command along z, and with an autopilot along x and y, m/s².
@@ -87,15 +87,14 @@ class LqgLimits(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """Plant between the command and the motion of the vehicle.
+    """Plant from the command to the motion of the vehicle.
 
     Attributes:
-        lags: True if the lag of the rotors is in series with the attitude response; False if the response includes the
-            lag.
-        lag: time constant of the rotors, s.
-        response: attitude response with an autopilot; None without an autopilot.
-        latency_frames: latency of a frame in addition to one frame period, in frames.
-        delay_ticks: delay of the link, in ticks.
+        lags: True if the rotor lag is in series with the attitude response, False if the response includes it.
+        lag: time constant of the rotor lag, s.
+        response: attitude response of an autopilot; None without an autopilot.
+        latency_frames: camera latency beyond one frame period, in frames.
+        delay_ticks: delay of the command link, in ticks.
         thrust_gain: ratio of actual to commanded changes of the thrust near hover.
     """
 
@@ -108,12 +107,12 @@ class Plant(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """Disturbances and noise of a laboratory.
+    """Disturbances, measurement noise and packet loss of a laboratory.
 
     Attributes:
-        lateral: disturbing acceleration along x and y.
-        vertical: disturbing acceleration along z.
-        bias: standard deviation of the bias of the angular motion, m/s⁴.
+        lateral: statistics of the disturbing acceleration along x and y.
+        vertical: statistics of the disturbing acceleration along z.
+        bias: standard deviation of the constant disturbance of the angular motion, m/s⁴.
         position_noise: standard deviation of the measured position, m.
         attitude_noise: standard deviation of the measured attitude, rad.
         loss_rate: fraction of the commands that are lost.
@@ -128,7 +127,7 @@ class Conditions(NamedTuple):
 
 
 class ActualPlant(NamedTuple):
-    """Actual plant, sampled at the frames, with its disturbances and noise.
+    """Model of an actual plant, sampled at the camera frames, with its disturbances and noise.
 
     Attributes:
         A: (n, n) system matrix.
@@ -136,7 +135,7 @@ class ActualPlant(NamedTuple):
         C: (p, n) output matrix.
         Q: (n, n) covariance of the disturbances over a frame.
         R: (p, p) covariance of the measurement noise.
-        plant: plant with the latency of frames and the delay of commands.
+        plant: plant with the camera latency and the link delay.
         loss_rate: fraction of the commands that are lost.
     """
 
@@ -152,7 +151,7 @@ class ActualPlant(NamedTuple):
     def of(
         cls, model: ContinuousModel, plant: Plant, conditions: Conditions, timing: Timing, gravity: float
     ) -> "ActualPlant":
-        """Return the plant of a model in given conditions."""
+        """Sample a continuous plant model, with given disturbances and noise."""
         noise = np.array([conditions.position_noise, gravity * conditions.attitude_noise])[: len(model.C)]
         Q = discretise_noise(model.A, model.Q, timing.frame)
         return cls(
@@ -161,12 +160,12 @@ class ActualPlant(NamedTuple):
 
 
 class AxisPrediction(NamedTuple):
-    """Prediction of the linear model of an axis.
+    """Performance on one axis that a linear model predicts.
 
     Attributes:
         error: RMS position error at the ticks, m; infinite if the loop is unstable.
         command: RMS command, in the unit of the command.
-        pole: largest magnitude of a pole.
+        pole: largest magnitude of a closed-loop pole.
     """
 
     error: float
@@ -176,14 +175,14 @@ class AxisPrediction(NamedTuple):
 
 @dataclass(frozen=True)
 class LqgDesign:
-    """Result of a design.
+    """Result of an LQG design.
 
     Attributes:
-        control: block `control` of a scenario.
-        plants: plants of the design, the nominal plant first.
-        conditions: disturbances and noise of the design.
-        lateral: prediction along x or y for each plant.
-        vertical: prediction along z for each plant.
+        control: scenario block `control` with the designed parameters.
+        plants: plants that the design considers, the nominal plant first.
+        conditions: disturbances and noise that the design considers.
+        lateral: predicted performance along x or y, for each plant.
+        vertical: predicted performance along z, for each plant.
     """
 
     control: LqgControl
@@ -194,16 +193,16 @@ class LqgDesign:
 
 
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
-    """Design the linear-quadratic-Gaussian control of a scenario.
+    """Design linear-quadratic-Gaussian control for a scenario.
 
-    Without an autopilot the design includes the yaw PD, which is designed as for a cascade.
+    If the scenario has no autopilot, the result includes a yaw PD, which is designed as for a cascade.
 
     Args:
         scenario: scenario with or without distributions; its control is ignored.
-        limits: limits of the design.
+        limits: limits that the design must observe.
 
     Raises:
-        InputError: no design is stable for the nominal plant, or there is none for the yaw.
+        InputError: if no design is stable for the nominal plant, or the yaw PD cannot be designed.
     """
     on_board = scenario.laboratory.autopilot.controls_attitude
     plants, conditions = plants_of(scenario), conditions_of(scenario)
@@ -225,13 +224,14 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         )
 
     def vertical_axis(weight: float, noise: float, first: float) -> VerticalAxis:
-        # The thrust of the lateral axes is the weight minus the estimated disturbance along z. A larger deviation
-        # improves the height slightly, but makes the estimate noisier, and with it the commanded tilt.
+        # The lateral axes assume that the thrust is the weight minus the estimated disturbance along z. A larger
+        # assumed deviation improves the height slightly, but makes this estimate and therefore the commanded tilt
+        # noisier.
         second = float(f"{conditions.vertical.deviation:.4g}")
         common = _common(weight, noise, first, second, conditions.vertical.time, conditions.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    # The search starts from the parameters of controllers/lqg.yaml, or, if the command is an acceleration, from
+    # The search starts from the parameters in controllers/lqg.yaml or, if the command is an acceleration, from
     # equivalent parameters.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
 
@@ -287,10 +287,10 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
-    """Return the plants of a design: the nominal plant, and the corners around it.
+    """Return the plants that a design considers: the nominal plant, and corner plants around it.
 
-    The corners of a field with a distribution are its 10th and 90th percentiles. The corners of other fields follow
-    from an assumed uncertainty.
+    Each corner plant has extreme values of the uncertain fields. They are the 10th and 90th percentiles of a field with
+    a distribution, and follow from an assumed uncertainty for other fields.
     """
     middle, low, high = (scenario_at_quantile(scenario, probability) for probability in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
@@ -319,18 +319,18 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
 
 
 def snap_limit(limits: LqgLimits, conditions: Conditions) -> float:
-    """Return the largest RMS of the command along x and y over the link, m/s⁴.
+    """Return the limit on the RMS command along x and y over the link, m/s⁴.
 
-    The result is the larger of `limits.snap` and a multiple of the constant torque that the command must balance. An
-    offset r of the centre of mass causes the angular acceleration m g r / I of a vehicle with mass m and inertia I. A
-    small vehicle has a large ratio of mass to inertia: an offset of 0.3 mm causes 5 rad/s² for a Crazyflie, five times
-    as much as for the paper's vehicle.
+    The limit must leave headroom for the constant command that balances an offset of the centre of mass. It is
+    therefore at least a multiple of this command. An offset r causes the angular acceleration m g r / I of a vehicle
+    with mass m and inertia I. This acceleration is large for small vehicles: an offset of 0.3 mm causes 5 rad/s² for a
+    Crazyflie, five times as much as for the paper's vehicle.
     """
     return max(limits.snap, _TORQUE_HEADROOM * conditions.bias)
 
 
 def candidate_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:
-    """Return timings with the mean delay of the plants, rounded to the nearest tick and up to the next tick.
+    """Return candidate timings: the mean delay of the plants, rounded to the nearest tick, and rounded up.
 
     If the mean lies between two ticks, the later tick gives more phase margin, and the nearer tick a faster loop.
     """
@@ -341,7 +341,7 @@ def candidate_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timin
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
-    """Return the wind, the noise and the loss rate of a scenario, from samples along its plan."""
+    """Return the disturbances, sampled along the plan of a scenario, its noise and its loss rate."""
     batch = Batch.draw(scenario, range(_NUM_WIND_SAMPLES))
     disturbed = disturbances_along(batch, plan_route(scenario))
     x, y, z = disturbed.acceleration
@@ -357,7 +357,7 @@ def conditions_of(scenario: Scenario) -> Conditions:
     )
     bias = gravity * float(np.sqrt((disturbed.turning**2).mean()))
     if scenario.laboratory.autopilot.models_vehicle:
-        bias = 0.0  # The response includes the whole angular motion.
+        bias = 0.0  # the identified response includes the whole angular motion
     return Conditions(
         lateral,
         vertical,
@@ -369,25 +369,25 @@ def conditions_of(scenario: Scenario) -> Conditions:
 
 
 def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> AxisPrediction:
-    """Return the prediction of the linear model of an axis for a plant, which may differ from the nominal plant."""
+    """Return the performance of an axis that the linear model predicts for a plant, nominal or not."""
     (prediction,) = _LiftedLoops.of(loop, [actual_plant], timing).predicted()
     return prediction
 
 
 @dataclass(frozen=True)
 class _LiftedLoops:
-    """Loops of an axis around k plants over a tick.
+    """Closed loops of an axis with k plants, over a tick.
 
-    The states are the states of the chain, the frames in transit, the states of the filter, and the commands in
-    transit, once for the filter and once for the vehicle. All plants have as many states as the plant with the largest
+    The state contains the states of the chain, the frames in transit, the states of the filter, and the commands in
+    transit (once for the filter and once for the vehicle). All plants have as many states as the plant with the largest
     latency and delay.
 
     Attributes:
         A: (k, n, n) system matrices of the closed loops.
         Q: (k, n, n) covariances of the noise over a tick.
-        command: (k, n) rows of the sent commands.
-        change: (k, n) rows of the changes of the sent commands.
-        lost: (k, n, 1) columns of an addition to the sent commands.
+        command: (k, n) matrix rows that compute the sent command from the state.
+        change: (k, n) matrix rows that compute the change of the sent command.
+        lost: (k, n, 1) effect on the next state of an addition to the sent command.
         opened: (k, n, n) system matrices of the open loops from the command on the link to minus the sent command.
         loss_rates: (k,) fractions of the commands that are lost.
     """
@@ -402,7 +402,7 @@ class _LiftedLoops:
 
     @classmethod
     def of(cls, loop: AxisLoop, actual_plants: Sequence[ActualPlant], timing: Timing) -> "_LiftedLoops":
-        """Return the loops of one filter and regulator around several plants."""
+        """Return the loops of one filter and one regulator with several plants."""
         nominal, plants = actual_plants[0], [actual_plant.plant for actual_plant in actual_plants]
         n, p, m, num_pending = len(nominal.A), len(nominal.C), len(loop.K), len(loop.K_pending)
         frames, ticks = (max(late) + 1 for late in zip(*((each.latency_frames, each.delay_ticks) for each in plants)))
@@ -429,7 +429,8 @@ class _LiftedLoops:
                 actual_plant.B.ravel(),
             )
             noise[i, chain, chain], noise[i, newest_frame, newest_frame] = actual_plant.Q, actual_plant.R
-        # The queues of commands for the filter and for the vehicle, newest first, advance at each tick.
+        # At each tick, the two command queues advance: one for the filter and one for the vehicle, newest command
+        # first.
         row = np.zeros(size)
         row[estimate] = -gain
         row[filter_commands.start : filter_commands.stop - 1] = -np.array(loop.K_pending)[::-1]
@@ -459,9 +460,9 @@ class _LiftedLoops:
         )
 
     def predicted(self) -> list[AxisPrediction]:
-        """Return the prediction for each plant; see the function `predict_performance`.
+        """Return the predicted performance for each plant, as `predict_performance` does for one plant.
 
-        A plant repeats the last command if one is lost.
+        If a command is lost, the vehicle repeats the last command.
         """
         poles = np.abs(np.linalg.eigvals(self.A)).max(axis=1)
         error, command = np.full((2, len(poles)), np.inf)
@@ -472,8 +473,8 @@ class _LiftedLoops:
         # is added to the command. The second index is the stable plant.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
-        # A lost command acts like noise whose variance is that of the change of the command. This noise itself
-        # increases the changes of the command, so its variance follows from a geometric series.
+        # A lost command acts like noise with the variance of the command's change. This noise itself increases the
+        # command's changes, so its variance follows from a geometric series.
         feedback = self.loss_rates[stable] * changes[1]
         converges = feedback < 0.9
         loss_variance = (self.loss_rates[stable] * changes[0])[converges] / (1.0 - feedback[converges])
@@ -483,16 +484,16 @@ class _LiftedLoops:
         return [AxisPrediction(*each) for each in zip(error.tolist(), command.tolist(), poles.tolist(), strict=True)]
 
     def sensitivity(self, z: np.ndarray) -> np.ndarray:
-        """Return 1 / (1 + L) of the first plant at points of the z-plane, as det(zI - A_opened) / det(zI - A)."""
+        """Return 1 / (1 + L) = det(zI - A_opened) / det(zI - A) at points of the z-plane, for the first plant."""
         zeros, poles = (np.linalg.eigvals(each[0]) for each in (self.opened, self.A))
         return ((z[:, np.newaxis] - zeros) / (z[:, np.newaxis] - poles)).prod(axis=1)
 
 
 def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """Return X = A X Aᵀ + Q of stable A (k, n, n), for (..., k, n, n) covariances Q.
+    """Solve X = A X Aᵀ + Q for stable A (k, n, n) and covariances Q (..., k, n, n).
 
-    The sum over A^i Q Aᵀ^i is doubled until it no longer changes (R. A. Smith, "Matrix equation XA + BX = C", 1968).
-    For stacks of small matrices, this method is much faster than Schur forms.
+    The number of terms in the sum of A^i Q Aᵀ^i is doubled until the sum no longer changes (R. A. Smith, "Matrix
+    equation XA + BX = C", 1968). For stacks of small matrices, this method is much faster than Schur forms.
     """
     X, power = Q, A
     while True:
@@ -505,23 +506,23 @@ def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 
 def _variance(row: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Return the variances (..., k) of rows (k, n) of states whose covariances are X (..., k, n, n)."""
+    """Return the variances (..., k) of linear functions (k, n) of states with covariances X (..., k, n, n)."""
     return np.einsum("ki,...kij,kj->...k", row, X, row)
 
 
 @dataclass(frozen=True, eq=False)
 class _LqgSearch:
-    """Search for the parameters of an axis.
+    """Search for the best controller parameters on one axis.
 
     Attributes:
-        axis_of: function that returns the axis with given parameters.
-        loop_of: function that returns the filter and the regulator of an axis.
-        actual_plants: actual plants, the nominal plant first.
-        max_command: largest RMS of the command.
-        timing: periods and delay.
+        axis_of: function that returns the settings of the axis for given parameters.
+        loop_of: function that returns the filter and the regulator for these settings.
+        actual_plants: models of all plants that the design considers, the nominal plant first.
+        max_command: largest allowed RMS of the command.
+        timing: control period, frame period and delay that the filter assumes.
         values: best parameters so far, or initial parameters.
-        chain_limits: limits of the loop of the nominal chain.
-        cost: cost of these parameters.
+        chain_limits: limits for the loop with the nominal chain.
+        cost: cost of the best parameters so far.
     """
 
     axis_of: Callable[..., Any]
@@ -534,7 +535,7 @@ class _LqgSearch:
     cost: float = math.inf
 
     def cost_of(self, logs: np.ndarray) -> float:
-        """Return the logarithm of the error plus a penalty for violated limits, given logarithms of the parameters."""
+        """Return the logarithm of the error plus a penalty for violated limits, given the parameters' logarithms."""
         try:
             loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
@@ -559,7 +560,7 @@ class _LqgSearch:
         )
 
     def improved(self) -> "_LqgSearch":
-        """Return a search with better parameters: those that have the lowest cost in a search from the present ones."""
+        """Return a search whose parameters have been improved by a local search from the present ones."""
         logs = np.log(self.values)
         first, *_ = steps = np.eye(len(logs))
         with single_threaded_blas():
@@ -574,7 +575,7 @@ class _LqgSearch:
         return replace(self, values=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def result(self) -> tuple[Any, tuple[AxisPrediction, ...]]:
-        """Return the axis with the present parameters, and its prediction for each plant."""
+        """Return the settings of the axis with the present parameters, and the predicted performance for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.values))
         loop = self.loop_of(axis)
         predictions = tuple(predict_performance(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
@@ -586,7 +587,7 @@ class _LqgSearch:
         return axis, predictions
 
     def with_tighter_limits(self, limits: LqgLimits, exact: Sequence[Margins | None]) -> "_LqgSearch":
-        """Return this search if the whole loop satisfies the limits; otherwise return a search with tighter limits."""
+        """Return this search if the whole loop observes the limits; otherwise return a search with tighter limits."""
         loop_margins = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in loop_margins), default=0.0)
         delay = min((margins.delay for margins in loop_margins), default=math.inf)
@@ -602,7 +603,7 @@ class _LqgSearch:
 def _common(
     weight: float, noise: float, first: float, second: float, time: float, position_noise: float
 ) -> dict[str, Any]:
-    """Return the fields that are common to all axes."""
+    """Return the control fields that all axes share."""
     return {
         "first": ColouredNoise(deviation=first, time=_CONSTANT_TIME),
         "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
@@ -613,13 +614,13 @@ def _common(
 
 
 def lateral_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:
-    """Return the chain of a plant along x or y, with its disturbances."""
+    """Return the model of a plant along x or y, a chain of lags and integrators, with its disturbances."""
     lag = plant.lag if plant.lags or plant.response is None else None
     return lateral_model(lag, plant.response, _disturbing(conditions.lateral, ChainNoise(conditions.bias, _BIAS_TIME)))
 
 
 def vertical_plant_model(plant: Plant, conditions: Conditions) -> ContinuousModel:
-    """Return the chain of a plant along z, with its disturbances."""
+    """Return the model of a plant along z, a chain of lags and integrators, with its disturbances."""
     model = vertical_model(plant.lag, _disturbing(conditions.vertical, None))
     return model._replace(B=plant.thrust_gain * model.B)
 
@@ -631,13 +632,13 @@ def _disturbing(conditions: DisturbanceStatistics, bias: ChainNoise | None) -> D
 
 
 def _yaw(scenario: Scenario) -> YawPd:
-    """Return the yaw PD of a cascade."""
+    """Return a yaw PD, designed as for a cascade."""
     gains: Any = design_cascade(median_scenario(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
 def _lag(scenario: Scenario) -> float:
-    """Return the time constant of the rotors, s; the geometric mean if acceleration and braking differ."""
+    """Return the time constant of the rotors, s: the geometric mean of the values for acceleration and braking."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
 
@@ -660,7 +661,7 @@ def _delay(scenario: Scenario) -> int:
 
 
 def _size(quantity: Any) -> float:
-    """Return the root mean square of a quantity that may be a distribution."""
+    """Return the root mean square of a quantity, which may be a distribution or a number."""
     if isinstance(quantity, float):
         return quantity
     drawn = quantity.quantile((np.arange(101) + 0.5) / 101)

@@ -1,8 +1,7 @@
-"""Derivatives of the metrics of a flight with respect to numbers in the scenario.
+"""Derivatives of flight metrics with respect to numeric fields of a scenario.
 
-A number of a scenario determines numeric parameters, and the initial state, in the diagram's context. From their
-derivatives, Drake's simulator propagates derivatives with AutoDiffXd through every step, filter and delay to the
-metrics.
+A numeric field affects numeric parameters and the initial state in the diagram's context. Drake's simulator with
+AutoDiffXd propagates the derivatives of these values through every step, filter and delay to the metrics.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,16 +28,17 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# Metrics are magnitudes. Values below this, in SI units, are rounding errors.
+# Metrics below this value, in SI units, are rounding errors around zero. Metrics are magnitudes, so they have a kink at
+# zero.
 _MIN_METRIC = 1e-12
-# Fields that are compared with a random number or with the time. The metrics are not differentiable with respect to
-# them.
+# Fields that the simulation compares with a random number or with the time. Metrics are not differentiable with respect
+# to these fields.
 _COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
-# Relative step of the five-point finite differences. They are nearly exact, since the parameters of a diagram are
-# nearly polynomials of the numbers in a scenario.
-_STEP = 1e-3
-# Weights of five-point differences by step. The one-sided differences are for numbers at the end of their allowed
-# range.
+# Relative step of the five-point finite differences. The differences are nearly exact, since the parameters of a
+# diagram are nearly polynomials of a field's value.
+_RELATIVE_STEP = 1e-3
+# Weights of five-point differences, by the number of steps. One-sided differences are used for values at the end of
+# their allowed range.
 _CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
 _FORWARD_WEIGHTS = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _BACKWARD_WEIGHTS = {-steps: -weight for steps, weight in _FORWARD_WEIGHTS.items()}
@@ -49,11 +49,11 @@ class Sensitivities:
     """Metrics of a flight and their derivatives.
 
     Attributes:
-        fields: paths of the fields of the scenario.
+        fields: paths of the scenario fields.
         values: (fields,) values of the fields.
         metrics: metrics of the flight, by name. After a crash they cover the flight until the crash.
         crash_time: time of the crash, s; infinite without a crash.
-        gradients: (fields,) derivatives of each metric, by name; NaN for a metric that is zero, where it has a kink.
+        gradients: (fields,) derivatives of each metric, by name; NaN where a metric is zero and therefore has a kink.
     """
 
     fields: tuple[str, ...]
@@ -64,7 +64,7 @@ class Sensitivities:
 
 
 def differentiable_metrics(scenario: Scenario) -> list[str]:
-    """Return the names of the metrics that depend smoothly on a flight, as long as the vehicle does not crash."""
+    """Return the names of the metrics that are differentiable as long as the vehicle does not crash."""
     return [name for name, metric in definitions_of(scenario.metrics_type).items() if metric.differentiable]
 
 
@@ -73,11 +73,11 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
 
     Args:
         scenario: scenario without distributions, unless a sample is given.
-        fields: paths of numbers in the scenario, as in `--set`: `vehicle.mass`, `control.position.k_p.0`.
-        sample: index of the sample of the scenario's study to fly.
+        fields: paths of numeric scenario fields, as in `--set`: `vehicle.mass`, `control.position.k_p.0`.
+        sample: index of the study sample to fly.
 
     Raises:
-        InputError: a field is not a number, or the flight does not depend smoothly on it.
+        InputError: if a field is not a number, or the flight does not depend smoothly on it.
     """
     if not fields:
         raise InputError("cannot compute sensitivities: no field is given; name at least one, such as vehicle.mass")
@@ -117,7 +117,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
 
 
 def _structure(diagram: Diagram) -> list[Any]:
-    """Return the structure of a diagram: its leaf systems, with their options and sizes."""
+    """Return the structure of a diagram: the options and sizes of its leaf systems."""
     leaves = []
     for path in sorted(leaf_paths(diagram)):
         options = getattr(subsystem(diagram, path), "structure", {})
@@ -126,13 +126,13 @@ def _structure(diagram: Diagram) -> list[Any]:
 
 
 def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
-    """Return the derivative of all numbers of the default context with respect to a field."""
+    """Return the derivative of all values in the default context with respect to a field."""
     if field.startswith("route."):
         raise InputError(f"cannot differentiate with respect to {field}: it changes the plan")
     if field.endswith(_COMPARED_FIELDS):
         raise InputError(f"cannot differentiate with respect to {field}: the flight depends on it discontinuously")
     value = number_at(scenario, field)
-    step = _STEP * (abs(value) or 1.0)
+    step = _RELATIVE_STEP * (abs(value) or 1.0)
     seed, structure = np.zeros_like(nominal), _structure(build_tracking_diagram(scenario, plan=plan))
     for neighbour, weight in _neighbours(scenario, field, value, step):
         diagram = build_tracking_diagram(neighbour, plan=plan)
@@ -149,7 +149,7 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nom
 
 
 def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> list[tuple[Scenario, float]]:
-    """Return scenarios with a field a few steps away, and the weights of the differences to the scenario itself."""
+    """Return scenarios in which a field differs by a few steps, and the finite-difference weight of each."""
     refusals = []
     for weights in (_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS):
         try:

@@ -1,4 +1,4 @@
-"""Maps of stable gains, and of the flight performance with them."""
+"""Maps of stability and flight performance over two gains."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -22,21 +22,21 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
-_NUM_FREQUENCIES = 300  # number of frequencies on which the delay margin is interpolated
-# Difference of a gain between two linear models. The models are affine in the gain, so that any difference would give
-# the same result.
+_NUM_FREQUENCIES = 300  # number of frequencies between which the delay margin is interpolated
+# Difference between the gains of two linear models. The models are affine in the gains, so that any difference would
+# give the same result.
 _GAIN_STEP = 1.0
-# Matrix entries that change by less than this when the gain changes, relative to the largest entry, are constant.
+# Relative change, with respect to the largest entry, up to which a matrix entry counts as independent of the gain.
 _ROUNDING_TOLERANCE = 1e-9
 
 
 class MappedGains(NamedTuple):
-    """The two gains of a map.
+    """Pair of gains that a map varies.
 
     Attributes:
-        block: path of the block of a scenario that contains the gains.
-        fields: names of their fields.
-        symbols: k_P and k_D for display, or the names of gains on board.
+        block: path of the scenario block that contains the gains.
+        fields: names of the two gains in this block.
+        symbols: symbols for display: k_P and k_D, or the names of gains on board.
         units: units of the gains.
     """
 
@@ -47,7 +47,7 @@ class MappedGains(NamedTuple):
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Symbols with their units."""
+        """Labels of the two gains: symbol and unit."""
         first, second = (f"{symbol} ({unit})" for symbol, unit in zip(self.symbols, self.units, strict=True))
         return first, second
 
@@ -56,7 +56,7 @@ class StabilityMap(NamedTuple):
     """Stability of the linear loop over a grid of gains, as arrays (k_p, k_d).
 
     Attributes:
-        size: largest magnitude of a pole; the loop is stable if it is below 1.
+        size: largest magnitude of a closed-loop pole; the loop is stable if it is below 1.
         damping: smallest damping ratio of all poles; NaN where the loop is unstable.
         delay: delay margin, s, interpolated between frequencies with a relative error of about 1e-3; NaN where the loop
             is unstable.
@@ -68,15 +68,15 @@ class StabilityMap(NamedTuple):
 
     @property
     def stable(self) -> np.ndarray:
-        """True where all poles lie inside the unit circle."""
+        """Mask of the gains for which all poles lie inside the unit circle."""
         return self.size < 1.0 - 1e-9  # rounding moves the pole of an integrator slightly to either side of 1
 
 
 def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
-    """Return the gains of a map: the gains of the PD on the ground, or of the loops of an autopilot.
+    """Return the gains that a map varies: the gains of a PD on the ground, or of an autopilot's loops.
 
     Raises:
-        InputError: the loop is the attitude loop, and the autopilot has no gains.
+        InputError: if the loop is the attitude loop, and the autopilot has no gains.
     """
     autopilot = scenario.laboratory.autopilot
     if loop == "position" or not autopilot.controls_attitude:
@@ -90,7 +90,7 @@ def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
 
 
 def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:
-    """Return the map of a scenario's loop in its linear model, see `mapped_plant`.
+    """Return the stability map of a scenario's loop, from its linear model; see `mapped_plant`.
 
     Args:
         scenario: scenario with the loop.
@@ -99,7 +99,7 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
         second: (columns,) values of the second of the `mapped_gains`.
 
     Raises:
-        InputError: an error of `mapped_gains` or `mapped_plant`.
+        InputError: under the conditions of `mapped_gains` and `mapped_plant`.
     """
     plant, (outer, inner) = mapped_plant(scenario, loop), np.meshgrid(first, second, indexing="ij")
     if mapped_gains(scenario, loop).block == _AUTOPILOT_BLOCK:
@@ -108,7 +108,7 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
-    """Return the map of a PD around a plant, from the poles and the frequency response of every loop.
+    """Return the stability map of a PD for a plant, from the poles and frequency response of every closed loop.
 
     Args:
         plant: plant from a commanded acceleration to the measured value and rate.
@@ -119,7 +119,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 
 def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """Return the map for gains (rows, columns, 2) on the value and on the rate."""
+    """Return the stability map for an array (rows, columns, 2) of gains on the value and on the rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     clipped_poles = np.where(np.abs(poles) > _MIN_POLE_MAGNITUDE, poles, _MIN_POLE_MAGNITUDE)
@@ -135,16 +135,16 @@ def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """Return the plant along x for the gains of one loop, with the rest of the scenario's loop closed.
+    """Return the plant along x that the gains of one loop act on, with all other loops of the scenario closed.
 
-    For a PD on the ground the plant follows from linear models of the whole closed loop, whose matrix over a tick is A
-    - b (k_P c_P + k_D c_D). The plant therefore contains everything around the PD: the other loop of the cascade,
-    integrals and estimators. It does not contain a network, which learns and has no linear model. For the attitude on
-    board, the plant is the plant of the autopilot, over a period of the autopilot. It does not contain the position
-    loop, whose period is longer.
+    The plant of a PD on the ground follows from linear models of the whole closed loop, whose matrix over a tick is A -
+    b (k_P c_P + k_D c_D). It therefore contains everything around the PD: the other loop of the cascade, integrals and
+    estimators. It does not contain a network, since a learning network has no linear model. The plant of an attitude
+    loop on board is the autopilot's plant over one of its periods. It does not contain the position loop, whose period
+    is longer.
 
     Raises:
-        InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.
+        InputError: if the scenario has no such plant, or the attitude loop has no gains; see `mapped_gains`.
     """
     mapped = mapped_gains(scenario, loop)
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
@@ -177,14 +177,14 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
 def simulated_map(
     scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
 ) -> Metrics:
-    """Simulate a scenario with every pair of gains in one fleet, with the same wind and noise.
+    """Simulate a fleet with one vehicle for every pair of gains, all with the same wind and noise.
 
     Args:
-        scenario: scenario with the route.
-        loop: loop with the gains, on x and y of the position, or on roll and pitch.
+        scenario: scenario to fly, with the route.
+        loop: loop whose gains vary: the position loop on x and y, or the attitude loop on roll and pitch.
         first: (rows,) values of the first of the `mapped_gains`.
         second: (columns,) values of the second of the `mapped_gains`.
-        sample: sample of the scenario's study.
+        sample: index of the study sample that determines wind and noise.
         compiled: True to simulate with machine code, False for the uncompiled diagram.
 
     Returns:

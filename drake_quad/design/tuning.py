@@ -1,11 +1,11 @@
-"""Tuning of a controller's parameters by one protocol: smallest error on training samples, under a limit on the loop.
+"""Tuning of a controller's parameters to the smallest error on training samples, subject to a limit on the loop.
 
-Every controller gets the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The
-cross-entropy method", 2004) over the logarithms of the parameters. In each round a fleet simulates points of a normal
-distribution on the training samples, and the best quarter of them determines the next distribution. A linear model
-takes as long as a thousand flights. The limit is therefore evaluated only for a few of the best points of each round,
-and predicted for the other points by radial basis functions. Three local searches from the best point follow, which
-evaluate the limit at every step.
+All controllers are tuned with the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P.
+Kroese, "The cross-entropy method", 2004) over the logarithms of the parameters. In each round a fleet simulates points
+of a normal distribution on the training samples, and the best quarter of them determines the next distribution. A
+linear model of the loop takes as long as a thousand flights. The limit is therefore evaluated only at a few of the best
+points in each round; radial basis functions predict it for all other points. Three local searches from the best point
+follow, which evaluate the limit at every step.
 """
 
 import math
@@ -25,29 +25,29 @@ from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import map_leaves
 
-# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them. An
+# Cost of a crash at the end of a flight, m. One crash in 25 flights costs as much as 4 cm of error in all of them. An
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_FRACTION = 0.25  # fraction of the points that determine the next distribution
-_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
-_MIN_DEVIATION = 0.01  # smallest standard deviation of the logarithm of a parameter, against premature convergence
+_ELITE_FRACTION = 0.25  # fraction of the points, the best ones, that determine the next distribution
+_DISTRIBUTION_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
+_MIN_DEVIATION = 0.01  # smallest standard deviation of a parameter's logarithm, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
-# Penalty on the logarithm of the error, relative to the logarithm of the factor by which the limit is missed.
+# Weight of the penalty for a violated limit: logarithm of the error per logarithm of the violated ratio.
 _PENALTY = 4.0
-# Assumed error of a predicted limit in the first round: error of its logarithm per unit of distance from the nearest
-# evaluated point. The width of the box is 1.
+# Assumed prediction error of a ratio from `limit_fractions` in the first round: error of its logarithm per distance
+# from the nearest evaluated point, where the width of the box is 1.
 _INITIAL_UNCERTAINTY = 0.5
-# Smallest distance from the limit, in logarithms, because predictions are not exact.
+# Reserve that is kept to a limit, as the logarithm of the ratio, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
-# Initial steps of the local searches, relative to the width of the box.
+# Initial step of each local search, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
-# Fractions of a limit are clipped to this range.
+# Ratios from `limit_fractions` are clipped to this range before they are interpolated.
 _FRACTION_RANGE = (0.2, 1.5)
 
 
 class Knob(NamedTuple):
-    """Tuned parameter.
+    """Parameter that is tuned within a range.
 
     Attributes:
         paths: paths of the fields that are set to this parameter, such as `control.position.k_p.0`.
@@ -61,7 +61,7 @@ class Knob(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """True if the parameter belongs to the vertical axis, the third of three."""
+        """True if the parameter belongs to the vertical axis, which is the third of three."""
         return all(path.endswith(".2") for path in self.paths)
 
 
@@ -73,7 +73,7 @@ class Budget(NamedTuple):
         candidates: number of candidates that are simulated in each round.
         samples: number of samples for each candidate, in all laboratories together.
         checks: number of evaluations of the limit in each round.
-        steps: number of steps of each of the three local searches after all rounds.
+        steps: number of steps in each of the three local searches that follow the rounds.
     """
 
     rounds: int = 12
@@ -95,9 +95,9 @@ class LoopLimit(NamedTuple):
     delay: float = 0.05
 
     def limit_fractions(self, scenario: Scenario) -> np.ndarray:
-        """Return the fractions of the limits that the loops of a scenario meet, all 0 for an unstable loop.
+        """Return how well the loops of a scenario meet the limits, as ratios; a single 0 if a loop is unstable.
 
-        A fraction of 1 or more means that the limit is met.
+        Each ratio compares a margin with its limit. A ratio of 1 or more means that the limit is met.
         """
         try:
             margins = fast_link_margins(scenario)
@@ -110,9 +110,10 @@ class TuningResult(NamedTuple):
     """Result of a tuning.
 
     Attributes:
-        values: values of the knobs, in the order of the knobs.
-        error: mean RMSE on the training samples, with 1 to 2 m for each crash, m.
-        limit_fraction: fraction of the limit that is met; 1 or more if the limit is met, infinite without a limit.
+        values: tuned values, in the order of the knobs.
+        error: mean RMSE on the training samples, where a crash counts as 1 to 2 m, m.
+        limit_fraction: smallest ratio of a margin to its limit; 1 or more if all limits are met, infinite without
+            limits.
     """
 
     values: tuple[float, ...]
@@ -134,14 +135,14 @@ def tune(
 ) -> TuningResult:
     """Tune the parameters of a controller: first for the lateral axes, then for the vertical axis.
 
-    The two stages are almost independent. The rounds are divided between them in proportion to their numbers of knobs.
+    The two stages are almost independent. Each stage gets a number of rounds in proportion to its number of knobs.
     During the first stage, the vertical parameters are held at the middle of their ranges.
 
     Args:
         scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
             first laboratory.
-        knobs: tuned parameters.
-        limit_fractions: function that returns the fractions of the limits that the loops of a scenario meet, such as
+        knobs: parameters to tune, with their ranges.
+        limit_fractions: function that returns how well the loops of a scenario meet the limits, such as
             `LoopLimit.limit_fractions`; None without a limit.
         budget: budget of the search.
         first_sample: first of the consecutive training samples.
@@ -188,13 +189,13 @@ def _local_search(
     radius: float,
     steps: int,
 ) -> TuningResult:
-    """Return the best point of a search with linear models of error and limits (M. J. D. Powell's COBYLA, 1994)."""
+    """Return the best point of a local search by COBYLA, which uses linear models (M. J. D. Powell, 1994)."""
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
     best, first = start, trial.point(start.values)
     unlimited = np.array([math.inf])
 
     def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the logarithms of the error and of the fractions of the limits."""
+        """Return the logarithms of the error and of the ratios from `limit_fractions`."""
         nonlocal best
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
@@ -217,7 +218,7 @@ def _local_search(
 
 
 class _GainSearch(NamedTuple):
-    """Search for several parameters at once."""
+    """Search by the cross-entropy method for several parameters at once."""
 
     knobs: Sequence[Knob]
     budget: Budget
@@ -231,10 +232,10 @@ class _GainSearch(NamedTuple):
         limit_fractions: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
     ) -> TuningResult:
-        """Return the best candidate; arguments are those of `tune`."""
+        """Return the best candidate; the arguments are as in `tune`."""
         count, size = len(self.knobs), self.budget.candidates
         trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.extra_latency)
-        # Coordinates are relative to the box, from 0 to 1.
+        # Coordinates of points are relative to the box and range from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
         evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
@@ -254,8 +255,8 @@ class _GainSearch(NamedTuple):
                     )
                 order = np.argsort(np.log(errors) + evaluated.penalties(points, uncertainty))
             elite = points[order[: max(round(_ELITE_FRACTION * size), 2)]]
-            mean = mean + _STEP * (elite.mean(axis=0) - mean)
-            spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
+            mean = mean + _DISTRIBUTION_STEP * (elite.mean(axis=0) - mean)
+            spread = spread + _DISTRIBUTION_STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
             points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.min_deviation**2), size), 0.0, 1.0)
             if progress is not None:
                 progress()
@@ -263,7 +264,7 @@ class _GainSearch(NamedTuple):
 
 
 class _Trial:
-    """Candidates as points of the box of all knobs, and the fleets that simulate them."""
+    """Candidates, as points in the box of the knob ranges, and the fleets that simulate them."""
 
     def __init__(
         self,
@@ -287,19 +288,19 @@ class _Trial:
         self.min_deviation = _MIN_DEVIATION / self._width
 
     def values(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the values of the knobs at a point."""
+        """Return the knob values that a point in the box stands for."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point at which the knobs have given values."""
+        """Return the point in the box that stands for given knob values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """Return the first scenario with the values of the knobs at a point."""
+        """Return the first scenario with the knob values of a point."""
         return with_numbers(self._scenarios[0], self._knobs, self.values(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
-        """Return the mean errors (count,) at points, m."""
+        """Return the mean error of the candidate at each point, (count,), m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
         varying = {path: column for knob, column in zip(self._knobs, columns, strict=True) for path in knob.paths}
         errors = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
@@ -307,7 +308,7 @@ class _Trial:
         return np.asarray(np.mean(errors, axis=0) + sum(late, np.zeros(len(points))) / len(errors))
 
     def _flights(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
-        """Return the flights of several candidates, their planned duration, and the number of candidates."""
+        """Fly several candidates, and return the metrics, the planned duration (s), and the number of candidates."""
         batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
         return fleet.fly_batch(batch), fleet.duration, count
 
@@ -315,14 +316,14 @@ class _Trial:
 def tolerated_delay(
     scenarios: Sequence[Scenario], max_latency: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
-    """Return the largest additional latency of the cameras without a crash in any training flight, s, in whole frames.
+    """Return the largest additional camera latency at which no training flight crashes, s, in whole frames.
 
     Args:
         scenarios: laboratories with the controller.
         max_latency: largest latency that is tried, s.
 
-        budget: budget with the number of training samples.
-        first_sample: first of the training samples.
+        budget: budget, which determines the number of training samples.
+        first_sample: index of the first training sample.
     """
     samples = _training_samples(budget, len(scenarios), first_sample)
     frame = scenarios[0].laboratory.motion_capture.period
@@ -339,12 +340,12 @@ def tolerated_delay(
 
 
 def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
-    """Return the training samples of each laboratory."""
+    """Return the indices of the training samples that are flown in each laboratory."""
     return range(first, first + max(budget.samples // laboratories, 1))
 
 
 def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
-    """Return the scenario with an additional latency of camera frames (s), rounded to whole frames."""
+    """Return the scenario with additional camera latency (s), rounded to whole frames."""
     cameras = scenario.laboratory.motion_capture
     frames = float(round(extra_latency / cameras.period))
 
@@ -361,26 +362,26 @@ def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
-    """Return the scenario with given values of the knobs."""
+    """Return the scenario with given knob values."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
     return map_leaves(scenario, lambda path, value: values.get(path, value))
 
 
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
-    """Return the mean errors (count,) of candidates, m."""
+    """Return the mean error of each candidate, (count,), m, including the costs of crashes."""
     tracking_errors = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
     return np.asarray(tracking_errors + _crashes(metrics, duration, count))
 
 
 def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
-    """Return the mean costs (count,) of the candidates' crashes, m."""
+    """Return the mean crash cost of each candidate, (count,), m."""
     remaining_fraction = 1.0 - np.minimum(metrics.crash_time, duration) / duration
     costs = np.where(metrics.crashed, _CRASH_COST * (1.0 + remaining_fraction), 0.0)
     return np.asarray(costs.reshape(count, -1).mean(axis=1))
 
 
 class _EvaluatedPoints:
-    """Evaluated points of a search, with the fractions of the limits that each point meets."""
+    """Points at which a search has evaluated the limits, with the ratios from `limit_fractions`."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -393,16 +394,16 @@ class _EvaluatedPoints:
         self._fractions.append(fractions)
 
     def penalties(self, points: np.ndarray, uncertainty: float) -> np.ndarray:
-        """Return penalties (count,) on the logarithm of the error, for points that are predicted to violate the limit.
+        """Return penalties (count,) on the logarithm of the error, positive where the limits are probably violated.
 
-        The penalty decreases with the distance to evaluated points, so that the search also explores unknown regions.
+        The penalty decreases with the distance from evaluated points, so that the search also explores unknown regions.
 
         Args:
             points: (count, dimensions) points.
-            uncertainty: assumed error of the prediction: error of the logarithm over the distance from evaluated
-                points, where 1 is the width of the box.
+            uncertainty: assumed prediction error of the logarithm, per distance from the nearest evaluated point. A
+                distance of 1 is the width of the box.
         """
-        # The interpolation requires at least as many points as determine a plane.
+        # The interpolation requires at least as many points as a plane needs.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._fractions))
@@ -413,14 +414,14 @@ class _EvaluatedPoints:
 
 
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
-    """Return the logarithms (count,) of clipped fractions of limits.
+    """Return the logarithms (count,) of clipped ratios from `limit_fractions`.
 
-    The single fraction of an unstable loop is repeated. Far from the limits, fractions are discontinuous, and the
-    search does not need their exact values.
+    The single ratio of an unstable loop is repeated. Far from the limits, the ratios are discontinuous, and the search
+    does not need their exact values.
     """
     return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:
-    """Return the candidate with the smaller error if both meet the limit, or else the one closer to the limit."""
+    """Return the candidate with the smaller error if both meet the limits, or else the one closer to the limits."""
     return min(first, second, key=lambda each: (-min(each.limit_fraction, 1.0), each.error))

@@ -1,11 +1,11 @@
 """Elementary functions of symbols, in vector arithmetic that computes several vehicles at once.
 
-The results agree with a mathematical library to within two units in the last place. There are two exceptions: sines and
+The results agree with a mathematical library to within two units in the last place, with two exceptions: sines and
 cosines of angles beyond a million radians are NaN, and results below 1e-307 may be zero.
 
-Each function reduces its argument to a small range and evaluates a polynomial. The polynomials of sine and cosine are
+Each function reduces its argument to a small range and evaluates a polynomial. The polynomials for sine and cosine are
 the minimax approximations from S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in the Cephes
-library. All others are Chebyshev fits computed with mpmath.
+library. All other polynomials are Chebyshev fits that were computed with mpmath.
 """
 
 import functools
@@ -27,7 +27,8 @@ _EXPONENT_SHIFT = np.uint64(52)
 _EXPONENT_BIAS = np.uint64(1023)
 _MANTISSA_MASK = np.uint64(2**52 - 1)
 _SIGN_MASK = np.uint64(1 << 63)
-# Left shifts that move the lowest bit, or the second lowest bit, to the sign bit.
+# The left shift by `_SIGN_SHIFT` moves the lowest bit to the sign bit, and the shift by `_BELOW_SIGN_SHIFT` the second
+# lowest bit.
 _SIGN_SHIFT = np.uint64(63)
 _BELOW_SIGN_SHIFT = np.uint64(62)
 _ONE_BIT = np.uint64(1)
@@ -57,7 +58,7 @@ _COSINE_COEFFICIENTS = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-# ln 2 as a sum of two doubles. The first has few digits, so that its products with whole numbers are exact.
+# ln 2 as a sum of two doubles. The first double has few digits, so that its products with whole numbers are exact.
 _LN_2_PARTS = (6.93145751953125e-1, 1.42860682030941723212e-6)
 # Polynomial of (exp r - 1 - r) / r² in r, for |r| <= ln 2 / 2. Its error in exp r is below 1.3e-17.
 _EXP_COEFFICIENTS = (
@@ -72,7 +73,7 @@ _EXP_COEFFICIENTS = (
     2.7620138719733994e-07,
     2.5100424157005067e-08,
 )
-# Limits to which arguments are clipped. At these limits, the computed result is infinity or zero.
+# Limits to which the argument of exp is clipped. At these limits, the computed result is infinity or zero.
 _MAX_EXP_ARGUMENT = 710.0
 _MIN_EXP_ARGUMENT = -709.1
 # Polynomial of (ln((1 + s) / (1 - s)) - 2 s) / s³ in s², for (1 + s) / (1 - s) from √½ to √2. Its error is below 1e-17.
@@ -138,7 +139,7 @@ _TANH_COEFFICIENTS = (
     7.959955735264808e-05,
     -1.724487449484433e-05,
 )
-_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which this polynomial is used
+_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which tanh is computed by its polynomial
 # Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
 _ERF_COEFFICIENTS = (
     -0.37612638903183754,
@@ -179,7 +180,7 @@ _TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """Return x where the mask is true, else y; if only one of x and y is a truth value, it is converted to a number."""
+    """Return x where the mask is true, else y. If only one of x and y is a truth value, it is converted to a number."""
     _, x, y = to_symbols(mask, x, y)
     if x.kind is not y.kind:
         x, y = number(x), number(y)
@@ -187,7 +188,7 @@ def select(mask: Symbol, x: Any, y: Any) -> Symbol:
 
 
 def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
-    """Return x y + z with a single rounding."""
+    """Return x y + z, rounded only once."""
     return operation("multiply_add", x, y, z)
 
 
@@ -212,8 +213,9 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 def _function(approximation: _Formula) -> _Formula:
     """Decorate the approximation of an elementary function.
 
-    If the listing of the arguments calls functions, a call is recorded instead of the operations of the approximation.
-    The name of the called function is the name of the formula with the names of the options that are true.
+    If the listing that contains the arguments calls functions (see `Listing.calls_functions`), a call is recorded
+    instead of the approximation's operations. The name of the called function consists of the formula's name and the
+    names of the options that are true.
     """
 
     @functools.wraps(approximation)
@@ -266,14 +268,14 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
 
 
 def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
-    """Return x, negated where the highest bit of a word is set."""
+    """Return x, with opposite sign where the highest bit of a word is set."""
     return _number_of(bits_of(x) ^ (sign & _SIGN_MASK))
 
 
 @_function
 def exp(x: Symbol) -> Symbol:
     """Return the exponential of x, which is infinite for x of at least 709.4."""
-    # These comparisons are false for NaN, so that NaN remains NaN.
+    # Both comparisons are false for NaN, so that NaN remains NaN.
     clamped = select(x < _MIN_EXP_ARGUMENT, _MIN_EXP_ARGUMENT, x)
     clamped = select(clamped > _MAX_EXP_ARGUMENT, _MAX_EXP_ARGUMENT, clamped)
     rounded = multiply_add(clamped, 1.0 / math.log(2.0), _ROUNDING_OFFSET)
@@ -349,7 +351,7 @@ def arctan2(y: Any, x: Any) -> Symbol:
 
 
 def _slope_angle(rise: Symbol, run: Any) -> Symbol:
-    """Return the angle of a slope, rad, given a non-negative rise and run; zero if both are zero."""
+    """Return the angle, rad, of a slope with a non-negative rise and run; zero if both are zero."""
     flat, steep = rise <= _TAN_PI_8 * run, rise > _TAN_3_PI_8 * run
     # A single division covers three ranges: t is the tangent of the angle, of the angle minus π/4, or of the angle
     # minus π/2.

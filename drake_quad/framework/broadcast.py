@@ -1,4 +1,4 @@
-"""System that copies the rows of one vehicle to every vehicle of a fleet."""
+"""System that copies one vehicle's rows to every vehicle of a fleet."""
 
 from pydrake.systems.framework import BasicVector, BasicVector_, Context
 
@@ -8,7 +8,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 
 @fleet_system(float, AutoDiffXd)
 class Broadcast(FleetSystem):
-    """Copy of the rows of one vehicle for every vehicle of a fleet.
+    """System that copies the rows of a single vehicle to every vehicle of a fleet.
 
     .. pydrake_system::
 

@@ -1,8 +1,8 @@
 """On-disk cache of machine code and computed results, in a folder to which only this user can write.
 
 Each file contains an object file or a pickled result, followed by a digest of the file's name and of its content. The
-digest detects files that were damaged or renamed. It does not protect against other users. For that reason, the folder
-and the files must belong to this user, and nobody else may have write permission.
+digest detects files that were damaged or renamed. It does not protect against manipulation by other users. Therefore
+the folder and the files must belong to this user, and nobody else may have write permission.
 """
 
 import functools
@@ -17,19 +17,19 @@ from pathlib import Path
 
 from drake_quad.files import write_atomically
 
-# Largest total size of the cache. The size of a kernel is 5 to 200 kB, so the cache can contain thousands of kernels.
+# Largest total size of the cache, bytes. A kernel has 5 to 200 kB, so the cache can contain thousands of kernels.
 MAX_BYTES = 256 * 2**20
-_DIGEST_SIZE = 32  # bytes of a SHA-256 digest
-# The pattern matches only files and temporary files of the cache, so that pruning deletes no other file.
+_DIGEST_SIZE = 32  # bytes, size of a SHA-256 digest
+# Pattern of the cache's files and temporary files. Pruning deletes only files that match.
 _CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
-# Opening a file must not follow a symbolic link or block on a FIFO. These flags do not exist on Windows, which needs
-# the flag for binary mode instead.
+# Opening a file must not follow a symbolic link or block on a FIFO. Windows has no flags for this, but needs the flag
+# for binary mode.
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
 
 
 def read(name: str) -> bytes | None:
-    """Return the cached object file or result with a name; None if there is none, or if it cannot be trusted."""
+    """Return the content of the cache under a name; None if the file does not exist or cannot be trusted."""
     folder = cache_folder()
     if folder is None or not _is_trusted(folder):
         return None
@@ -51,7 +51,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, payload: bytes) -> None:
-    """Write an object file or a result to the cache. If writing fails, the next process computes it again.
+    """Write an object file or a result to the cache. If writing fails, the next process computes the content again.
 
     After one in sixteen writes, selected by the last digit of the name, the folder is pruned to `MAX_BYTES`.
     """
@@ -94,7 +94,7 @@ def prune(folder: Path, max_bytes: int) -> None:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder in the variable DRAKE_QUAD_CACHE, or by default a folder in the user's cache directory.
+    """Return the cache folder that DRAKE_QUAD_CACHE specifies, by default a folder in the user's cache directory.
 
     Returns:
         The folder, which may not exist yet. None if the cache is disabled: the variable is empty or not an absolute
@@ -157,7 +157,7 @@ def _is_trusted(folder: Path) -> bool:
 def _is_private(status: os.stat_result) -> bool:
     """Return whether a file or folder belongs to this user and nobody else can write to it.
 
-    On Windows the folders of a user are private by default, and the mode contains no information about this.
+    On Windows, a user's folders are private by default, and the file mode does not describe access by other users.
     """
     if sys.platform == "win32":
         return True

@@ -1,11 +1,11 @@
 """Elementary functions of Python floats, NumPy arrays, AutoDiffXd, Expression and symbols.
 
-Each formula of this package is written once, for rows. A row contains one number per vehicle: it is a float for one
-vehicle and an array for a fleet. The type of the numbers is AutoDiffXd for differentiation in Drake and Expression for
-symbolic computation in Drake. While a formula is compiled to machine code, a row is a `Symbol`.
+Each formula of this package is written once, for rows. A row contains one number per vehicle. It is a float for one
+vehicle, and an array for a fleet. The numbers are AutoDiffXd where Drake differentiates, and Expression where it
+computes symbolically. While a formula is compiled to machine code, a row is a `Symbol`.
 
-NumPy's functions are not sufficient: for a Python float they are several times slower than the functions of `math`,
-`np.maximum` and `np.minimum` reject an Expression, and no function of NumPy accepts a symbol.
+NumPy's functions are not sufficient. For a Python float, they are several times slower than the functions of `math`.
+`np.maximum` and `np.minimum` reject an Expression, and no NumPy function accepts a symbol.
 """
 
 import math
@@ -22,7 +22,7 @@ from drake_quad.framework.symbols import Matrix, Symbol, add_branch, are_same, l
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
-_BOOLEANS = (bool, np.bool)
+_BOOLEAN_TYPES = (bool, np.bool)
 
 
 def cos(x: Row) -> Row:
@@ -115,7 +115,7 @@ def log1p(x: Row) -> Row:
 
 
 def maximum(x: Row, y: Row) -> Row:
-    """Return the larger of x and y; y where x is NaN."""
+    """Return the larger of x and y, or y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x > y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
@@ -124,7 +124,7 @@ def maximum(x: Row, y: Row) -> Row:
 
 
 def minimum(x: Row, y: Row) -> Row:
-    """Return the smaller of x and y; y where x is NaN."""
+    """Return the smaller of x and y, or y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x < y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
@@ -133,12 +133,12 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
-    """Return x for the vehicles for which the mask is true, and y for the others.
+    """Return x for vehicles whose mask is true, and y for all other vehicles.
 
     x and y are rows, or records of the same type; a field that is None remains None. Rows of Expression are not
     supported.
     """
-    if isinstance(mask, _BOOLEANS):
+    if isinstance(mask, _BOOLEAN_TYPES):
         return x if mask else y
     if isinstance(x, tuple):
         rows = [where(mask, row, other) for row, other in zip(x, untyped(y), strict=True)]
@@ -153,20 +153,20 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
 def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
     """Return `where(mask, formula(*arguments), otherwise)`, but evaluate the formula only where it is needed.
 
-    This function is meant for expensive formulas that few vehicles need. The formula is evaluated only for vehicles for
-    which the mask is true; machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of
+    Use this function for expensive formulas that few vehicles need. Python evaluates the formula only for vehicles for
+    which the mask is true. Machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of
     Expression are not supported.
 
     Args:
         mask: Boolean for each vehicle, true if the vehicle needs the formula.
         formula: function of rows that returns a row or a tuple of rows. All rows that it uses must be arguments.
         arguments: arguments of the formula.
-        otherwise: result for the other vehicles.
+        otherwise: result for vehicles for which the mask is false.
 
     Raises:
         TypeError: if the formula is compiled and uses rows that are not arguments.
     """
-    if isinstance(mask, _BOOLEANS):
+    if isinstance(mask, _BOOLEAN_TYPES):
         return formula(*arguments) if mask else otherwise
     if mask.__class__ is Symbol:
         return where(mask, add_branch(untyped(mask), formula, arguments), otherwise)
@@ -182,21 +182,21 @@ def identity(x: _Rows) -> _Rows:
 
 
 def total(rows: Sequence[Row]) -> Row:
-    """Return the sum of at least one row. The sum starts with the first row instead of zero, to save an operation."""
+    """Return the sum of one or more rows. It starts with the first row instead of zero, which saves an operation."""
     first, *others = rows
     return sum(others, start=first)
 
 
 def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
-    """Return the sum of the products of the rows of two sequences."""
+    """Return the dot product of two sequences of rows."""
     return total([x * y for x, y in zip(first, second, strict=True)])
 
 
 def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row]) -> list[Row]:
-    """Return the outputs of a dense network layer: the activation function of the matrix product plus the biases.
+    """Return the outputs of a dense network layer: the activation function of matrix product plus biases.
 
-    The columns are added in order. Machine code contains a loop over the columns, so that the size of the code does not
-    depend on the size of the matrix.
+    The columns are added in order. Machine code loops over the columns, so that its size does not depend on the size of
+    the matrix.
 
     Args:
         matrix: constant weights and biases.
@@ -216,7 +216,7 @@ def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row])
 
 
 def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Return rows that are `some` where the mask is true, else `others`; `some` contains only the former vehicles."""
+    """Return rows equal to `some` where the mask is true, else to `others`; `some` has only these masked vehicles."""
     if isinstance(others, tuple):
         rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
         return others._make(rows) if hasattr(others, "_make") else tuple(rows)
@@ -260,7 +260,7 @@ def without_derivatives(x: Row) -> Row:
 
 
 def untyped(x: Any) -> Any:
-    """Return x as `Any`, so that a type checker does not treat a row as a float."""
+    """Return x with the type `Any`, so that a type checker does not treat a row as a float."""
     return x
 
 

@@ -1,7 +1,7 @@
 """LeafSystem for a fleet of vehicles, whose computations are declared as formulas.
 
-A port, parameter or state with k rows has k N elements for N vehicles, in C order of the shape (k, N). For one vehicle,
-this is a k-vector. A record names the rows: `drake_quad.signals` defines the records of the ports.
+A port, parameter or state with k rows has k N elements for N vehicles, in C order of the shape (k, N). A single vehicle
+has a k-vector. The fields of a record name the rows; `drake_quad.signals` defines the records of the ports.
 
 A system declares its ports, parameters and states, and the formula that computes each output or update from them:
 
@@ -10,13 +10,13 @@ A system declares its ports, parameters and states, and the formula that compute
     self.output("acceleration_command", pd_law, measurement, reference, gains)
 
 Drake's callbacks for all scalar types, and the machine code for floats, are derived from the declaration. A formula
-takes and returns records whose fields are rows: numbers for one vehicle and arrays for a fleet. It consists of
-arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
+takes and returns records whose fields are rows. A row is a number for one vehicle, and an array for a fleet. It
+consists of arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
 
 `declare` has two types of arguments. Structural arguments determine the ports and events. `parameters` is a record of
-numbers that may differ between vehicles. Each parameter and each initial state is computed from the parameters by a
-function, its recipe. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with
-other parameters.
+values that may differ between vehicles. Every numeric parameter and initial state has a recipe, a function that
+computes it from `parameters`. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again
+with other parameters.
 """
 
 import inspect
@@ -58,7 +58,7 @@ __all__ = ["REQUIRED", "TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickO
 
 
 class _Connection(Enum):
-    """Connection that an input port needs."""
+    """Requirement on the connection of an input port."""
 
     REQUIRED = "required"
 
@@ -69,13 +69,13 @@ REQUIRED = _Connection.REQUIRED
 
 @dataclass(frozen=True)
 class Input:
-    """Input port.
+    """Input port of a FleetSystem.
 
     Attributes:
         name: name of the port.
         index: Drake's index of the port.
         layout: layout of the rows.
-        absent: value that a formula receives if the port is not connected; `REQUIRED` if it must be connected.
+        absent: value that a formula receives if the port is not connected; `REQUIRED` if the port must be connected.
     """
 
     name: str
@@ -111,13 +111,13 @@ class Input:
 
 @dataclass(frozen=True)
 class Parameter:
-    """Numeric parameter of the context.
+    """Numeric parameter in the context of a FleetSystem.
 
     Attributes:
-        name: name within the system.
+        name: name of the parameter within the system.
         index: Drake's index of the numeric parameter.
         layout: layout of the rows.
-        recipe: function that computes the record from the parameters of the system.
+        recipe: function that computes the record from the system's argument `parameters`.
     """
 
     name: str
@@ -126,11 +126,11 @@ class Parameter:
     recipe: Callable[[Any], Any]
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Return the BasicVector of the parameter in a context."""
+        """Return the parameter's BasicVector in a context."""
         return context.get_numeric_parameter(self.index)
 
     def mutable_vector(self, context: Context) -> BasicVector:
-        """Return the mutable BasicVector of the parameter in a context."""
+        """Return the parameter's mutable BasicVector in a context."""
         return context.get_mutable_numeric_parameter(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
@@ -140,13 +140,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class StateGroup:
-    """Group of the discrete state, or the continuous state.
+    """Group of a FleetSystem's discrete state, or its continuous state.
 
     Attributes:
-        name: name within the system.
+        name: name of the group within the system.
         index: Drake's index of the discrete group; None for the continuous state.
         layout: layout of the rows.
-        recipe: function that computes the initial record from the parameters of the system.
+        recipe: function that computes the initial record from the system's argument `parameters`.
     """
 
     name: str
@@ -175,7 +175,7 @@ _Read = Input | Parameter | StateGroup
 
 
 class Computation:
-    """Formula of a system with its arguments and results.
+    """Formula of a FleetSystem, with its arguments and the layouts of its results.
 
     Attributes:
         formula: function of records and constants.
@@ -189,14 +189,14 @@ class Computation:
         self.results = tuple([_layout_of_target(target) for target in targets])
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
-        # A state that is both read and written is read from the vector to which the result is written.
+        # If a state is both read and written, its previous value is read from the vector that receives the result.
         written = {write.index: argument_index for argument_index, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
-        # Sources are sorted by type in advance, since `run` is called thousands of times per second.
+        # Arguments are sorted by type in advance, since `run` is called thousands of times per second.
         reads_and_indices = [
             (argument_index, read) for argument_index, (read, target) in enumerate(self._sources) if target is None
         ]
@@ -215,14 +215,14 @@ class Computation:
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
-        """Return the dependency tickets of everything that the results depend on."""
+        """Return the dependency tickets of all inputs, parameters and states on which the results depend."""
         tickets = {read.ticket(system) for read, _ in self._sources}
         if self._timed:
             tickets.add(system.time_ticket())
         return tickets or {system.nothing_ticket()}
 
     def run(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
-        """Compute the results and write them to BasicVectors. Vectors of states must contain the previous values."""
+        """Compute the results and write them to BasicVectors. State vectors must contain the previous values."""
         if system.scalar is not float or INTERPRETED:
             self.interpret(system, context, vectors)
             return
@@ -276,7 +276,7 @@ class Computation:
         return self._kernels[absent]
 
     def _arguments(self, system: "FleetSystem", absent: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the arguments of the formula, given the indices of the input ports that are not connected.
+        """Return the arguments of the formula if the input ports with given indices are not connected.
 
         Raises:
             InputError: if one of these ports must be connected.
@@ -291,7 +291,7 @@ class Computation:
 
 
 class FleetSystem(_Base):
-    """Base class of the systems of this package. The decorator `fleet_system` converts a subclass to a Drake system.
+    """Base class of this package's systems. The decorator `fleet_system` converts a subclass to a Drake system.
 
     A subclass defines `declare` instead of a constructor. `declare` is called with the keyword arguments of the
     constructor except for `num_vehicles`, and again with the same arguments when Drake converts the system to another
@@ -300,7 +300,7 @@ class FleetSystem(_Base):
     Attributes:
         scalar: scalar type: float, AutoDiffXd or Expression.
         num_vehicles: number N of vehicles.
-        structure: arguments that were given to the constructor, without `num_vehicles` and `parameters`.
+        structure: arguments of the constructor other than `num_vehicles` and `parameters`.
         parameters: numeric parameters, by name.
         states: groups of the state, by name.
         random_inputs: properties of the random input ports, by name.
@@ -317,7 +317,7 @@ class FleetSystem(_Base):
     _parameter_record: Any
 
     def begin(self) -> None:
-        """Initialize the attributes to which the declarations add entries."""
+        """Initialize the attributes that collect the declarations."""
         self.parameters: dict[str, Parameter] = {}
         self.states: dict[str, StateGroup] = {}
         self.random_inputs: dict[str, RandomInput] = {}
@@ -406,7 +406,7 @@ class FleetSystem(_Base):
         self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
 
     def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
-        """Declare an output port that packs several signals, which `wiring.split_output` can separate.
+        """Declare a single output port for several signals, which `wiring.split_output` separates.
 
         Args:
             name: name of the port.
@@ -419,7 +419,7 @@ class FleetSystem(_Base):
         self.output(name, formula, *reads, layout=layout)
 
     def state_output(self, group: StateGroup) -> None:
-        """Declare an output port for a group of the discrete state, with the name of the group."""
+        """Declare an output port for a discrete state group; the port has the name of the group."""
         self.outputs[group.name] = Computation(identity, [group], [group.layout])
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(group.name, group.index)
@@ -446,14 +446,14 @@ class FleetSystem(_Base):
         unrestricted: bool = False,
         at_start: bool = True,
     ) -> None:
-        """Declare a periodic update of groups of the discrete state, at the times 0, h, 2h, ...
+        """Declare a periodic update of discrete state groups, at the times 0, h, 2h, ...
 
         Args:
             period: period h, s.
             formula: function that returns the new value of the group, or a tuple with the new values of several groups.
             reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
                 States are passed with their values before the update.
-            writes: groups to update; no other update may write them. None or an empty tuple stands for an optional
+            writes: groups that this update writes, and no other update. None or an empty tuple stands for an optional
                 group that is not declared; the corresponding result is ignored.
             unrestricted: True for an update before all discrete updates of the same instant, which use its result.
             at_start: True if the update also takes place at time zero.
@@ -471,7 +471,7 @@ class FleetSystem(_Base):
         event(period, 0.0, MethodType(write, self))
 
     def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[Any]) -> None:
-        """Declare an update of groups of the discrete state at the start of a simulation.
+        """Declare an update of discrete state groups at the start of a simulation.
 
         Args:
             formula: function that returns the new values of the groups.
@@ -502,7 +502,7 @@ class FleetSystem(_Base):
         derivatives.get_mutable_vector().SetFromVector(rates.CopyToVector())
 
     def reset(self, context: Context, parameters: Any) -> None:
-        """Reset parameters and state of a context to the default values of a system built with other parameters.
+        """Reset parameters and state in a context to the defaults that a system with other parameters would have.
 
         Args:
             context: context of this system.
@@ -513,7 +513,7 @@ class FleetSystem(_Base):
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))
 
     def set_parameters(self, context: Context, parameters: Any) -> None:
-        """Set the parameters of a context to the default values of a system built with other parameters.
+        """Set the numeric parameters in a context to the defaults that a system with other parameters would have.
 
         Args:
             context: context of this system.
@@ -523,7 +523,7 @@ class FleetSystem(_Base):
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(parameters)))
 
     def get_parameter(self, context: Context, name: str) -> Any:
-        """Return a copy of the record of a numeric parameter."""
+        """Return a copy of a numeric parameter, as a record."""
         return self._record(lookup(self.parameters, name, "parameter"), context)
 
     def set_parameter(self, context: Context, name: str, record: Any) -> None:
@@ -532,11 +532,11 @@ class FleetSystem(_Base):
         parameter.mutable_vector(context).SetFromVector(self._elements(parameter.layout, record))
 
     def get_state(self, context: Context, name: str) -> Any:
-        """Return a copy of the record of a group of the state."""
+        """Return a copy of a state group, as a record."""
         return self._record(lookup(self.states, name, "group of the state"), context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
-        """Set a group of the state to a record; each row is a number for all vehicles, or an (N,) array."""
+        """Set a state group to a record; each row is a number for all vehicles, or an (N,) array."""
         group = lookup(self.states, name, "group of the state")
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 
@@ -556,7 +556,7 @@ class FleetSystem(_Base):
 
 
 def _layout_of_target(target: Any) -> Layout:
-    """Return the layout of a result, given the layout of an output port or a state group; `ABSENT` for no group."""
+    """Return the layout of the result for an output port's layout or a state group; `ABSENT` without a group."""
     if isinstance(target, Layout):
         return target
     return target.layout if isinstance(target, StateGroup) else ABSENT
@@ -585,8 +585,8 @@ class Update(NamedTuple):
 
     Attributes:
         period: period of the update, s.
-        computation: formula with its arguments and the state groups that it updates.
-        unrestricted: True for an update before all discrete updates of the same instant.
+        computation: formula, its arguments, and the state groups that it updates.
+        unrestricted: True for an update that precedes all discrete updates of the same instant.
         at_start: True if the update also takes place at time zero.
     """
 
@@ -605,7 +605,7 @@ _EVENT_METHODS = [
 
 
 def _counted(declare: Callable[..., None]) -> Callable[..., None]:
-    """Return a wrapper that counts the events declared by a method of Drake."""
+    """Wrap a Drake method that declares events, to count these events."""
 
     def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
         """Declare an event as Drake's method does, and count it.
@@ -620,9 +620,9 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
 
 @contextmanager
 def _quick_templates() -> Iterator[None]:
-    """Skip Drake's search for the module in which a template is instantiated.
+    """Skip Drake's search for the module that instantiates a template.
 
-    The search reads the source of every caller, which took half of the time of importing this package.
+    The search reads the source of every caller. It took half of this package's import time.
     """
     search = getattr(cpp_template, "_get_module_from_stack", None)
     if search is None:

@@ -1,7 +1,7 @@
 """Execution of formulas for every vehicle of a fleet, as machine code or as plain Python.
 
-A formula is a Python function of records and constants. For floats, it is compiled to machine code once. For AutoDiffXd
-and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set, Python executes it.
+A formula is a Python function of records and constants. It is compiled to machine code once for floats. Python executes
+it for AutoDiffXd and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set.
 """
 
 import os
@@ -18,7 +18,7 @@ from drake_quad.framework.replacements import explained
 from drake_quad.framework.symbols import Listing, Symbol, element_of, number
 from drake_quad.signals import Row
 
-# True if Python executes all formulas, so that a debugger can stop in them.
+# True if Python executes all formulas, so that a debugger can stop inside a formula.
 INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
 
 
@@ -34,7 +34,7 @@ TIME = _Time()
 
 
 class Tick(NamedTuple):
-    """Number of a tick, given by the number of a pair of ticks and the position in the pair.
+    """Number of a tick, split into the number of a pair of ticks and the position in the pair.
 
     Attributes:
         pair: number of the pair, a whole number from 0 on.
@@ -87,7 +87,7 @@ def hashable_key(constant: Any) -> tuple[Any, str]:
     try:
         hash(constant)
     except TypeError:
-        # The key of a mutable object, such as a list, differs from all other keys.
+        # A mutable object, such as a list, gets a key that differs from all other keys.
         return object(), ""
     return constant, repr(constant)
 
@@ -168,14 +168,14 @@ def interpret(
 
 
 def at_time(argument: Any, time: Any) -> Any:
-    """Return the value at a time (s) of an argument that is `TIME`, a `TickOf` or a constant."""
+    """Return the value of an argument (`TIME`, a `TickOf` or a constant) at a time, s."""
     if argument is TIME:
         return time
     return argument.at(time) if isinstance(argument, TickOf) else argument
 
 
 def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """Return the rows of all results of a formula in order, without absent results.
+    """Return the rows of all results of a formula in order; absent results have no rows.
 
     Raises:
         TypeError: if the results do not match the layouts.
@@ -189,7 +189,7 @@ def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:
 
 
 def pack_rows(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
-    """Concatenate rows, each a number or an (N,) array, to one vector of num_rows · N elements."""
+    """Concatenate rows to one vector of num_rows · N elements; each row is a number or an (N,) array."""
     # `np.broadcast_to` is twenty times slower.
     if num_vehicles == 1:
         return np.array([row.item() if row.__class__ is np.ndarray else row for row in rows])

@@ -1,4 +1,4 @@
-"""Conversion of a listing to a function in LLVM code.
+"""Conversion of a listing of operations to an LLVM function.
 
 Each line of the listing becomes one instruction, which computes a vector of vehicles or a single vehicle:
 
@@ -7,8 +7,8 @@ Each line of the listing becomes one instruction, which computes a vector of veh
     %v14 = fadd <8 x double> %v13, %v2
 
 The instructions compute exactly the arithmetic of the formula: sums are not reordered, and products are rounded before
-they are added. The results for a vehicle are therefore the same whether it is simulated alone or in a fleet, and on any
-processor. `drake_quad.framework.scheduling` determines the order of the instructions.
+they are added. A vehicle therefore has the same results alone, in a fleet, and on any processor.
+`drake_quad.framework.scheduling` determines the order of the instructions.
 
 A `Branch` becomes a separate function, which is called if at least one vehicle of the vector needs it:
 
@@ -56,7 +56,7 @@ INSTRUCTIONS = {
     "truth_of_word": "trunc {t} {0} to {r}",
 }
 # LLVM instructions for operations on words and truth values that differ from the instructions for numbers.
-_BITWISE = {
+_INTEGER_INSTRUCTIONS = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
     "bitwise_and": "and {t} {0}, {1}",
@@ -66,12 +66,12 @@ _BITWISE = {
     "right_shift": "lshr {t} {0}, {1}",
 }
 _ELEMENT_TYPES = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
-# LLVM intrinsics that the instructions call, with the number of arguments of each.
+# LLVM intrinsics that the instructions call, and the number of arguments of each.
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 
 
 class Rows(NamedTuple):
-    """Group of rows in memory, starting at the first vehicle of a vector.
+    """Memory of a group of rows, starting at the first vehicle of a vector.
 
     Attributes:
         pointer: LLVM name of the pointer to the first row.
@@ -83,10 +83,10 @@ class Rows(NamedTuple):
 
 
 class Store(NamedTuple):
-    """Assignment of a symbol to a row in memory.
+    """Assignment of a symbol's value to a row in memory.
 
     Attributes:
-        target: group of the row.
+        target: number of the group that contains the row.
         row: index of the row in the group.
         symbol: value to store.
     """
@@ -97,7 +97,7 @@ class Store(NamedTuple):
 
 
 def declarations(lanes: int) -> str:
-    """Return the declarations at the beginning of an LLVM module whose functions compute `lanes` vehicles at a time."""
+    """Return the declarations that begin an LLVM module. Its functions compute `lanes` vehicles at a time."""
     number = _type(SymbolKind.NUMBER, lanes)
     return "\n".join(
         f"declare {number} @llvm.{name}.v{lanes}f64({', '.join([number] * count)})"
@@ -122,8 +122,7 @@ def function(
         listing: operations of the function.
         stores: rows to write.
         sources: groups of rows to read, by their number in the listing.
-        shared: name of the pointer to the shared numbers; or the rows of these numbers, if they differ between
-            vehicles.
+        shared: name of the pointer to the shared values; or the rows of these values, if they differ between vehicles.
         lanes: number of vehicles in a vector.
         overlapping: True if the same memory may be read and written through different pointers. All rows are then read
             before the first row is written. Otherwise a row is written as soon as its new value is computed and its old
@@ -131,7 +130,7 @@ def function(
     """
     order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
-    # Position of the last operation that reads each row.
+    # Position, in the schedule, of the last operation that reads each row.
     last_reads: dict[tuple[str, int], int] = {}
     for k, line in enumerate(order):
         operation = listing.operations[line]
@@ -168,7 +167,7 @@ _BLOCK_ROWS = 8
 
 
 class _Calls:
-    """Functions for the branches and layers of a listing, and the calls of these functions.
+    """Generator of functions for the branches and layers of a listing, and of the calls of these functions.
 
     Args:
         name: name of the calling function.
@@ -185,14 +184,14 @@ class _Calls:
         self._results: dict[tuple[Branch | SymbolLayer, tuple[int, ...]], int] = {}
 
     def memory(self) -> list[str]:
-        """Return the lines that allocate memory for the arguments and results of calls."""
+        """Return the LLVM lines that allocate memory for the arguments and results of calls."""
         if not self._called:
             return []
         allocation = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
         return [f"%given = {allocation}", f"%found = {allocation}"]
 
     def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
-        """Append the call that computes a line, unless it was appended before, and return the name of the result."""
+        """Append the call that computes a line, unless it was appended before; return the name of the result."""
         operation = listing.operations[number]
         assert operation.inside is not None
         inside, row = operation.inside
@@ -251,7 +250,7 @@ class _Calls:
         self._rows = max(self._rows, len(kinds))
 
     def _function_of(self, branch: Branch, attributes: str) -> str:
-        """Return the name of the function for a branch. The function is generated at the first request."""
+        """Return the name of the function for a branch. The first request generates the function."""
         if branch not in self._called:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
             rows, results, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
@@ -266,7 +265,7 @@ class _Calls:
         return self._called[branch]
 
     def _function_of_layer(self, layer: SymbolLayer) -> str:
-        """Return the name of the function for a layer. The function is generated at the first request."""
+        """Return the name of the function for a layer. The first request generates the function."""
         if layer not in self._called:
             activation = self._function_of(layer.activation, "alwaysinline")
             name = self._called[layer] = f"{self._name}_{len(self._called)}"
@@ -277,7 +276,7 @@ class _Calls:
 def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) -> str:
     """Return the LLVM code of a layer.
 
-    Its constants are stored by block of rows: first the biases, then the columns.
+    The layer's constants are stored block of rows by block of rows: first the biases, then the columns.
     """
     rows, columns = layer.matrix.shape
     type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK_ROWS)
@@ -359,7 +358,7 @@ def _write_operation(
     shared: str | Rows,
     lanes: int,
 ) -> str:
-    """Append the instructions of a line of a listing; return the name of the result, or the text of a constant."""
+    """Append the instructions for a listing line, and return the name of the result or the text of a constant."""
     operation = listing.operations[number]
     kind, name = operation.kind, f"%v{number}"
     type_ = _type(kind, lanes)
@@ -385,13 +384,15 @@ def _write_operation(
 
 @functools.cache
 def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
-    """Return the template of an instruction, given the types of its first operand and of its result."""
-    templates = INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _BITWISE else _BITWISE
+    """Return an instruction's template, given the types of its first operand and its result."""
+    templates = (
+        INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _INTEGER_INSTRUCTIONS else _INTEGER_INSTRUCTIONS
+    )
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 
 def _spread(result: str, pointer: str, row: int, lanes: int) -> list[str]:
-    """Return the lines that load the number at an index of an array, and copy it to all lanes."""
+    """Return the LLVM lines that load an array element and copy it to all lanes."""
     type_ = _type(SymbolKind.NUMBER, lanes)
     return [
         f"{result}_at = getelementptr double, ptr {pointer}, i64 {row}",
@@ -402,7 +403,7 @@ def _spread(result: str, pointer: str, row: int, lanes: int) -> list[str]:
 
 
 def _pointer(name: str, rows: Rows, row: int) -> list[str]:
-    """Return the lines that compute the pointer to a row of a group."""
+    """Return the LLVM lines that compute the pointer to a row of a group."""
     if isinstance(rows.stride, int):
         return [f"{name} = getelementptr double, ptr {rows.pointer}, i64 {row * rows.stride}"]
     return [

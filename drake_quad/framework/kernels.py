@@ -1,8 +1,8 @@
 """Kernels: machine code that applies a formula to every vehicle of a fleet, `LANES` vehicles at a time.
 
-A group of k rows is an array of k N numbers, in which row i starts at element i N. The rows of a vector of vehicles
-that starts with vehicle `first` are at the elements `first + i N`. If N is not a multiple of `LANES`, the remaining
-vehicles are copied to a full vector, computed by the same instructions, and copied back.
+A group of k rows is an array with k N elements, in which row i starts at element i N. A vector of vehicles that starts
+with vehicle `first` has its rows at the elements `first + i N`. If N is not a multiple of `LANES`, the remaining
+vehicles are copied to a full vector, which the same instructions compute, and copied back.
 
     sources  ┌─────────────┐  load   %v12 = <8 x double>      store  ┌─────────────┐  targets
     (k N,)   │ row 0       │ ──────▶ %v13 = fmul %v12, %v7   ──────▶ │ row 0       │  (m N,)
@@ -26,15 +26,15 @@ def compile_kernel(
     """Return machine code that applies a formula to every vehicle.
 
     Args:
-        listing: listing of the formula. Its groups are the sources, and its only shared number is the time.
+        listing: listing of the formula. Its groups are the sources, and its only shared value is the time.
         results: symbols or constants of the rows to write, target by target.
-        sources: number of rows of each source, a group to read.
-        targets: number of rows of each target, a group to write.
+        sources: number of rows in each source, a group that is read.
+        targets: number of rows in each target, a group that is written.
         single_vehicle: True for machine code that computes only one vehicle.
 
     Returns:
-        Function of the number of vehicles, the time (s), the arrays of the targets, and the arrays of the sources. The
-        arrays must be contiguous and of the correct size, which is not checked. A target may also be a source.
+        Function with the arguments number of vehicles, time (s), arrays of the targets, arrays of the sources. It does
+        not check that the arrays are contiguous and have the correct size. A target may also be a source.
     """
     lanes = 1 if single_vehicle else LANES
     symbols = [result if result.__class__ is Symbol else listing.constant(result) for result in results]
@@ -61,7 +61,7 @@ def _module(
 
 
 def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
-    """Return the LLVM code of the function that Python calls. The last vector, if incomplete, is computed in a copy."""
+    """Return the LLVM code of the function that Python calls. It computes an incomplete last vector in a copy."""
     sizes = {f"target_{i}": rows for i, rows in enumerate(targets)}
     sizes |= {f"source_{i}": rows for i, rows in enumerate(sources)}
     driver = Driver.of_arrays("i64 %n, double %now", [*sizes])

@@ -1,4 +1,4 @@
-"""Compilation of LLVM code to machine code in this process, with a cache in memory and on the disk.
+"""Compilation of LLVM code to machine code in this process, cached in memory and on the disk.
 
 The key of the cache is a digest of the processor, the compiler, and either the LLVM code or the operations from which
 it is generated. If a formula changes, its operations and therefore the key change, so that outdated machine code is
@@ -18,9 +18,9 @@ import numpy as np
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework import code_cache
 
-# Process-wide options. The first two preserve the order of instructions from `drake_quad.framework.scheduling`, because
-# LLVM's schedulers consider fewer instructions at a time. The basic register allocator reduces the compilation time to
-# 60 %, without making the kernels slower.
+# Process-wide options. The first two disable LLVM's schedulers, which consider fewer instructions at a time than
+# `drake_quad.framework.scheduling`. The basic register allocator reduces the compilation time to 60 %, without making
+# the kernels slower.
 _LLVM_OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false", "-regalloc=basic")
 # Offset in bytes of the pointer to the elements in a NumPy array. In NumPy's C interface, this pointer follows the
 # header of a Python object.
@@ -35,17 +35,17 @@ LANES = 8 if _HAS_AVX512 else 4
 
 
 def _check_pointer() -> None:
-    """Raise ImportError if the memory layout of NumPy's arrays is not the layout that machine code expects."""
+    """Raise ImportError if NumPy arrays do not have the memory layout that machine code expects."""
     array = np.zeros(1)
     if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
-        raise ImportError("machine code cannot find the elements of NumPy's arrays in this Python")
+        raise ImportError("machine code cannot access NumPy's arrays: this Python has another memory layout")
 
 
 _check_pointer()
 
 
 def _generator_digest() -> str | None:
-    """Return a digest of the modules that generate LLVM code; None if their sources cannot be read."""
+    """Return a digest of the modules that generate LLVM code; None if a source file cannot be read."""
     digest, package = hashlib.sha256(), Path(__file__).parent.parent
     sources = sorted(path for folder in ("framework", "compilation") for path in (package / folder).glob("*.py"))
     try:
@@ -78,22 +78,22 @@ _addresses: ThreadSafeCache[int] = ThreadSafeCache()
 
 
 def kernel_address(text: str) -> int:
-    """Return the address of the function `kernel` in an LLVM module, given the LLVM code of the module.
+    """Return the address of the function `kernel` in an LLVM module.
 
-    Once per process, the machine code is loaded from the disk if it is cached there, else compiled. This function is
-    thread-safe.
+    The machine code is loaded or compiled once per process. It is loaded if the disk cache contains it. This function
+    is thread-safe.
     """
     name = _name(text)
     return _addresses.get(name, lambda: _load_or_compile(name, lambda: text))
 
 
 def generated_kernel_address(identity: str, generate: Callable[[], str]) -> int:
-    """Return the address of the function `kernel` in an LLVM module that is generated only if it is not cached.
+    """Return the address of the function `kernel` in an LLVM module; the module is generated only if it is not cached.
 
     Generating the code of an event takes as long as tracing its formulas. This function is thread-safe.
 
     Args:
-        identity: text that determines the LLVM code, together with the sources of the generator.
+        identity: text that, together with the generator's sources, determines the LLVM code.
         generate: function that returns the LLVM code of the module.
     """
     if _GENERATOR is None:
@@ -103,14 +103,14 @@ def generated_kernel_address(identity: str, generate: Callable[[], str]) -> int:
 
 
 def _name(identity: str) -> str:
-    """Return the name of a module's file and function, a digest of everything that its machine code depends on."""
+    """Return a name for a module's cache file and function, a digest of all data that determine the machine code."""
     compiler = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
     text = repr((*compiler, _FEATURES, _LLVM_OPTIONS, identity))
     return f"kernel_{hashlib.sha256(text.encode()).hexdigest()[:32]}"
 
 
 def _load_or_compile(name: str, generate: Callable[[], str]) -> int:
-    """Return the address of a kernel, given the name of its file and a function that returns its LLVM code."""
+    """Load a kernel from the cache, or else generate and compile its LLVM code, and return its address."""
     cached = code_cache.read(name)
     address = 0 if cached is None else _load(name, cached)
     if not address:

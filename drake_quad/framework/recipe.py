@@ -1,4 +1,4 @@
-"""Recipes, from which systems are built and contexts are reset."""
+"""Recipes, which describe how to build systems and how to reset their contexts."""
 
 from typing import Any, NamedTuple
 
@@ -27,15 +27,15 @@ class Recipe(NamedTuple):
         return self.system(num_vehicles=num_vehicles, **self.structure, **parameters)
 
     def reset(self, diagram: Diagram, path: str, context: Context) -> None:
-        """Reset the context of a system to the default context of a system that is built from this recipe.
+        """Reset a system's context to the default context of a system that this recipe would build.
 
         Args:
             diagram: diagram that contains the system.
             path: path of the system in the diagram.
-            context: context of a diagram that contains the system.
+            context: context of the diagram.
 
         Raises:
-            ValueError: if the system was built with another structure.
+            ValueError: if the system's structure differs from the recipe's.
         """
         system = subsystem(diagram, path.split("."))
         if not hasattr(system, "structure"):

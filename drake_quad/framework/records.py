@@ -1,12 +1,11 @@
 """Layout of records in the rows of a vector.
 
-A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. The rows of a record are
-the rows of its fields in order, at any depth of nesting: for example the mass of a vehicle, then its three moments of
-inertia.
+A record is a NamedTuple whose fields are rows, other records, or tuples of rows or records. A record contains the rows
+of its fields in order, at any depth of nesting: for example a vehicle's mass, then its three moments of inertia.
 
-The types of the fields determine the layout, with two exceptions for which an example of the record is required: the
-length of a tuple of any length (`tuple[Row, ...]`), and whether an optional field (`Record | None`) is None, in which
-case it has no rows.
+The types of the fields determine the layout, with two exceptions, for which an example of the record is required. The
+example determines the length of a tuple of any length (`tuple[Row, ...]`), and whether an optional field (`Record |
+None`) is None. A field that is None has no rows.
 """
 
 import functools
@@ -22,7 +21,7 @@ _Record = TypeVar("_Record", bound=tuple[Any, ...])
 
 
 class Layout(NamedTuple):
-    """Type of a value, with the layouts of its parts and the number of its rows.
+    """Layout of a value: its type, the layouts of its parts, and its number of rows.
 
     Attributes:
         kind: a NamedTuple class, or `tuple`; `float` for a single row, and `NoneType` for None.
@@ -35,7 +34,7 @@ class Layout(NamedTuple):
     num_rows: int
 
     def build(self, rows: Sequence[Any]) -> Any:
-        """Return the value with given rows.
+        """Return a value of this layout, given its rows.
 
         Raises:
             ValueError: if the number of rows does not match the layout.
@@ -75,7 +74,7 @@ class Layout(NamedTuple):
 
     def _flatten(self, value: Any, rows: list[Any]) -> None:
         if self is ROW:
-            if value is None or isinstance(value, _NO_ROWS):
+            if value is None or isinstance(value, _REJECTED_TYPES):
                 raise TypeError(f"expected a number or a row, not {type(value).__name__}")
             rows.append(value)
             return
@@ -92,7 +91,7 @@ class Layout(NamedTuple):
 
 
 # Types that are rejected where a row is expected. A formula may return them by mistake.
-_NO_ROWS = (tuple, list, dict, str, bytes, complex)
+_REJECTED_TYPES = (tuple, list, dict, str, bytes, complex)
 ROW = Layout(float, (), 1)
 """Layout of a single row."""
 ABSENT = Layout(NoneType, (), 0)
@@ -162,7 +161,7 @@ def _field_types(kind: Any) -> tuple[Any, ...]:
 def record_like(kind: type[_Record], source: Any, **overrides: Any) -> _Record:
     """Return a record whose fields are the attributes of the same names of another object.
 
-    If the type of a field is a record, a tuple or model in the source is converted to this record.
+    If a field's type is a record, the source's tuple or model is converted to this record.
 
     Args:
         kind: type of the record.
@@ -170,7 +169,7 @@ def record_like(kind: type[_Record], source: Any, **overrides: Any) -> _Record:
         overrides: values of fields that are not attributes of the source.
 
     Raises:
-        AttributeError: if the source lacks a field that is not given.
+        AttributeError: if a field is neither an attribute of the source nor in `overrides`.
     """
     names = kind._fields  # type: ignore[attr-defined]
     values = [overrides[name] if name in overrides else getattr(source, name) for name in names]
@@ -178,7 +177,7 @@ def record_like(kind: type[_Record], source: Any, **overrides: Any) -> _Record:
 
 
 def _nested(kind: Any, value: Any) -> Any:
-    """Return the value of a field, converted to a record if the type of the field is a record."""
+    """Return the value of a field, converted to a record if that is the field's type."""
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     records = [choice for choice in choices if hasattr(choice, "_fields")]
     if len(records) != 1 or value is None or hasattr(value, "_fields"):
@@ -187,11 +186,11 @@ def _nested(kind: Any, value: Any) -> Any:
 
 
 def check_signs(record: Any, path: str = "parameters") -> None:
-    """Raise ValueError if the sign of a number in a record is not the sign that the `Quantity` of its field requires.
+    """Raise ValueError if a number in a record has a sign that its field's `Quantity` forbids.
 
     Args:
         record: record, or tuple of records, of numbers or (N,) arrays.
-        path: name of the record for messages.
+        path: name of the record for error messages.
     """
     if not isinstance(record, tuple):
         return

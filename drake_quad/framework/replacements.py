@@ -1,4 +1,4 @@
-"""Replacements in formulas for functions and operators that do not accept rows, and error messages that name them."""
+"""Replacements for functions and operators that do not accept rows of a formula, and error messages that name them."""
 
 import re
 import sys
@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.errors import did_you_mean
 
-# Hint for authors of formulas, at the end of error messages.
+# Hint for authors of formulas, which ends several error messages.
 ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
 
 REPLACEMENTS = {
@@ -67,7 +67,8 @@ The names in the expressions are rows, `math`, and the functions of `drake_quad.
 rows.
 """
 
-# Further names of the same functions, and of functions for which the same replacement helps.
+# Keys of `REPLACEMENTS` for further function names: other names of the same function, and functions with the same
+# replacement.
 _OTHER_NAMES = {
     "abs": "absolute",
     "acos": "arccos",
@@ -94,7 +95,7 @@ _NUMPY_FOLDER = str(Path(np.__file__).parent)
 
 
 def replacement(name: str) -> str | None:
-    """Return an expression that a formula may use instead of a function of NumPy or `math`; None if none is known."""
+    """Return the expression that a formula may use instead of a function of NumPy or `math`; None if there is none."""
     return REPLACEMENTS.get(_OTHER_NAMES.get(name, name))
 
 
@@ -111,7 +112,7 @@ def refusal(function: str, expression: str | None) -> TypeError:
 
     Args:
         function: description of the function or operator, such as `numpy.sin`.
-        expression: expression that a formula may use instead; None if none is known.
+        expression: expression that a formula may use instead; None if there is none.
     """
     hint = f"use {expression} instead, with the functions of drake_quad.framework.elementary" if expression else ALLOWED
     return TypeError(f"{function} does not accept a row of a formula; {hint}")
@@ -131,7 +132,7 @@ def power_refusal(exponent: object) -> TypeError:
 
 
 def explained(error: Exception) -> str:
-    """Return the message of an error in a formula in words for its author, who need not know what a symbol is."""
+    """Return the message of an error in a formula, reworded for an author who does not know symbols."""
     message = str(error)
     if function := re.search(r"type Symbol which has no callable (\w+) method", message):
         return str(numpy_refusal(function[1]))
@@ -150,11 +151,11 @@ def explained(error: Exception) -> str:
 
 
 def calling_numpy_function() -> str | None:
-    """Return the name of the function of NumPy that called the caller of this function.
+    """Return the name of the NumPy function that called the caller of this function.
 
     Returns:
-        Name of the outermost function in Python, such as `clip` where NumPy's `clip` calls its `maximum`; None if the
-        caller was not called by a function of NumPy in Python.
+        Name of NumPy's outermost function in Python, such as `clip` if NumPy's `clip` calls its `maximum`; None if no
+        Python function of NumPy called the caller.
     """
     frame, name = sys._getframe(2), None
     while frame is not None and frame.f_code.co_filename.startswith(_NUMPY_FOLDER):

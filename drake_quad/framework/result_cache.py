@@ -1,8 +1,8 @@
 """On-disk cache of results that take seconds to compute, in the folder of `code_cache`.
 
 The key of a result is a digest of the function, its arguments, the sources of this package, the versions of the
-libraries and the processor. After any change of these, the result is computed again. The result for a
-model whose class is the user's code is not cached, since the key does not contain that code.
+libraries and the processor. If any of them changes, the result is computed again. A result that depends on a model
+class in the user's code is not cached, since the key does not contain that code.
 """
 
 import functools
@@ -24,18 +24,18 @@ from drake_quad.framework import code_cache
 
 _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
-_PACKAGE = Path(__file__).parent.parent
+_PACKAGE_FOLDER = Path(__file__).parent.parent
 _LIBRARIES = ("drake", "numpy", "scipy")  # libraries whose versions can affect results
-# Time, s, after which edited sources may differ from the modules that this process has imported.
+# Start time of this process, s. Sources that were edited later may differ from the imported modules.
 _START_TIME = time.time()
 
 
 def cached_on_disk(
     function: Callable[_Arguments, _Value], *arguments: _Arguments.args, **named: _Arguments.kwargs
 ) -> _Value:
-    """Return the result of a pure function, from the disk if it was computed before with equal arguments.
+    """Return the result of a pure function, which is read from the disk if an earlier call had equal arguments.
 
-    Exceptions are not cached. If the cache is not available, the function is called.
+    Exceptions are not cached. If the cache is not available, each call computes the result.
 
     Args:
         function: function of this package whose result can be pickled and depends only on its arguments.
@@ -61,12 +61,12 @@ def cached_on_disk(
 class _IdentityPickler(pickle.Pickler):
     """Pickler whose output is the same in every process for equal values.
 
-    Pydantic pickles the names of the given fields as a set, whose order differs between processes. In models, only the
-    values of the fields are therefore pickled.
+    Pydantic pickles the names of the fields that were set explicitly as a Python set, whose order differs between
+    processes. Therefore only the field values of a model are pickled.
     """
 
     def reducer_override(self, value: Any) -> Any:
-        """Return what is pickled instead of a model; for other values, the default applies."""
+        """Pickle a model as its field values, and all other values by default."""
         if not isinstance(value, BaseModel):
             return NotImplemented
         kind = type(value)
@@ -76,10 +76,10 @@ class _IdentityPickler(pickle.Pickler):
 
 
 def _identity(value: Any) -> bytes | None:
-    """Return bytes that are equal for equal values; None for a value that contains code of the user."""
+    """Return bytes that are equal for equal values; None for a value that contains the user's code."""
     buffer = io.BytesIO()
     pickler = _IdentityPickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
-    # In the fast mode, pickle writes a repeated object in full again. The bytes then depend only on the values.
+    # Pickle's fast mode writes a repeated object in full again. The bytes then depend only on the values.
     pickler.fast = True
     try:
         pickler.dump(value)
@@ -90,14 +90,14 @@ def _identity(value: Any) -> bytes | None:
 
 @functools.cache
 def _program() -> tuple[Any, ...] | None:
-    """Return everything except for arguments on which results depend; None if it cannot be determined."""
-    digest, sources = hashlib.sha256(), sorted(_PACKAGE.rglob("*.py"))
+    """Return a digest of everything but the arguments on which results depend; None if it cannot be determined."""
+    digest, sources = hashlib.sha256(), sorted(_PACKAGE_FOLDER.rglob("*.py"))
     with suppress(OSError):
         # If the package is in an archive, its sources cannot be read.
         if not sources or max(source.stat().st_mtime for source in sources) > _START_TIME:
             return None
         for source in sources:
-            digest.update(f"{source.relative_to(_PACKAGE)}\0".encode() + source.read_bytes())
+            digest.update(f"{source.relative_to(_PACKAGE_FOLDER)}\0".encode() + source.read_bytes())
         processor = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         libraries = tuple([version(name) for name in _LIBRARIES])
         return (digest.hexdigest(), libraries, platform.python_version(), platform.platform(), processor)

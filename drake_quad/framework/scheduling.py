@@ -1,9 +1,9 @@
 """List scheduling of the lines of a listing.
 
-Most lines of a formula use the result of the previous line. In this order, a processor would wait for most results,
-since it looks ahead only by some dozens of instructions. The schedule is the order in which a processor with a much
-larger window would execute the lines: each line starts as soon as its operands are ready, and among several ready
-lines, the earliest in the formula starts first.
+Most lines of a formula use the result of the previous line. A processor looks ahead only by some dozens of
+instructions, and would therefore wait for most results. The schedule is the order in which a processor with a much
+larger window would execute the lines. Each line starts as soon as its operands are ready. If several lines are ready,
+the first in the formula starts first.
 
     formula   a b c d e f     b uses a, and c uses b; e uses d, and f uses e
     schedule  a d b e c f     each line uses a result that is two lines old
@@ -16,17 +16,17 @@ from heapq import heappop, heappush
 from drake_quad.framework.machine_code import REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
-# Number of lines among which the next line is selected, from the first unscheduled line on. A larger window needs more
-# registers. In measurements of a tick of 8,800 lines with 32 registers, a window of 300 lines was 4 % slower, and a
-# window of 1,000 lines was as fast. With 16 registers, a window of 60 lines was 2 % slower, and a window of 400 lines
-# was 6 % slower.
+# Number of lines, from the first unscheduled line on, among which the next line is selected. A larger window needs more
+# registers. A tick with 8,800 lines was measured. On a processor with 32 registers, a window of 300 lines was 4 %
+# slower, and a window of 1,000 lines was as fast. On a processor with 16 registers, a window of 60 lines was 2 %
+# slower, and a window of 400 lines was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
-# Number of lines that start in each cycle.
-_WIDTH = 3
+# Largest number of lines that start in one cycle.
+_LINES_PER_CYCLE = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"). The latency of all other instructions is one cycle.
 # A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a
 # mask register: without this latency in the schedule, a tick with some arctangents was 15 % slower for one vehicle.
-_LATENCY = {
+_LATENCIES = {
     **dict.fromkeys(("bits_of", "number_of"), 0),
     **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
     "multiply_add": 4,
@@ -37,10 +37,10 @@ _LATENCY = {
 
 
 def schedule(listing: Listing) -> list[int]:
-    """Return the numbers of all lines in the scheduled order, each line after its operands."""
+    """Return the line numbers in scheduled order; each line comes after its operands."""
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
-    latencies = [_LATENCY.get(operation.name, 1) for operation in operations]
+    latencies = [_LATENCIES.get(operation.name, 1) for operation in operations]
     users: list[list[int] | None] = [None] * len(operations)
     for line in lines:
         users[line] = []
@@ -59,7 +59,7 @@ def schedule(listing: Listing) -> list[int]:
     while first < count:
         while waiting and waiting[0][0] <= cycle:
             heappush(ready, heappop(waiting)[1])
-        room, last = _WIDTH, lines[min(first + _WINDOW, count) - 1]
+        room, last = _LINES_PER_CYCLE, lines[min(first + _WINDOW, count) - 1]
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)
@@ -83,7 +83,7 @@ def schedule(listing: Listing) -> list[int]:
 
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
-    """Insert constants and rows into an order, each before the first line that uses it; append the unused ones."""
+    """Insert constants and rows into a schedule, each before the first line that uses it; append the unused ones."""
     operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:

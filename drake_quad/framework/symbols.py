@@ -1,4 +1,4 @@
-"""Symbols for tracing formulas: executing a formula on symbols records a listing of its operations.
+"""Symbols for tracing formulas. A formula that is executed on symbols records a listing of its operations.
 
 A formula is plain Python. If it is executed on symbols instead of numbers, all its operations are recorded in a
 `Listing`, from which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a
@@ -11,8 +11,8 @@ replacements:
 - `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
   similar lines.
 
-Elementary functions such as the sine are recorded as the operations of their approximation. A listing for a target with
-functions of its own, such as C, records a `Function` instead.
+A call of an elementary function, such as the sine, is recorded as the operations of its approximation. If the generated
+code can call elementary functions, as in C, the listing records a `Function` instead.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ from drake_quad.framework.replacements import (
 
 
 class SymbolKind(IntEnum):
-    """Type of a symbol: double, truth value, or word of 64 bits."""
+    """Type of a symbol: double, truth value, or 64-bit word."""
 
     NUMBER = 1
     TRUTH = 2
@@ -47,13 +47,13 @@ LEAVES = ("constant", "row", "shared")
 
 
 class Operation(NamedTuple):
-    """Line of a listing.
+    """Line of a listing: one operation on the results of earlier lines.
 
     Attributes:
         name: name of the operation: a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`, or "constant",
             "row", "shared", "branch", "layer" or "function".
         operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
-            constant, the group of a row and its index in the group, or the index of a shared number.
+            constant, the group of a row and its index in the group, or the index of a shared value.
         kind: type of the result.
         inside: branch, layer or function that computes this line, and the index of the line among its results; None for
             other operations. The first operand of a branch is the mask of the vehicles that need the branch.
@@ -69,7 +69,7 @@ class Branch(NamedTuple):
     """Part of a formula that is executed only if at least one vehicle of a vector needs it.
 
     Attributes:
-        operations: lines of the branch; its arguments are the rows of group 0.
+        operations: lines of the branch. The arguments of the branch are the rows of group 0.
         results: numbers of the lines that are the results.
     """
 
@@ -78,7 +78,7 @@ class Branch(NamedTuple):
 
     @property
     def listing(self) -> "Listing":
-        """Listing of the operations."""
+        """Listing that contains the operations of the branch."""
         listing = Listing()
         for operation in self.operations:
             listing.add(*operation)
@@ -130,7 +130,7 @@ class SymbolLayer(NamedTuple):
 
     Attributes:
         matrix: weights and biases of the layer.
-        activation: activation function of a single row, as a branch with one argument and one result.
+        activation: activation function, as a branch whose argument and result are a single row.
     """
 
     matrix: Matrix
@@ -138,11 +138,11 @@ class SymbolLayer(NamedTuple):
 
 
 class Function(NamedTuple):
-    """Elementary function that is called, with the approximation that computes it in double precision.
+    """Elementary function that a listing calls, with the approximation that computes it in double precision.
 
     Attributes:
         name: name of the function.
-        approximation: operations of the approximation; its arguments are the rows of group 0.
+        approximation: operations of the approximation. The function's arguments are the rows of group 0.
     """
 
     name: str
@@ -158,13 +158,13 @@ class Listing:
 
     Attributes:
         operations: lines of the listing.
-        calls_functions: True if elementary functions are recorded as a `Function`.
+        calls_functions: True if elementary functions are recorded as calls of a `Function`.
     """
 
     def __init__(self, *, calls_functions: bool = False) -> None:
         self.operations: list[Operation] = []
         self.calls_functions = calls_functions
-        # The values are line numbers. Symbols would refer to the listing, and such a reference cycle would delay the
+        # The values are line numbers. Symbols would refer to the listing, and this reference cycle would delay the
         # deletion of the listing.
         self._lines: dict[tuple[Any, ...], int] = {}
 
@@ -175,7 +175,7 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
-        """Add a line unless the listing contains it, and return its number; the arguments are as in `Operation`."""
+        """Return the number of a line, which is added unless it exists already; the arguments are as in `Operation`."""
         key = name, operands, kind, inside
         line = self._lines.get(key)
         if line is None:
@@ -192,11 +192,11 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
-        """Add a line unless the listing contains it, and return its symbol; the arguments are as in `Operation`."""
+        """Return the symbol of a line, which is added unless it exists already; the arguments are as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def digest(self) -> str:
-        """Return a digest of all operations."""
+        """Return a digest of all operations in the listing."""
         return _digest(self.operations, {})
 
     def row(self, group: int, index: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
@@ -204,13 +204,13 @@ class Listing:
         return self.add("row", (group, index), kind)
 
     def shared(self, index: int) -> "Symbol":
-        """Return the symbol of a number that all vehicles share, given its index among these numbers."""
+        """Return the symbol of a value that all vehicles share, given its index among these values."""
         return self.add("shared", (index,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
-        """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
+        """Return the symbol of a constant: a number, a NumPy uint64 or a truth value."""
         if value.__class__ is float:  # the most frequent type
-            return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
+            return self.add("constant", _WORD_FORMAT.unpack(_FLOAT_FORMAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray):
             value = element_of(value)
         if isinstance(value, bool | np.bool):
@@ -223,7 +223,7 @@ class Listing:
 
 
 def element_of(array: np.ndarray) -> Any:
-    """Return the element of an array without dimensions.
+    """Return the element of a zero-dimensional array.
 
     Raises:
         TypeError: if the array has dimensions.
@@ -241,8 +241,8 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
 
     Args:
         operations: operations of a listing or branch.
-        known: digests of branches and layers by their identity, to which further ones are added. Many lines are results
-            of the same branch.
+        known: digests of branches and layers by `id`, to which new digests are added. They are reused, since many lines
+            are results of the same branch.
     """
     names: dict[str, int] = {}
     lines = [
@@ -277,13 +277,13 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# Packing with the first and unpacking with the second converts a double to the word with the same bits.
-_FLOAT = struct.Struct("<d")
-_WORD = struct.Struct("<Q")
+# Packing with `_FLOAT_FORMAT` and unpacking with `_WORD_FORMAT` converts a double to the word with the same bits.
+_FLOAT_FORMAT = struct.Struct("<d")
+_WORD_FORMAT = struct.Struct("<Q")
 
 
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
-    """Return the two methods of a binary operator of `Symbol`, for operands in normal and in reflected order."""
+    """Return the two methods of a binary operator, for operands in normal and in reflected order."""
     takes_numbers, kind = name not in _LOGICAL, _TRUTH if name in _COMPARISONS else _NUMBER
 
     # Usually, both operands are numbers of the same listing. The checks of `operation` are then skipped.
@@ -309,7 +309,7 @@ def _refused(function: str, name: str) -> Callable[..., Any]:
 
     Args:
         function: description of the operator or function.
-        name: name in NumPy of the function with the same purpose.
+        name: name of NumPy's equivalent function.
     """
 
     def method(*_: Any) -> Any:
@@ -372,7 +372,7 @@ class Symbol:
     def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
         name = function.__name__
-        if name not in _UFUNCS or method != "__call__" or options:
+        if name not in _ACCEPTED_UFUNCS or method != "__call__" or options:
             raise numpy_refusal(calling_numpy_function() or name)
         return operation(name, *inputs)
 
@@ -416,21 +416,21 @@ class Symbol:
 
 
 # Names of NumPy's functions that accept symbols.
-_UFUNCS = (
+_ACCEPTED_UFUNCS = (
     *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
     *(*_COMPARISONS, *_LOGICAL),
 )
 
 
 def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symbol:
-    """Return the symbol of an operation on symbols and constants, at least one of them a symbol.
+    """Return the symbol of an operation on symbols and constants; at least one operand must be a symbol.
 
-    Truth values are converted to numbers where the operation takes numbers.
+    Truth values are converted to numbers if the operation requires numbers.
 
     Args:
         name: name of the operation.
         operands: operands of the operation.
-        kind: type of the result; by default a truth value for a comparison, else the type of the first symbol.
+        kind: type of the result; by default a truth value for a comparison, and the type of the first symbol otherwise.
 
     Raises:
         TypeError: if the operation does not apply to operands of these types, or the operands belong to different
@@ -455,14 +455,14 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol
     if all(symbol.kind is _TRUTH for symbol in symbols):
         if name == "multiply":
             return operation("bitwise_and", *symbols)
-        if name in _AMBIGUOUS:
-            raise TypeError(_TRUTHS_ADDED)
+        if name in _AMBIGUOUS_OPERATIONS:
+            raise TypeError(_TRUTH_ARITHMETIC_MESSAGE)
     return operation(name, *map(number, symbols), kind=kind)
 
 
 # Operations whose results on truth values differ between Python and NumPy.
-_AMBIGUOUS = ("add", "subtract", "negative")
-_TRUTHS_ADDED = (
+_AMBIGUOUS_OPERATIONS = ("add", "subtract", "negative")
+_TRUTH_ARITHMETIC_MESSAGE = (
     "comparisons cannot be added, subtracted or negated: use where(comparison, 1.0, 0.0) of"
     " drake_quad.framework.elementary, or combine them by `&` and `|`"
 )
@@ -491,7 +491,7 @@ def to_symbols(*operands: Any) -> list[Symbol]:
     for operand in operands:
         symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
         if symbol.listing is not listing:
-            raise TypeError(_FOREIGN_SYMBOL)
+            raise TypeError(_FOREIGN_SYMBOL_MESSAGE)
         symbols.append(symbol)
     return symbols
 
@@ -505,19 +505,19 @@ def _first_symbol(operands: Sequence[Any]) -> Symbol:
 
 
 def are_same(x: Any, y: Any) -> bool:
-    """Return whether two rows are the same object, or symbols of the same line."""
+    """Return whether two rows are the same object, or symbols for the same line."""
     if x.__class__ is Symbol and y.__class__ is Symbol:
         return x.listing is y.listing and x.line == y.line
     return x is y
 
 
-_FOREIGN_SYMBOL = (
+_FOREIGN_SYMBOL_MESSAGE = (
     "the formula of `where_needed` or an activation uses a row that is not one of its arguments; add it to them"
 )
 
 
 def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-    """Return the results of a formula that is executed only if the mask is true for a vehicle of the vector.
+    """Return the results of a formula that is executed only if the mask is true for at least one vehicle of a vector.
 
     The results are a row or a tuple of rows. They are undefined for vehicles for which the mask is false.
 
@@ -543,12 +543,12 @@ def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[An
 
 def _branch(inside: Listing, results: Sequence[Symbol]) -> Branch:
     if any(symbol.listing is not inside for symbol in results):
-        raise TypeError(_FOREIGN_SYMBOL)
+        raise TypeError(_FOREIGN_SYMBOL_MESSAGE)
     return Branch(tuple(inside.operations), tuple([symbol.line for symbol in results]))
 
 
 def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any]) -> list[Symbol]:
-    """Return the symbols of the outputs of a network layer, given inputs of which at least one is a symbol.
+    """Return symbols for the outputs of a network layer; at least one input must be a symbol.
 
     Raises:
         TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.
@@ -565,12 +565,12 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
 
 
 def add_function(name: str, approximation: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-    """Return the result of an elementary function, or the tuple of its results, as calls of a `Function`.
+    """Record a call of an elementary function, and return its result or the tuple of its results.
 
     Args:
         name: name of the function.
-        approximation: formula of symbols, one for each argument, that returns numbers.
-        arguments: numbers, at least one of them a symbol.
+        approximation: formula that computes the results from the arguments.
+        arguments: numbers; at least one must be a symbol.
     """
     inside = Listing(calls_functions=True)
     returned = approximation(*[inside.row(0, index) for index in range(len(arguments))])

@@ -1,4 +1,4 @@
-"""Names of lines of a listing, taken from the local variables of the formula that is traced."""
+"""Names for the lines of a listing, taken from the local variables of the traced formula."""
 
 import sys
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from typing import Any
 
 from drake_quad.framework.symbols import Listing, Symbol
 
-# Local variables of this package's tools are not named after quantities of a formula.
+# Local variables of these packages do not name quantities of a formula, so they are ignored.
 _IGNORED_MODULES = ("drake_quad.framework", "drake_quad.compilation")
 # Deepest nesting of records and tuples whose fields are named.
 _MAX_DEPTH = 4
@@ -16,11 +16,11 @@ _MAX_DEPTH = 4
 
 @contextmanager
 def collect_names(listing: Listing) -> Iterator[dict[int, str]]:
-    """Collect the names of local variables of all functions that return while the `with` statement is executed.
+    """Collect the local variable names of all functions that return during the `with` statement.
 
-    The value is a mapping from lines of the listing to names. If several variables contain a line, the variable of the
-    function that returns last determines its name, which is the outermost function. A field of a record has the name
-    of the variable, an underscore, and the name of the field.
+    The `with` statement yields a mapping from listing lines to names. If several variables contain a line, its name
+    comes from the function that returns last, which is the outermost function. The name of a record's field consists of
+    the variable's name, an underscore, and the field's name.
     """
     names: dict[int, str] = {}
 

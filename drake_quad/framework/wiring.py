@@ -1,4 +1,4 @@
-"""Additions to Drake's DiagramBuilder: connection of ports by name or in order, and separation of packed outputs."""
+"""Helper functions for Drake's DiagramBuilder, which connect ports by name or in order, and separate packed outputs."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -11,8 +11,8 @@ from pydrake.systems.primitives import Demultiplexer
 def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, Any]:
     """Add a system with a packed output and a Demultiplexer to a builder, and return a port for each signal.
 
-    A packed output computes several signals with one formula, since a Python call takes far longer than Drake's
-    Demultiplexer. The Demultiplexer is named after the system, with `_parts` appended.
+    A packed output computes several signals with one formula. This is faster than several outputs, since a Python call
+    takes far longer than Drake's Demultiplexer. The Demultiplexer is named after the system, with `_parts` appended.
     """
     builder.AddNamedSystem(name, system)
     sizes = [layout.num_rows * system.num_vehicles for layout in system.packed.values()]

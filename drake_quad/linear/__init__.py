@@ -1,1 +1,1 @@
-"""Linear models of a loop in hover, with their modes, margins and responses."""
+"""Linear models of the closed loop in hover, and their modes, margins and step responses."""

@@ -29,25 +29,25 @@ from drake_quad.vehicle.effects import hover_equivalent
 from drake_quad.vehicle.motors import ThrottleModel, nominal_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# These subsystems only observe the loop.
+# Subsystems that only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
-_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Number of ticks that are simulated before Newton's method starts. In the first ticks, events with different periods
-# that should occur at the same time do not coincide exactly.
+_HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+# Number of ticks that are simulated before Newton's method starts. In the first ticks, rounding errors separate events
+# with different periods that should coincide.
 _NUM_SETTLING_TICKS = 4
-# Largest change of the state over a period in an equilibrium, in SI units.
+# Largest state change over a period that counts as an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
-_MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
+_MAX_NEWTON_STEPS = 20  # largest number of steps in the search for an equilibrium
 
 
 class ClosedLoop(NamedTuple):
-    """Closed loop in equilibrium.
+    """Closed loop in equilibrium, and its linear model.
 
     Attributes:
         diagram: diagram of the closed loop.
         context: context of the diagram at a tick, before the events of the tick.
-        system: linearisation x⁺ = A x over the longest of the control period, the camera period and the vehicle's time
-            step.
+        system: linearisation x⁺ = A x over one period: the control period, the camera period or the vehicle's time
+            step, whichever is longest.
     """
 
     diagram: Diagram
@@ -58,8 +58,8 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method solves x = Φ(x), starting in hover at the reference. In wind, or with an asymmetric vehicle, a PD
-    has a steady error.
+    Newton's method solves x = Φ(x), starting in hover at the reference. A PD has a steady error in wind, or if the
+    vehicle is asymmetric.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -75,10 +75,10 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Return the closed loop from offsets, which are added to the signals of the command link, to these sums.
+    """Return the closed loop from offsets on the command link's signals to the sums of signal and offset.
 
     The inputs of the system are `injection.0`, `injection.1`, ..., and its outputs are `injected.0`, `injected.1`, ...,
-    one for each row of the signal on the link.
+    one for each row of the command.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -86,7 +86,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: an error of `closed_loop`, or a period is longer than the control period.
+        InputError: under the conditions of `closed_loop`, or if a period is longer than the control period.
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
@@ -108,17 +108,17 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """Return the closed loop from noise and turbulence to the state of the vehicle.
 
-    The inputs of the system are the standard normal numbers that all random streams supply in a period. Its outputs are
-    the rows of `state`.
+    The inputs of the linear system are the standard normal numbers that all random streams supply in a period. Its
+    outputs are the rows of `state`.
 
     Args:
-        hovering: scenario of `in_hover`.
+        hovering: scenario from `in_hover`.
 
     Returns:
-        The loop in its equilibrium, and the deviation (12,) of the equilibrium state from the reference.
+        The loop in equilibrium, and the deviation (12,) of the equilibrium state from the reference.
 
     Raises:
-        InputError: an error of `closed_loop`.
+        InputError: under the conditions of `closed_loop`.
     """
     period = max(_periods(hovering).values())
     plan = plan_route(hovering)
@@ -136,7 +136,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
 
 
 def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """Move a context to the nearest equilibrium, and return the linear system over a period (s)."""
+    """Move a context to the nearest equilibrium, and return the linear system there, over a period (s)."""
     at_tick(diagram, _NUM_SETTLING_TICKS * period, context)
     layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     for _ in range(_MAX_NEWTON_STEPS):
@@ -161,8 +161,8 @@ class LaboratoryPlant(NamedTuple):
         system: system from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a control
             period. The states include thrust and torques of the rotors instead of their four speeds, so that the axes
             are decoupled.
-        specific_thrust: commanded thrust in hover per mass of the nominal vehicle, m/s². By eq (7) the tilt for a
-            horizontal acceleration is inversely proportional to this thrust. It is g for the nominal vehicle.
+        specific_thrust: ratio of the thrust commanded in hover to the nominal mass, m/s². By eq (7), the tilt for a
+            horizontal acceleration is inversely proportional to this ratio, which is g for the nominal vehicle.
     """
 
     system: SampledSystem
@@ -170,12 +170,12 @@ class LaboratoryPlant(NamedTuple):
 
 
 def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> LaboratoryPlant:
-    """Return the plant of a scenario's controllers, in hover in still air.
+    """Return the plant that a scenario's controllers act on, in hover in still air.
 
     Args:
         scenario: scenario with the laboratory.
         vehicle: "nominal" for the vehicle of `nominal_hover`; "actual" for the vehicle of the scenario, without effects
-            that couple its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
+            that couple its axes: differences between rotors, an offset centre of mass, and misaligned markers.
 
     Raises:
         InputError: if hover is not an equilibrium, or a period is longer than the control period.
@@ -212,18 +212,18 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
 
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["nominal", "actual"]) -> Scenario:
-    """Return the scenario of a plant: the vehicle in hover at (0, 0, 1), in still air."""
+    """Return the scenario from which a plant is linearised: the vehicle hovers at (0, 0, 1) in still air."""
     return nominal_hover(scenario) if vehicle == "nominal" else symmetric_hover(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """Return the rotor speeds in hover of the vehicle of a scenario at rest, rad/s.
+    """Return the rotor speeds at which the vehicle of a scenario hovers, rad/s.
 
     Raises:
-        InputError: the rotors cannot hold the vehicle in hover.
+        InputError: if the rotors cannot hold the vehicle in hover.
     """
     parameters, effects = vehicle_parameters(resting.vehicle), resting.vehicle.effect_parameters()
-    hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER.position[2]))
+    hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER_ROUTE.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
             f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, not at"
@@ -233,7 +233,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """Return the wrench that commands given rotor speeds according to the nominal model."""
+    """Return the wrench that, according to the nominal model, commands given rotor speeds."""
     nominal, commanded = nominal_parameters(resting), hover
     known_curve, known = resting.vehicle.effect_parameters().thrust_curve, resting.nominal.motors.thrust_curve()
     if known_curve is not None and known is not None:
@@ -245,7 +245,7 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
 
 
 def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
-    """Return the system near hover, with thrust and torques of the rotors as states instead of rotor speeds."""
+    """Return the system with the rotors' thrust and torques as states instead of the rotor speeds."""
     suffix = "vehicle.rotor_speed."
     rotors = [i for i, name in enumerate(system.states) if suffix in name]
     prefix, _, _ = system.states[rotors[0]].partition(suffix)
@@ -257,11 +257,11 @@ def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: Qu
 def decoupled_loop(scenario: Scenario) -> SampledSystem:
     """Return the linear model of `closed_loop` with decoupled axes.
 
-    Thrust and torques of the rotors replace the rotor speeds as states. For a symmetric vehicle each state then belongs
-    to one axis.
+    Thrust and torques of the rotors replace the rotor speeds as states. Each state then belongs to one axis if the
+    vehicle is symmetric.
 
     Raises:
-        InputError: an error of `closed_loop`, or the rotors cannot hold the vehicle in hover.
+        InputError: under the conditions of `closed_loop`, or if the rotors cannot hold the vehicle in hover.
     """
     resting = at_rest(scenario)
     hover = _hover_speeds(resting)
@@ -269,18 +269,18 @@ def decoupled_loop(scenario: Scenario) -> SampledSystem:
 
 
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> SampledSystem:
-    """Return the plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
+    """Return the plant that an autopilot's loops act on, from `wrench` to `state`, over a period of the autopilot.
 
-    The autopilot reads the state at a tick, and its wrench acts from that tick on. A period of this plant begins just
-    before the events of a tick, when a stepping vehicle still has the state of the previous step, and the input is
-    constant over the period. The delay is therefore correct.
+    The autopilot reads the state at a tick, and its wrench acts from that tick on. A period of the plant begins just
+    before the events of a tick, when a vehicle with a time step still has the state of the previous step. The input is
+    constant over the period, so that the plant has the correct delay.
 
     Args:
         scenario: scenario with an autopilot of kind `attitude`.
         vehicle: "nominal" or "actual", as in `laboratory_plant`.
 
     Raises:
-        InputError: the vehicle has a continuous state, or cannot hover.
+        InputError: if the vehicle has a continuous state, or cannot hover.
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.autopilot.period
@@ -306,7 +306,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] 
 
 
 def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:
-    """Return the matrix (4, 4) that maps changes of rotor speeds to changes of thrust and torques near hover, eq (5).
+    """Return the matrix (4, 4) of eq (5) that maps rotor speed changes to thrust and torque changes near hover.
 
     The largest entry of each row is scaled to 1.
     """
@@ -316,7 +316,7 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:
-    """Return all periods of a loop by name, s; 0 for a vehicle that moves continuously."""
+    """Return all periods of a loop, by name, s; the time step of a vehicle with a continuous state is 0."""
     periods = {join_path(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
     return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

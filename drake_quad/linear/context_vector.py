@@ -1,4 +1,4 @@
-"""State and numeric parameters in a diagram's context, as one vector of named numbers."""
+"""State and numeric parameters in a diagram's context, as a single vector with named elements."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
@@ -13,7 +13,7 @@ from drake_quad.signals import SIGNALS, row_names
 
 
 class _Group(NamedTuple):
-    """A vector in the context of a leaf system, and the names of its elements."""
+    """Vector in the context of a leaf system, and the names of its elements."""
 
     path: tuple[str, ...]
     kind: Literal["discrete", "continuous", "parameter"]
@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the names of the systems that lead to each leaf system of a diagram, without subsystems of given names."""
+    """Yield the path of each leaf system in a diagram, as names; subsystems named in `without` are left out."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in without:
@@ -34,10 +34,10 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 
 
 class ContextVector:
-    """State of a diagram, leaf system by leaf system, and optionally its numeric parameters.
+    """Vector of a diagram's state, leaf system by leaf system, and optionally of its numeric parameters.
 
-    An element's name consists of the names of its systems, of the group and of the row, as in
-    `laboratory.vehicle.state.pitch`. The same layout applies to other scalar types of the diagram.
+    An element's name consists of its system's path, its group and its row, as in `laboratory.vehicle.state.pitch`. The
+    layout is the same for all scalar types of the diagram.
 
     Args:
         diagram: diagram to which the contexts belong.
@@ -45,7 +45,7 @@ class ContextVector:
         parameters: True if numeric parameters are included.
 
     Raises:
-        InputError: a system has an abstract state.
+        InputError: if a system has an abstract state.
     """
 
     def __init__(self, diagram: Diagram, *, without: Sequence[str] = (), parameters: bool = False) -> None:
@@ -53,13 +53,13 @@ class ContextVector:
         self.names = tuple(name for group in self._groups for name in group.names)
 
     def read(self, diagram: Diagram, root: Context) -> np.ndarray:
-        """Return the (n,) numbers in a diagram's context."""
+        """Return the vector (n,) of the values in a diagram's context."""
         parts = [self._vector(diagram, root, group).CopyToVector() for group in self._groups]
         return np.concatenate([np.empty(0), *parts])
 
     def write(self, diagram: Diagram, root: Context, numbers: np.ndarray) -> None:
-        """Write (n,) numbers to a diagram's context."""
-        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 accepts only contiguous arrays.
+        """Write a vector (n,) of values to a diagram's context."""
+        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 accepts only contiguous arrays
         for group in self._groups:
             end = first + len(group.names)
             self._vector(diagram, root, group).SetFromVector(numbers[first:end])
@@ -78,13 +78,13 @@ class ContextVector:
 
 
 def port_rows(port: str, size: int) -> tuple[str, ...]:
-    """Return the names of the rows of a port of one vehicle: row names of its signal if it has one, else indices."""
+    """Return the row names of a port for one vehicle: the names in its signal's record if it has one, else indices."""
     names = row_names(port, size) if port in SIGNALS else map(str, range(size))
     return tuple(f"{port}.{name}" for name in names)
 
 
 def without_dots(names: Sequence[str]) -> list[str]:
-    """Return names for python-control, with underscores instead of dots."""
+    """Return names without dots, as python-control requires, with underscores in their place."""
     return [name.replace(".", "_") for name in names]
 
 
@@ -108,7 +108,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """Return the names of a vector's elements: the names of the rows in a FleetSystem, and otherwise indices."""
+    """Return the names of a vector's elements: row names in a FleetSystem, and indices in other systems."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
         rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]

@@ -1,8 +1,8 @@
-"""Disturbances of a vehicle along its plan: their magnitude and their correlation time.
+"""Magnitude and correlation time of the disturbances of a vehicle along its plan.
 
-Consider a vehicle with the position, attitude and rotor speeds that the nominal vehicle needs to follow the plan. Wind,
-drag, and deviations from the nominal vehicle make its acceleration differ from the planned acceleration. This
-difference is the disturbing acceleration, which a controller must compensate to stay on the plan.
+Consider a vehicle with the position, attitude and rotor speeds with which the nominal vehicle would follow the plan.
+Because of wind, drag, and deviations from the nominal vehicle, its acceleration differs from the planned acceleration.
+The difference is the disturbing acceleration, which a controller must compensate to stay on the plan.
 """
 
 from typing import Any, NamedTuple
@@ -27,19 +27,19 @@ from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.motion import accelerations, rotor_state
 
 # Sampling period, s. Wind and drag change within tenths of a second, which this period resolves.
-_STEP = 0.02
-# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T.
-# The autocorrelation is 1/2 at this x.
+_SAMPLING_PERIOD = 0.02
+# Value of x for which (1 + x) exp(-x) is 1/2. This is the autocorrelation of second-order, critically damped noise with
+# time constant T at the lag x T.
 _HALF_CORRELATION_LAG = 1.67835
 
 
 class DisturbanceSamples(NamedTuple):
-    """Disturbing accelerations along a plan, at equal steps.
+    """Disturbing accelerations along a plan, sampled at equal steps.
 
     Attributes:
         step: sampling period, s.
         acceleration: (3, times, N) along the axes of W, m/s².
-        turning: (2, times, N) angular accelerations of roll and pitch, rad/s².
+        turning: (2, times, N) disturbing angular accelerations of roll and pitch, rad/s².
     """
 
     step: float
@@ -63,24 +63,25 @@ class DisturbanceStatistics(NamedTuple):
 
 
 def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
-    """Sample the disturbances of the vehicles of a batch along a plan.
+    """Sample the disturbances of a batch of vehicles along a plan.
 
     Args:
-        batch: vehicles, wind and random numbers.
-        plan: plan that the vehicles follow.
+        batch: samples that determine the vehicles, the wind and the random numbers.
+        plan: plan along which the disturbances are sampled.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
-    times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
+    times = np.arange(0.0, flight_duration(scenario, plan), _SAMPLING_PERIOD)
     position, velocity, acceleration = (np.array(evaluate(plan.extended_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
-    # The shape of plan data is (times, 1), and of vehicle parameters (N,), so that the shape of results is (times, N).
+    # Plan data have the shape (times, 1), and vehicle parameters the shape (N,), so that results have the shape (times,
+    # N).
     columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
     angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
-    # Throttle curve, battery and slung load do not disturb the path at given rotor speeds.
+    # At given rotor speeds, throttle curve, battery and slung load do not disturb the path.
     effects = fleet.vehicle.effect_parameters()._replace(thrust_curve=None, battery=None, slung_load=None)
     spinning = rotor_state(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
@@ -96,14 +97,14 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     linear_samples, angular_samples = (
         np.concatenate([np.broadcast_to(row, shape) for row in rows]) for rows in (linear, angular)
     )
-    return DisturbanceSamples(_STEP, linear_samples, angular_samples)
+    return DisturbanceSamples(_SAMPLING_PERIOD, linear_samples, angular_samples)
 
 
 def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceStatistics:
-    """Return the statistics of a disturbance over several flights.
+    """Return the statistics of one type of disturbance over several flights.
 
     Args:
-        disturbance: (..., times, N) samples of one type of disturbance.
+        disturbance: (..., times, N) samples of the disturbance.
         step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
@@ -117,7 +118,7 @@ def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceS
 
 
 def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Return the wind (3, times, N) of the scenario's sources at positions (3, times) along a plan, m/s."""
+    """Return the wind (3, times, N) that the scenario's sources cause at positions (3, times) along a plan, m/s."""
     scenario, N = batch.scenario, len(batch)
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}

@@ -1,4 +1,4 @@
-"""Linear prediction of the position error of a vehicle that hovers in wind and noise.
+"""Linear prediction of the position error in hover, caused by wind and noise.
 
 Over one period, the closed loop in hover obeys x⁺ = A x + B w. The components of w are independent standard normal
 variables that drive the turbulence filters and the noise of cameras and gyroscope. The covariance P of the state x
@@ -25,7 +25,7 @@ from drake_quad.scenario.models import Scenario
 
 
 class LinearHoverError(NamedTuple):
-    """Position error in hover that the linear model predicts.
+    """Position error in hover, as predicted by the linear model.
 
     Attributes:
         offset: (3,) mean error along X, Y, Z, m.

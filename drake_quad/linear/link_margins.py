@@ -1,7 +1,7 @@
-"""Margins of any control system, with its loops broken at the command link.
+"""Stability margins of any controller, with its loops broken at the command link.
 
-For any controller (a cascade, an optimal controller or a user's own) the link carries thrust and either the torques
-about roll, pitch and yaw, or the angles that an autopilot follows. If an offset is added to one of these signals,
+Every controller (a cascade, an optimal controller or a user's controller) sends over the link the thrust, and either
+three torques or the angles that an autopilot follows. If an offset is added to one of these signals,
 
     signal on the link = S (offset),    S = 1 / (1 + L)
 
@@ -21,15 +21,16 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # a signal whose S differs from 1 by less at all frequencies is not fed back
-# Grid of `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins to 2e-4.
+_MIN_FEEDBACK = 1e-9  # |S - 1|; a signal with smaller values at all frequencies has no feedback
+# Number of grid frequencies in `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins
+# to 2e-4.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid
-_NUM_NEAR_PEAK = 17  # number of frequencies between the two neighbours of the largest value on the grid
+_NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neighbours of the largest value on the grid
 
 
 class FastLinkMargins(NamedTuple):
-    """Peak of |1 / (1 + L)|, and delay margin (s), for the signals on the link with feedback, (signals,)."""
+    """Peaks of |1 / (1 + L)|, and delay margins (s), arrays (signals,) for the link's signals with feedback."""
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -38,13 +39,13 @@ class FastLinkMargins(NamedTuple):
 def link_margins(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, Margins | None]:
-    """Return the margins of thrust, roll, pitch and yaw at the command link, by the names of the signals.
+    """Return the margins of the thrust, roll, pitch and yaw loops at the command link, by signal name.
 
     The names are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench`, or `thrust`, `roll`, `pitch` and `yaw` of an
     `attitude_target`. The value is None for a signal without feedback, such as a yaw that only an autopilot controls.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised, which has neither gusts nor noise.
+        scenario: scenario whose `at_rest` is linearised; that scenario has neither gusts nor noise.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole control; see `build_tracking_diagram`.
 
@@ -64,7 +65,7 @@ def link_loops(
 
 
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
-    """Return sensitivity peaks and delay margins for a search, with the errors of `link_margins`.
+    """Return sensitivity peaks and delay margins for a search; the errors are as in `link_margins`.
 
     The computation is ten times as fast as `link_margins`.
     """
@@ -73,14 +74,14 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
     loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
     grid = frequencies(loops.period, points=_NUM_FREQUENCIES, lowest=_MIN_FREQUENCY)
     S = _diagonal(loops, grid)
-    fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_ECHO)
+    fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_FEEDBACK)
     return FastLinkMargins(
         _peaks(loops, fed_back, grid, S[fed_back]), fast_margins(1.0 / S[fed_back] - 1.0, grid).delay
     )
 
 
 def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Return the largest |S| (rows,) of some signals, refined around the largest value on a grid.
+    """Return the largest |S| of each given signal, (rows,), refined around the largest value on a grid.
 
     Args:
         loops: closed loop from an offset on each signal to the signals.
@@ -91,13 +92,14 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
     points = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # All signals are evaluated at the peaks of all signals, but for each signal only the values at its peak are used.
+    # The response of all signals is computed at the peaks of all signals, but each signal uses only the values around
+    # its peak.
     refined = _diagonal(loops, points.ravel())[rows].reshape(len(rows), *points.shape)
     return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", refined)).max(axis=1))
 
 
 def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """Return the response (signals, frequencies) of each signal to an offset on it, at frequencies in rad/s."""
+    """Return the response (signals, frequencies) of each signal to its own offset, at frequencies in rad/s."""
     return np.diagonal(loops.response(np.exp(1j * grid * loops.period)), axis1=1, axis2=2).T
 
 
@@ -114,7 +116,7 @@ def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> 
 
 
 def _signals(scenario: Scenario) -> list[str]:
-    """Return the names of the signals on the link, without body rates, which are only fed forward."""
+    """Return the names of the link's signals without the body rates, which are feedforward only."""
     signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 
@@ -124,7 +126,7 @@ def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
     sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
     if (
         not len(sensitivity.A)
-        or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_ECHO
+        or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_FEEDBACK
     ):
         return None
     opened = replace(sensitivity, A=sensitivity.A - sensitivity.B @ sensitivity.C, C=-sensitivity.C, D=np.zeros((1, 1)))

@@ -1,4 +1,4 @@
-"""Stability margins of sampled loops."""
+"""Stability margins of sampled-data loops."""
 
 import math
 from collections.abc import Callable
@@ -13,18 +13,18 @@ _MIN_FREQUENCY = 1e-4  # rad/s, smallest frequency of the grid
 _NUM_FREQUENCIES = 2000  # points of the grid, which ends at the Nyquist frequency
 _NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
 _NUM_DIVISIONS = 3  # number of refinements around a peak; the relative error of the peak is then about 1e-9
-_NUM_PEAKS = 8  # number of largest local maxima that are refined
+_NUM_PEAKS = 8  # number of local maxima that are refined, largest first
 _MAX_NARROW_DECAY = 0.1  # per radian, largest decay of modes whose peaks the grid can miss
 _MIN_INTEGRATOR_GAIN = 1e6  # smallest |L| at zero frequency of a loop with an integrator
 
 
 class Margins(NamedTuple):
-    """Margins of a loop with one signal and the transfer function L.
+    """Stability margins of a single loop with the transfer function L.
 
     Attributes:
         gain: gain margin, the factor by which the gain may increase, dB.
-        gain_reduction: factor by which the gain may decrease, dB, as a positive number; infinite if the gain may become
-            zero.
+        gain_reduction: factor by which the gain may decrease, in dB as a positive number; infinite if the gain may
+            become zero.
         phase: phase margin, degrees.
         delay: delay margin, the additional delay at which the loop becomes unstable, s.
         disk: disk margin, the largest α such that the loop tolerates every gain between (1 - α/2) / (1 + α/2) and its
@@ -49,9 +49,9 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """Return the margins of a stable loop with one input and one output.
 
-    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle and
-    of -3 dB, and from its closest approach to -1. These points are located on a grid of 2,000 frequencies and refined
-    between the grid points. Polynomials in z are not used, since they lose too many digits for a dozen states.
+    The margins follow from the frequency response: from the frequencies at which it crosses the negative real axis, the
+    unit circle and -3 dB, and from its closest approach to -1. These points are located on a grid of 2,000 frequencies
+    and refined between grid points. Polynomials in z would lose too many digits for a dozen states.
     """
     grid = frequencies(loop.period)
     response = _response(loop, grid)
@@ -78,7 +78,7 @@ def margins(loop: SampledSystem) -> Margins:
 
 
 class FastMargins(NamedTuple):
-    """Gain (dB), phase (degrees) and delay (s) margin of many loops at once, arrays of one shape."""
+    """Gain margins (dB), phase margins (degrees) and delay margins (s) of many loops, as arrays of equal shape."""
 
     gain: np.ndarray
     phase: np.ndarray
@@ -89,7 +89,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     """Return the margins of many stable loops by linear interpolation on a grid, for searches and maps.
 
     Args:
-        responses: (..., frequencies) L on the grid.
+        responses: (..., frequencies) frequency responses L of the loops on the grid.
         grid: (frequencies,) frequencies, rad/s.
     """
     size = np.log(np.maximum(np.abs(responses), 1e-300))
@@ -120,12 +120,12 @@ def _wrapped(angles: np.ndarray) -> np.ndarray:
 
 
 def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
-    """Return (points,) frequencies from `lowest` to just below the Nyquist frequency, rad/s."""
+    """Return frequencies (points,) from `lowest` to just below the Nyquist frequency, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
 
 def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """Return L (frequencies,) of a loop with one input and one output, at frequencies in rad/s."""
+    """Return the response L (frequencies,) of a loop with one input and one output, at frequencies in rad/s."""
     return loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
 
 
@@ -137,8 +137,8 @@ def _crossings(
     Args:
         loop: loop with one input and one output.
         grid: (frequencies,) grid that separates the zeros of the function, rad/s.
-        response: (frequencies,) L on the grid.
-        of: elementwise function of L; steps by π or more count as jumps, not as crossings.
+        response: (frequencies,) frequency response L on the grid.
+        of: elementwise function of L. Steps of π or more count as jumps, not as crossings.
     """
     values = of(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
@@ -146,7 +146,7 @@ def _crossings(
         inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
-        # A sign change between the ends of an interval may turn out to be a jump inside it.
+        # The refinement may show that a sign change between the ends of an interval is a jump.
         real = passes.any(axis=1)
         inside, values, first = inside[real], values[real], np.argmax(passes[real], axis=1)
         pairs = np.stack([first, first + 1], axis=1)
@@ -157,12 +157,12 @@ def _crossings(
 
 
 def _passes_zero(values: np.ndarray) -> np.ndarray:
-    """Return the mask of the steps along the last axis in which the values cross zero without a jump."""
+    """Return a mask of the steps, along the last axis, in which values cross zero without a jump."""
     return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
 
 
 def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
-    """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if no pole can.
+    """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if none crosses.
 
     z = -1 corresponds to the end of the frequency grid.
     """
@@ -173,7 +173,7 @@ def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
 def _gain_where_real(loop: SampledSystem, z: float) -> float:
     """Return the gain at which a pole crosses the unit circle at z = 1 or -1.
 
-    The gain is infinite if no pole can cross there, as at z = 1 in a loop with an integrator.
+    The gain is infinite if no pole can cross at this point, as at z = 1 in a loop with an integrator.
     """
     if np.abs(loop.poles() - z).min() < 1e-9:
         return math.inf
@@ -188,14 +188,14 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
 
 
 def _sensitivity(loop: SampledSystem) -> SampledSystem:
-    """Return S = 1 / (1 + L), the closed loop from an offset on the signal to the signal."""
+    """Return S = 1 / (1 + L), the closed loop from an offset on the loop's signal to this signal."""
     sensitivity = 1.0 / (1.0 + loop.D)
     feedback = sensitivity * loop.C
     return replace(loop, A=loop.A - loop.B @ feedback, B=loop.B @ sensitivity, C=-feedback, D=sensitivity)
 
 
 def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """Return additional frequencies (rad/s) around modes whose peaks can be narrower than the steps of a grid."""
+    """Return additional frequencies (rad/s) around modes whose peaks can be narrower than the grid steps."""
     poles = system.poles()
     poles = poles[poles.imag > 0.0]
     frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
@@ -213,9 +213,9 @@ def _peak(
 
     Args:
         system: system with one input and one output.
-        grid: (frequencies,) grid with at most one peak between neighbouring frequencies, rad/s.
+        grid: (frequencies,) frequencies, with at most one peak between neighbours, rad/s.
         response: (frequencies,) response of the system on the grid.
-        size: elementwise magnitude function of the response, which is maximised.
+        size: elementwise function whose maximum over the response is the peak.
     """
     values = size(response)
     padded = np.pad(values, 1, constant_values=-np.inf)
@@ -234,9 +234,10 @@ def _peak(
 
 
 def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> float:
-    """Return the smallest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+    """Return the lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
 
-    The result is 0 if the first frequency of the grid is already below -3 dB, and infinite if no frequency is.
+    The result is 0 if the magnitude is below -3 dB already at the grid's first frequency, and infinite if it is above
+    -3 dB at all frequencies.
     """
 
     def excess(L: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Modes of a linear system."""
+"""Modes of a linear system, with their frequencies, damping ratios and participating states."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,7 +10,7 @@ import scipy
 _MIN_PARTICIPATION = (
     0.1  # smallest participation of a state that is named, relative to the largest participation in the mode
 )
-_MAX_ERROR = 0.01  # 1/s, largest error of computed repeated eigenvalues
+_MAX_POLE_ERROR = 0.01  # 1/s, largest error that rounding causes in repeated eigenvalues
 
 
 class Mode(NamedTuple):
@@ -20,8 +20,8 @@ class Mode(NamedTuple):
         pole: pole s of a continuous system, or log(z) / period of a sampled system, 1/s; for a pair, the pole with
             positive imaginary part.
         frequency: natural frequency |s|, rad/s.
-        damping: damping ratio -Re s / |s|; nan for an integrator.
-        multiplicity: number of equal eigenvalues.
+        damping: damping ratio -Re s / |s|; NaN for an integrator.
+        multiplicity: multiplicity of the eigenvalue.
         states: names of the states that participate in the mode, in descending order of their participation.
     """
 
@@ -33,12 +33,12 @@ class Mode(NamedTuple):
 
 
 def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
-    """Return the modes of ẋ = A x or of x⁺ = A x, the slowest first.
+    """Return the modes of ẋ = A x or of x⁺ = A x, slowest first.
 
-    The participation of a state in a mode is its entry on the diagonal of the mode's spectral projector. For a single
-    eigenvalue this is the participation factor, and it is also well defined for repeated eigenvalues. Modes that decay
-    within a period, such as the modes of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1
-    % of their magnitude, count as one pole.
+    The participation of a state in a mode is its diagonal entry in the mode's spectral projector. This is the
+    participation factor if the eigenvalue is simple, and it is also well defined for repeated eigenvalues. Modes that
+    decay within a period, such as the modes of a delay line, are left out. Poles within 0.01 1/s of each other, or
+    within 0.1 % of their magnitude, count as one pole.
 
     Args:
         A: (n, n) system matrix.
@@ -59,7 +59,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
     result = []
     while remaining:
         first = values[remaining[0]]
-        radius = max(1e-3 * abs(pole_of(first)), _MAX_ERROR)
+        radius = max(1e-3 * abs(pole_of(first)), _MAX_POLE_ERROR)
         equal = [i for i in remaining if distance(values[i], first) < radius]
         remaining = [i for i in remaining if i not in equal]
         pole = pole_of(np.mean(values[equal]))
@@ -72,18 +72,18 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
             for i in np.argsort(-participation, kind="stable")
             if participation[i] > _MIN_PARTICIPATION * participation.max()
         ]
-        damping = -pole.real / size if size > _MAX_ERROR else np.nan
+        damping = -pole.real / size if size > _MAX_POLE_ERROR else np.nan
         result.append(Mode(pole, size, damping, len(equal), tuple(states[i] for i in order)))
     return sorted(result, key=lambda mode: mode.frequency)
 
 
 def _is_among(value: complex, *, values: np.ndarray, indices: Sequence[int]) -> bool:
-    """Return True if the eigenvalue of (n,) that is nearest to a value has one of the given indices."""
+    """Return whether the eigenvalue that is nearest to a value has one of the given indices."""
     return int(np.argmin(np.abs(values - value))) in indices
 
 
 def _projector(A: np.ndarray, selects: Callable[[complex], bool]) -> np.ndarray:
-    """Return the projector (n, n) onto the invariant subspace of selected eigenvalues, along that of all others."""
+    """Return the spectral projector (n, n) of selected eigenvalues."""
     T, Z, k = scipy.linalg.schur(A, output="complex", sort=selects)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)

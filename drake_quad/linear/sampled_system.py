@@ -1,6 +1,6 @@
-"""Exact linearisation of a sampled diagram: the Jacobian of one whole period.
+"""Exact linearisation of a sampled diagram: the Jacobian of its map over one period.
 
-From one tick to the next, a diagram with cameras, links, filters and a stepping vehicle is a map of its state,
+A diagram with cameras, links, filters and a vehicle with a time step maps its state from one tick to the next:
 
     x⁺ = Φ(x, u)        y = g(x, u)
 
@@ -9,8 +9,8 @@ before the events. `linearize` lets Drake's simulator advance the diagram by one
 
     A = ∂Φ/∂x    B = ∂Φ/∂u    C = ∂g/∂x    D = ∂g/∂u
 
-contain every delay, hold, filter and step exactly. For a closed loop A is the monodromy matrix, and its eigenvalues are
-the Floquet multipliers.
+contain the exact effect of every delay, hold, filter and step. A of a closed loop is the monodromy matrix, whose
+eigenvalues are the Floquet multipliers.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledSystem:
-    """Linear discrete-time system x⁺ = A x + B u, y = C x + D u in deviations from an operating point.
+    """Linear discrete-time system x⁺ = A x + B u, y = C x + D u, where x, u, y are deviations from an operating point.
 
     Attributes:
         A: (n, n) system matrix.
@@ -58,7 +58,7 @@ class SampledSystem:
     outputs: tuple[str, ...]
 
     def to_control(self) -> "control.StateSpace":
-        """Return python-control's StateSpace with the same period and names, with "_" in place of "."."""
+        """Return the system as python-control's StateSpace; in names, "_" replaces "."."""
         import control
 
         names = {
@@ -72,7 +72,7 @@ class SampledSystem:
     """Alias of `to_control`, with the name that `drake_quad.linear.vehicle_model` uses for continuous systems."""
 
     def to_scipy(self) -> "scipy.signal.StateSpace":
-        """Return SciPy's StateSpace with the same period.
+        """Return the system as SciPy's StateSpace.
 
         SciPy's systems have no names. States, inputs and outputs are in the order of this system.
         """
@@ -85,17 +85,17 @@ class SampledSystem:
     def response(self, z: np.ndarray) -> np.ndarray:
         """Return the transfer matrix (points, p, m) at points of the z-plane.
 
-        The method is back substitution in the Schur form of the balanced A. For dozens of states and thousands of
-        points, it is ten times as fast as an elimination at each point.
+        The method is back substitution in the Schur form of the balanced A. It is ten times as fast as an elimination
+        at each point, for dozens of states and thousands of points.
 
         Raises:
-            LinAlgError: one of the points is a pole.
+            LinAlgError: if one of the points is a pole.
         """
         triangular, basis, scale = self._schur_form
         inputs = basis.conj().T @ (self.B / scale)
         gaps = np.asarray(z)[:, np.newaxis] - np.diag(triangular)
         if not gaps.all():
-            raise np.linalg.LinAlgError("a point is a pole")
+            raise np.linalg.LinAlgError("one of the points is a pole of the system")
         states = np.empty((len(self.A), *np.shape(z), self.B.shape[1]), dtype=complex)
         with single_threaded_blas():
             for i in reversed(range(len(self.A))):
@@ -124,11 +124,11 @@ class SampledSystem:
         )
 
     def transformed(self, rows: Sequence[int], matrix: np.ndarray, names: Sequence[str]) -> "SampledSystem":
-        """Return the system in other coordinates, in which a matrix multiplies some rows of the state.
+        """Return the system with other state coordinates: some rows of the state are multiplied by a matrix.
 
         Args:
-            rows: indices of the k transformed rows of the state.
-            matrix: (k, k) factor on these rows.
+            rows: indices of the k state rows that are transformed.
+            matrix: (k, k) matrix that multiplies these rows.
             names: new names of these rows.
         """
         T = np.eye(len(self.A))
@@ -140,11 +140,11 @@ class SampledSystem:
         return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, states=tuple(states))
 
     def connected(self, *, tolerance: float = 1e-12) -> "SampledSystem":
-        """Return the system without states that are unreachable from all inputs or unobservable in all outputs.
+        """Return the system without states that no input can reach, or that no output can observe.
 
         Args:
-            tolerance: relative threshold below which entries count as rounding errors. Entries of A and C are compared
-                with the largest entry of their row, and entries of B with the largest entry of their column.
+            tolerance: threshold below which matrix entries count as rounding errors. It is relative to the largest
+                entry in the same row of A or C, or in the same column of B.
         """
         couples = _is_significant(self.A, tolerance)
         reached = _closure(couples, _is_significant(self.B.T, tolerance).any(axis=0))
@@ -154,7 +154,7 @@ class SampledSystem:
         return replace(self, A=self.A[np.ix_(indices, indices)], B=self.B[indices], C=self.C[:, indices], states=states)
 
     def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
-        """Return the loop closed by u = v - gain y, from v to y; for a system with D = 0.
+        """Return the closed loop from v to y, where u = v - gain y; the system must have D = 0.
 
         Args:
             gain: (m, p) feedback gain.
@@ -162,18 +162,18 @@ class SampledSystem:
         return replace(self, A=self.A - self.B @ gain @ self.C)
 
     def scaled(self, factor: float, name: str) -> "SampledSystem":
-        """Return the system with its single input multiplied by a factor, under another name."""
+        """Return the system with its single input multiplied by a factor and renamed."""
         return replace(self, B=self.B * factor, D=self.D * factor, inputs=(name,))
 
 
 def _is_significant(matrix: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the mask of the entries that are not negligible compared with the largest entry of their row."""
+    """Return a mask of the entries that are not negligible compared with the largest entry in their row."""
     sizes = np.abs(matrix)
     return sizes > tolerance * sizes.max(axis=1, keepdims=True)
 
 
 def _closure(couples: np.ndarray, reachable: np.ndarray) -> np.ndarray:
-    """Return the mask (n,) of all states reachable from given ones; `couples[i, j]` is True if j acts on i."""
+    """Return a mask (n,) of the states reachable from given ones; `couples[i, j]` is True if j acts on i."""
     while True:
         extended = reachable | (couples & reachable).any(axis=1)
         if (extended == reachable).all():
@@ -190,7 +190,7 @@ def linearize(
     outputs: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> tuple[SampledSystem, np.ndarray]:
-    """Return the linear system of a diagram's map over a period, and the change of the state over a period.
+    """Linearise a diagram's map over a period, and return the linear system and the state change over a period.
 
     Args:
         diagram: diagram of systems that support AutoDiffXd.
@@ -199,7 +199,7 @@ def linearize(
         period: multiple of the periods of all events, s.
         inputs: names of the input ports that make up u, all fixed in the context.
         outputs: names of the output ports that make up y.
-        without: names of subsystems whose state is left out because they only observe.
+        without: names of subsystems whose state is left out, since they only observe the loop.
 
     Returns:
         The system, and Φ(x, u) - x (n,), which is zero at an equilibrium.
@@ -254,7 +254,7 @@ def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Co
 
 
 def initialize_without_events(simulator: Simulator) -> Simulator:
-    """Return the simulator, initialised to continue a flight, without the events at its start."""
+    """Return a simulator that is initialised without the start-up events, to continue a flight."""
     keep = InitializeParams()
     keep.suppress_initialization_events = True
     simulator.Initialize(keep)
@@ -262,7 +262,7 @@ def initialize_without_events(simulator: Simulator) -> Simulator:
 
 
 def _gradient(values: np.ndarray, size: int) -> np.ndarray:
-    """Return the derivatives (values, size); zero for values that do not depend on the variables."""
+    """Return the derivatives (values, size) of AutoDiffXd values; zero for values without derivatives."""
     if not len(values):
         return np.empty((0, size))
     gradient = ExtractGradient(values)
@@ -270,9 +270,9 @@ def _gradient(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def tick_after(time: float, period: float, ticks: int = 1) -> float:
-    """Return the time of a later tick (s), computed exactly as in Drake.
+    """Return the time of a later tick (s), with the same rounding as in Drake.
 
-    If the time were later by a rounding error, a simulation to this time would include the events of one more tick.
+    If the time were later by a rounding error, a simulation to this time would also execute the events of that tick.
     """
     return period * (round(time / period) + ticks)
 
@@ -281,7 +281,7 @@ def to_autodiff(diagram: Diagram) -> Any:
     """Return the diagram for AutoDiffXd.
 
     Raises:
-        InputError: a system does not support AutoDiffXd; the message names all such systems.
+        InputError: if a system does not support AutoDiffXd; the message names all such systems.
     """
     converted = diagram.ToAutoDiffXdMaybe()
     if converted is not None:

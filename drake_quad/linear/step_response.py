@@ -1,4 +1,4 @@
-"""Step responses of the closed loop: of its linear model and of the diagram itself."""
+"""Step responses of the closed loop, from its linear model and from its nonlinear diagram."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,12 +13,12 @@ from drake_quad.linear.sampled_system import initialize_without_events, tick_aft
 
 
 class StepResponse(NamedTuple):
-    """Response of the vehicle to a step. Its columns are the rows of the vehicle's `state`.
+    """Response of the vehicle to a step, with one column for each row of the vehicle's `state`.
 
     Attributes:
         time: (ticks,) time since the release, s.
-        linear: (ticks, 12) deviation from the equilibrium of the linear model.
-        nonlinear: (ticks, 12) deviation from the equilibrium of the diagram.
+        linear: (ticks, 12) deviation from the equilibrium in the linear model.
+        nonlinear: (ticks, 12) deviation from the equilibrium in the simulated diagram.
     """
 
     time: np.ndarray
@@ -29,16 +29,16 @@ class StepResponse(NamedTuple):
 def initial_response(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
     """Return the response of a loop that starts at a displacement from its equilibrium.
 
-    Relative to the new reference, it equals the response to a step of the reference.
+    The response equals that to a step of the reference, relative to the new reference.
 
     Args:
         loop: loop from `closed_loop`.
         displacement: initial displacement of rows of the vehicle's `state`, such as `x` or `yaw`, in SI units. The
-            first frame of the cameras contains it.
+            cameras measure it in their first frame.
         duration: duration of the response, s.
 
     Raises:
-        InputError: there is no such row, or the vehicle has a continuous state.
+        InputError: if `state` has no such row, or the vehicle has a continuous state.
     """
     layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)

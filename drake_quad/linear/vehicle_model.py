@@ -1,7 +1,7 @@
-"""Operating points of the vehicle, and its linear models there.
+"""Operating points of the vehicle, and linear models at these points.
 
-The inputs are commanded rotor speeds. Throttle curve and battery, which determine these commands, are left out. A
-payload is included if the vehicle carries it at the beginning of a flight.
+The inputs are commanded rotor speeds. The models omit throttle curve and battery, which determine these commands. They
+include a payload if the vehicle carries it at the beginning of a flight.
 """
 
 from collections.abc import Sequence
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
-# A vehicle with a slung load has these additional states.
+# Additional states of a vehicle with a slung load.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
-# Largest acceleration at an operating point, m/s² or rad/s².
+# Largest remaining acceleration at an operating point, m/s² or rad/s².
 _TRIM_TOLERANCE = 1e-9
 _MAX_TRIM_TILT = 1.4  # rad, largest roll and pitch of an operating point
-_NUM_NEWTON_STEPS = 3  # number of steps that refine the solution of SNOPT
+_NUM_NEWTON_STEPS = 3  # number of Newton steps that refine SNOPT's solution
 
 
 class Trim(NamedTuple):
@@ -69,7 +69,7 @@ def find_trim(
     kinematics: Kinematics = "exact",
     effects: Effects = NO_EFFECTS,
 ) -> Trim:
-    """Find roll, pitch and rotor speeds at which velocity and attitude are constant.
+    """Find the roll, pitch and rotor speeds at which velocity and attitude are constant.
 
     SNOPT finds a solution within the limits of the rotors, and Newton's method refines it.
 
@@ -83,14 +83,14 @@ def find_trim(
         effects: effects on the vehicle.
 
     Raises:
-        InputError: there is no trim within the limits of the rotors.
+        InputError: if there is no trim within the limits of the rotors.
     """
     effects = _of_motion(effects)
     hover = np.array([float(speed) for speed in hover_rotor_speeds(hover_equivalent(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
     def unbalanced(scaled: np.ndarray) -> np.ndarray:
-        """Return the linear and angular accelerations (6,) for roll, pitch and rotor speeds in units of `scale`."""
+        """Return linear and angular acceleration (6,), given roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)

@@ -10,11 +10,11 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
-    """Return the torques about x, y, z for a normalised torque of 1, N m.
+    """Return the torques about x, y, z that correspond to a normalised torque of 1, N m.
 
-    The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
-    pitch is the larger of the root mean squares of their columns, times √2. The scale of yaw is the largest entry of
-    its column.
+    The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The roll and pitch columns
+    have a common scale: √2 times the larger of their root mean squares. The scale of the yaw column is its largest
+    entry.
 
     Args:
         nominal: parameters of the nominal vehicle.

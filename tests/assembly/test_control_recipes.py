@@ -1,4 +1,4 @@
-"""Tests that recipes for a control contain the parameters of the scenario."""
+"""Tests that the recipes for a scenario's control contain the scenario's parameters."""
 
 import math
 
@@ -30,7 +30,7 @@ from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-WEIGHT = 0.7 * 9.79  # nominal, N
+WEIGHT = 0.7 * 9.79  # N, nominal weight
 
 
 def recipes_of(scenario):
@@ -69,13 +69,13 @@ def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric)
     assert recipes["position.pd"].structure == {"derivative": "measurement", "feeds_forward": False}
 
 
-PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
+PD_GAINS = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 
-def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
+def test_an_estimator_has_the_scenario_s_law_and_response_and_starts_at_the_first_waypoint(asymmetric):
     response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
     parameters = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {parameters}}}"))
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD_GAINS}, {response}, {parameters}}}"))
     assert [*recipes] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
     estimator = recipes["position.estimator"]
     assert estimator.structure == {"period": 0.02, "delay_ticks": 3}
@@ -83,18 +83,20 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_starts_at
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
-    # By default, the feedforward has the same lag as the feedback.
+    # By default, the feedforward assumes the same lag as the feedback.
     without_feed_forward_lag = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {without_feed_forward_lag}}}"))
+    recipes, _ = recipes_of(
+        asymmetric("pid", f"control.position={{kind: indi, {PD_GAINS}, {without_feed_forward_lag}}}")
+    )
     laws, lags, *_ = recipes["position.estimator"].parameters
     assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
     assert lags == (AxisCommand(0.2, 0.2), AxisCommand(0.3, 0.3), AxisCommand(0.1, 0.1))
 
 
-def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
+def test_a_kalman_filter_has_a_separate_gain_for_each_axis(asymmetric):
     parameters = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
     position = (
-        f"{{kind: disturbance_observer, {PD}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+        f"{{kind: disturbance_observer, {PD_GAINS}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
     )
     recipes, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
     expected = [
@@ -104,7 +106,7 @@ def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
     assert recipes["position.estimator"].parameters.laws == tuple(expected)
 
 
-def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asymmetric):
+def test_attitude_controller_and_thrust_vectoring_follow_the_kind_in_the_scenario(asymmetric):
     gains = "k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]"
     pd, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: pd, {gains}}}"))
     assert pd == recipes_of(asymmetric("pid"))[0]
@@ -135,7 +137,7 @@ def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asy
     assert not recipes["thrust_vectoring"].structure["projects"]
 
 
-def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
+def test_a_network_has_the_fuzzy_sets_and_the_learning_law_of_the_scenario(asymmetric):
     recipes, plan = recipes_of(asymmetric("pd_t2fnn"))
     rules, learning = recipes["network.rules"], recipes["network.learning"]
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
@@ -159,7 +161,7 @@ def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_para
     recipes, _ = recipes_of(asymmetric("pd_t1fnn"))
     (sets,) = recipes["network.rules"].parameters.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
-    # A law that learns from the command does not use a slope.
+    # A learning law that uses the command as its signal has no slope.
     learning = recipes["network.learning"].parameters
     assert learning == LearningParameters(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
@@ -168,7 +170,10 @@ def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_para
 
 
 def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
-    """Gains and parameters of a law are arrays. Nominal parameters are the same for all vehicles."""
+    """The gains and the parameters of a control law vary and become arrays.
+
+    Nominal parameters are the same for all vehicles.
+    """
     distributions = [
         "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
         "control.network.learning.gain={uniform: {min: 0.5, max: 1.0}}",
@@ -194,7 +199,7 @@ def test_a_varying_parameter_is_an_array_with_an_entry_for_each_vehicle(asymmetr
 def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, field):
     parameters = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
     position = (
-        f"{{kind: disturbance_observer, {PD}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
+        f"{{kind: disturbance_observer, {PD_GAINS}, {parameters}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
     )
     scenario = asymmetric("pid", f"control.position={position}")
     numbers_of_vehicles = np.array([0.1, 0.5])
@@ -211,7 +216,7 @@ def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, fie
         assert laws[1].gain.position[vehicle] == expected.gain.position
 
 
-def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_axis(asymmetric):
+def test_adaptive_fuzzy_sets_start_equal_on_all_axes_or_as_learned_for_each_axis(asymmetric):
     adaptive = "control.network.adaptive={centres: 0.4, exponents: 0.2}"
     recipes, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
     rules, learning, set_learning = (recipes[f"network.{part}"] for part in ("rules", "learning", "sets"))
@@ -247,7 +252,7 @@ def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_
     np.testing.assert_allclose(weights, np.arange(3)[:, np.newaxis] + np.linspace(0.1, 0.9, 12))
 
 
-def test_a_network_knows_the_lap_times_if_the_phase_is_an_input(asymmetric):
+def test_a_network_with_the_phase_as_input_receives_the_lap_times(asymmetric):
     laps = ("route={kind: lissajous, amplitude: [0.1, 0.2, 0], period: 5, laps: 2}", "metrics={start: 0}")
     for inputs, kinds in (
         ("{error_rate: null}", [FuzzySets]),
@@ -268,7 +273,7 @@ def test_a_network_knows_the_lap_times_if_the_phase_is_an_input(asymmetric):
     assert surface["initial_weights"] == ()
 
 
-def test_a_control_without_a_network_has_no_recipe_for_one(asymmetric):
+def test_a_control_without_a_network_has_no_network_recipe(asymmetric):
     for name in ("pid", "lqg"):
         assert not any(path.startswith("network") for path in recipes_of(asymmetric(name, "control.network=null"))[0])
 
@@ -276,7 +281,7 @@ def test_a_control_without_a_network_has_no_recipe_for_one(asymmetric):
 def test_a_tilt_estimator_uses_the_nominal_gravity(asymmetric):
     response = "response: {kind: tilt, delay_ticks: 2, lag: 0.13}"
     parameters = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {parameters}}}"))
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD_GAINS}, {response}, {parameters}}}"))
     estimator = recipes["position.estimator"]
     assert estimator.system is TiltDisturbanceEstimator
     assert estimator.structure == {"period": 0.02, "delay_ticks": 2}

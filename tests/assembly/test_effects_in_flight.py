@@ -1,4 +1,4 @@
-"""Tests of effects in a flight: parameters from the scenario, and equal compiled and wired flights."""
+"""Tests that flights have their scenario's effects, and that compiled and uncompiled flights agree."""
 
 import math
 
@@ -26,24 +26,24 @@ from drake_quad.vehicle.parameters import Inertia
 from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.slung_load import SlungLoad
 
-PAYLOAD = "mass: 0.05, position: [0.001, 0.002, -0.03], inertia: [1e-5, 2e-5, 3e-5], time: 1.2"
+PAYLOAD_FIELDS = "mass: 0.05, position: [0.001, 0.002, -0.03], inertia: [1e-5, 2e-5, 3e-5], time: 1.2"
 EFFECT_OVERRIDES = {
     "body_drag": "{linear: [0.1, 0.2, 0.3], quadratic: [0.01, 0.02, 0.03], centre_of_pressure: [0.001, 0.002, 0.003]}",
     "rotor_aerodynamics": "{lift: 0.02, climb: -0.1, drag: 1e-4, inflow: 2e-4}",
     "ground_effect": "{rotor_radius: 0.3, ground_height: 0.2}",
     "reaction_torque": "true",
     "rotor_time_constant_down": "0.07",
-    "payload": f"{{{PAYLOAD}, event: dropped}}",
+    "payload": f"{{{PAYLOAD_FIELDS}, event: dropped}}",
     "battery": "{voltage: 12.6, empty_voltage: 10.2, capacity: 0.05, resistance: 0.02, efficiency: 0.7}",
     "slung_load": "{mass: 0.03, length: 0.6}",
     "motors": "{kind: throttle, curve: [0.11, 1.05, 2.6]}",
 }
-NOMINAL_MOTORS = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
+NOMINAL_MOTORS_OVERRIDE = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
 
 
 def overrides(*names):
-    """Return the overrides that add effects to a scenario."""
-    nominal = [NOMINAL_MOTORS] if "motors" in names else []
+    """Return the overrides that add the named effects to a scenario."""
+    nominal = [NOMINAL_MOTORS_OVERRIDE] if "motors" in names else []
     return [*nominal, *(f"vehicle.{name}={EFFECT_OVERRIDES[name]}" for name in names)]
 
 
@@ -51,7 +51,7 @@ def recipes_of(scenario):
     return laboratory_recipes(Batch.draw(scenario, (0,)), plan_route(scenario), 2.0)
 
 
-def test_effects_have_the_numbers_of_the_scenario(asymmetric):
+def test_effects_have_the_parameters_of_the_scenario(asymmetric):
     names = EFFECT_OVERRIDES.keys() - {"slung_load"}
     effects = asymmetric("pid", *overrides(*names)).vehicle.effect_parameters()
     assert effects.body_drag == BodyDrag(
@@ -65,7 +65,7 @@ def test_effects_have_the_numbers_of_the_scenario(asymmetric):
     assert effects.thrust_curve == ThrustCurve(0.11, 1.05, 2.6)
     payload = Payload(0.05, PayloadPosition(0.001, 0.002, -0.03), Inertia(1e-5, 2e-5, 3e-5), 0.0, 1.2)
     assert effects.payload == payload
-    picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD}, event: picked_up}}")
+    picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD_FIELDS}, event: picked_up}}")
     assert picked_up.vehicle.effect_parameters().payload == payload._replace(picked_up=1.2, dropped=math.inf)
     assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_parameters().slung_load == SlungLoad(0.03, 0.6)
 
@@ -77,7 +77,7 @@ def test_an_effect_that_is_off_is_not_part_of_the_diagram(asymmetric):
     assert recipes["allocation"].system is Allocation
 
 
-def test_with_throttles_the_autopilot_allocates_by_the_nominal_curve(asymmetric):
+def test_an_autopilot_allocates_throttles_by_the_nominal_thrust_curve(asymmetric):
     recipe = recipes_of(asymmetric("pid", *overrides("motors")))["allocation"]
     assert recipe.system is ThrottleAllocation
     assert recipe.parameters.curve == ThrustCurve(0.1, 1.0, 2.8)
@@ -97,22 +97,22 @@ SETS_OF_EFFECTS = [
 
 
 # The payload is dropped after 1.2 s, within the flight.
-SHORT_FLIGHT = ("duration=1.4", "vehicle.mass={uniform: {min: 0.7, max: 0.75}}")
+SHORT_FLIGHT_OVERRIDES = ("duration=1.4", "vehicle.mass={uniform: {min: 0.7, max: 0.75}}")
 
 
 @pytest.fixture(scope="module")
 def flight_without_effects(asymmetric):
-    """Return a flight without effects."""
-    return simulate(asymmetric("pid", *SHORT_FLIGHT), sample=0)
+    """Return a flight without effects, for comparison."""
+    return simulate(asymmetric("pid", *SHORT_FLIGHT_OVERRIDES), sample=0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "names", SETS_OF_EFFECTS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects"
 )
-def test_compiled_and_wired_flights_of_single_vehicles_and_fleets_agree(asymmetric, flight_without_effects, names):
-    """Every set of effects also changes the flight."""
-    scenario = asymmetric("pid", *SHORT_FLIGHT, *overrides(*names))
+def test_compiled_and_uncompiled_flights_of_single_vehicles_and_fleets_agree(asymmetric, flight_without_effects, names):
+    """Each set of effects is simulated in four ways, and must change the flight."""
+    scenario = asymmetric("pid", *SHORT_FLIGHT_OVERRIDES, *overrides(*names))
     first, second = assert_flown_alike(Batch.draw(scenario, (0, 1)))
     assert np.abs(first["state"] - flight_without_effects["state"]).max() > 1e-6
     alone = simulate(scenario, sample=1, compiled=False)
@@ -120,7 +120,7 @@ def test_compiled_and_wired_flights_of_single_vehicles_and_fleets_agree(asymmetr
 
 
 @pytest.mark.slow
-def test_numbers_of_effects_may_be_drawn(asymmetric):
+def test_parameters_of_effects_may_be_distributions(asymmetric):
     distributions = [
         "vehicle.body_drag={linear: [{uniform: {min: 0.1, max: 0.3}}, 0, 0]}",
         "vehicle.payload={mass: {uniform: {min: 0.02, max: 0.05}}, time: {choice: [0.5, 1.2]}, event: dropped}",
@@ -144,15 +144,15 @@ CALM_WITHOUT_DRAG = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.qua
         ("rotor_aerodynamics={{climb: -{0!r}, drag: 1e-6}}", 1.0),
     ],
 )
-def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, slope_per_number):
-    """The time step may be at most 2.5 times the mass over the largest slope of the force."""
+def test_a_time_step_that_is_too_long_for_the_drag_is_refused(asymmetric, drag, slope_per_number):
+    """The time step may be at most 2.5 m / k, with the mass m and the largest slope k of force over velocity."""
     max_number = 2.5 * 0.74 / 0.01 / slope_per_number
     recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
     with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
         recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
 
 
-def test_wind_increases_the_slopes_of_quadratic_drag_and_lift(asymmetric):
+def test_wind_increases_the_force_slopes_of_quadratic_drag_and_lift(asymmetric):
     wind = "laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]"
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
         max_number = 2.5 * 0.74 / 0.01 / 10.0
@@ -161,8 +161,11 @@ def test_wind_increases_the_slopes_of_quadratic_drag_and_lift(asymmetric):
             recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, wind, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
 
 
-def test_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
-    """The wind is 5 m/s. Body drag has its largest slope along y, and rotor drag along or across z."""
+def test_force_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
+    """The wind is 5 m/s.
+
+    The slope of body drag is largest along y, and that of rotor drag either along z or across z.
+    """
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
     slope_along_z = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
@@ -181,7 +184,7 @@ def test_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
             assert sum(slopes) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
+def test_the_time_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
     scenario = asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle.slung_load={mass: 0.03, length: 0.6}")
     plan = plan_route(scenario)
     for field, number, words in (
@@ -193,8 +196,8 @@ def test_the_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
             laboratory_recipes(batch, plan, 2.0)
 
 
-def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):
-    """The load swings at ω² = (1 + m_L / m) g / l."""
+def test_a_time_step_that_is_too_long_for_the_swing_of_a_load_is_refused(asymmetric):
+    """The largest time step is proportional to 1 / ω, with the swing frequency ω² = (1 + m_L / m) g / l."""
     assert 9.81 * (1.0 + 7.4 / 0.74) * (0.01 / 2.5) ** 2 < 0.01
     min_length = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
     recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * min_length!r}}}"))

@@ -1,4 +1,4 @@
-"""Tests that recipes for a laboratory contain the parameters of the scenario."""
+"""Tests that the recipes for a scenario's laboratory contain the scenario's parameters."""
 
 import math
 
@@ -36,11 +36,11 @@ from drake_quad.vehicle.autopilot import AutopilotParameters, Gyroscope, LoopGai
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia
 from drake_quad.vehicle.quadrotor import HoverPose
 
-DURATION = 16.0  # s
+FLIGHT_DURATION = 16.0  # s, for all recipes
 
 
 def recipes_of(scenario, samples=(0,)):
-    return laboratory_recipes(Batch.draw(scenario, samples), plan_route(scenario), DURATION)
+    return laboratory_recipes(Batch.draw(scenario, samples), plan_route(scenario), FLIGHT_DURATION)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def recipes(asymmetric):
     return recipes_of(asymmetric("pid"))
 
 
-def test_the_vehicle_has_the_numbers_of_the_scenario(asymmetric, recipes):
+def test_the_vehicle_has_the_parameters_of_the_scenario(asymmetric, recipes):
     vehicle = asymmetric("pid").vehicle
     parameters = vehicle_parameters(vehicle)
     np.testing.assert_allclose(
@@ -64,7 +64,7 @@ def test_the_vehicle_has_the_numbers_of_the_scenario(asymmetric, recipes):
 
 
 def test_drawn_rotors_must_produce_every_torque(diagrams):
-    """For one of the drawn positions, the yaw torque depends linearly on thrust, roll torque and pitch torque."""
+    """One drawn rotor position makes the yaw torque a linear combination of thrust, roll torque and pitch torque."""
     corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
     rotors = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
     rotors.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
@@ -73,16 +73,16 @@ def test_drawn_rotors_must_produce_every_torque(diagrams):
     batch, plan = Batch.draw(scenario, range(3)), plan_route(scenario)
     field = "vehicle.layout.rotors.rotor_1.position.0"
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
-    recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
+    recipe = laboratory_recipes(fleet, plan, FLIGHT_DURATION)["vehicle"]
     np.testing.assert_array_equal(recipe.parameters.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
     words = "vehicle.layout cannot produce yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
-        laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
+        laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, FLIGHT_DURATION)
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):
     faults = recipes["vehicle"].parameters.faults
-    assert faults.battery_sag == pytest.approx(0.02 / DURATION, rel=1e-15)
+    assert faults.battery_sag == pytest.approx(0.02 / FLIGHT_DURATION, rel=1e-15)
     assert (faults.failure_time, tuple(faults.failure_factor)) == (6.003, (1.0, 0.993, 1.0, 1.0))
 
 
@@ -97,8 +97,10 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
     ],
 )
 def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
-    """The faults are written as 0 or 0.0. A vehicle may be faulty if the distribution of a fault contains other values
-    than zero."""
+    """A scenario may write an absent fault as 0 or 0.0.
+
+    A vehicle may be faulty if the distribution of a fault contains nonzero values.
+    """
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
 
@@ -111,10 +113,10 @@ def test_the_rotor_with_the_given_number_fails(asymmetric, rotor):
     np.testing.assert_array_equal(recipes_of(scenario)["vehicle"].parameters.faults.failure_factor, expected)
 
 
-def test_each_vehicle_of_a_fleet_has_its_own_failing_rotor(asymmetric):
+def test_each_vehicle_of_a_fleet_can_have_a_different_failing_rotor(asymmetric):
     scenario = asymmetric("pid", "vehicle.rotor_failure.rotor={choice: [1, 3, 4]}")
     batch = Batch.draw(scenario, range(30))
-    failure_factors = laboratory_recipes(batch, plan_route(scenario), DURATION)[
+    failure_factors = laboratory_recipes(batch, plan_route(scenario), FLIGHT_DURATION)[
         "vehicle"
     ].parameters.faults.failure_factor
     failing_rotors = batch.varying["vehicle.rotor_failure.rotor"]
@@ -127,9 +129,10 @@ def test_the_vehicle_starts_where_the_plan_starts(recipes):
     np.testing.assert_allclose(recipes["vehicle"].parameters.start, HoverPose(0.3, -0.2, 1.0, 0.4), atol=1e-12)
 
 
-def test_allocation_and_link_use_the_nominal_numbers(recipes):
+def test_allocation_and_link_use_the_nominal_parameters(recipes):
     allocation, link = recipes["allocation"].parameters, recipes["command_link"]
-    # In a plus, all rotors produce thrust and yaw torque, rotors 2 and 4 roll torque, rotors 1 and 3 pitch torque.
+    # In a plus layout, all rotors produce thrust and yaw torque, rotors 2 and 4 produce roll torque, and rotors 1 and 3
+    # produce pitch torque.
     per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
     expected = [
         [per_thrust, 0.0, -per_tilt, per_yaw],
@@ -153,7 +156,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 @pytest.mark.parametrize(
     ("override", "name", "expected"),
     [
-        # Noise is modelled if position or attitude is noisy.
+        # Noise is modelled if the position or the attitude has noise.
         ("position_noise=0", "noisy", True),
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),
@@ -171,10 +174,10 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
     ],
 )
 def test_cameras_model_every_imperfection_that_a_sample_can_have(asymmetric, override, name, expected):
-    """All samples fly in one diagram, so an imperfection is modelled if any sample can have it."""
+    """One diagram simulates all samples, so it models an imperfection if any sample can have it."""
     recipe = recipes_of(asymmetric("pid", f"laboratory.motion_capture.{override}"))["motion_capture"]
     assert recipe.structure[name] == expected
-    # Without noise of the position and of the attitude, none is modelled.
+    # No noise is modelled if neither the position nor the attitude has noise.
     without_noise = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
     assert not recipes_of(asymmetric("pid", *without_noise))["motion_capture"].structure["noisy"]
 
@@ -187,7 +190,7 @@ def test_every_source_of_wind_has_a_recipe(recipes):
     velocity, *times = winds["gust_1"].parameters
     assert velocity == pytest.approx(Wind(1.4 * math.cos(0.9), 1.4 * math.sin(0.9), 0.0))
     assert times == [9.0, 1.1, math.inf]
-    # The steady wind is slower than 1 m/s, so the turbulence passes the vehicle at 1 m/s.
+    # The steady wind is slower than 1 m/s, so the model assumes that turbulence passes the vehicle at 1 m/s.
     for name, level, fraction, height, airspeed, heading in (
         ("dryden_0", "light", 0.5, 4.0, 1.0, 0.7),
         ("dryden_1", "moderate", 0.1, 3.5, 3.0, -1.9),
@@ -206,13 +209,13 @@ def test_every_source_of_wind_has_a_recipe(recipes):
 
 
 @pytest.mark.parametrize(("step", "period"), [("0.005", 0.005), ("0", 0.01)])
-def test_wind_is_held_for_a_time_step_or_for_a_frame_if_the_state_is_continuous(asymmetric, step, period):
+def test_wind_is_held_over_a_time_step_or_over_a_camera_frame_if_the_state_is_continuous(asymmetric, step, period):
     scenario = asymmetric("pid", f"vehicle.time_step={step}")
     assert wind_period(scenario) == period
     assert recipes_of(scenario)["wind.gust_0"].structure == {"period": period}
 
 
-def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
+def test_steady_winds_are_added_and_calm_air_has_no_recipe(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, speed: 2.0, heading: 0.5}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
@@ -228,12 +231,12 @@ def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
     for wind, speeds in ((drawn_speed, (0.0, 0.0)), (calm, (0.0, 1.5))):
         scenario = asymmetric("pid", wind)
         batch = Batch(scenario, (0, 1), {"laboratory.wind.0.speed": np.array(speeds)})
-        steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].parameters
+        steady = laboratory_recipes(batch, plan_route(scenario), FLIGHT_DURATION)["wind.steady"].parameters
         np.testing.assert_allclose(np.hypot(steady.x, steady.y), speeds, rtol=1e-12)
 
 
-def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmetric):
-    """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), with v the largest possible wind."""
+def test_a_time_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmetric):
+    """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), where v is the largest possible wind."""
     fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
     gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
     airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
@@ -247,7 +250,7 @@ def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmet
                 recipes_of(scenario)
 
 
-def test_systems_have_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
+def test_queues_are_long_enough_for_the_longest_delay_that_can_be_drawn(asymmetric):
     latencies = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
     scenario = asymmetric("pid", *latencies, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
     recipes = recipes_of(scenario)
@@ -324,29 +327,29 @@ def perfect_laboratory(asymmetric):
 
 
 @pytest.mark.parametrize(("field", "part", "name"), IMPERFECTIONS_OF_A_FLEET)
-def test_an_imperfection_is_modelled_if_a_vehicle_of_a_fleet_has_it(perfect_laboratory, field, part, name):
-    """The scenario has no imperfection, but a batch may give each vehicle one, as a calibration does."""
+def test_an_imperfection_is_modelled_if_any_vehicle_of_a_fleet_has_it(perfect_laboratory, field, part, name):
+    """The scenario has no imperfection, but a batch may assign one to each vehicle, as a calibration does."""
     scenario, plan = perfect_laboratory
     for values, is_modelled in (((0.0, 0.0), False), ((0.0, 0.01), True)):
         batch = Batch(scenario, (0, 1), {field: np.array(values)})
-        assert laboratory_recipes(batch, plan, DURATION)[part].structure[name] is is_modelled
+        assert laboratory_recipes(batch, plan, FLIGHT_DURATION)[part].structure[name] is is_modelled
 
 
-def test_systems_have_room_for_the_longest_delay_in_a_fleet(perfect_laboratory):
+def test_queues_are_long_enough_for_the_longest_delay_in_a_fleet(perfect_laboratory):
     scenario, plan = perfect_laboratory
     for delays, longest in (((0.0, 5.0), 5), ((0.0, 0.0), None)):
         varying = {
             field: np.array(delays)
             for field in ("laboratory.motion_capture.latency_frames", "laboratory.command_link.delay_ticks")
         }
-        recipes = laboratory_recipes(Batch(scenario, (0, 1), varying), plan, DURATION)
+        recipes = laboratory_recipes(Batch(scenario, (0, 1), varying), plan, FLIGHT_DURATION)
         assert recipes["motion_capture"].structure["longest_latency"] == (longest or 2)
         assert recipes["command_link"].structure["longest_delay"] == (longest or 1)
 
 
-def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfect_laboratory):
+def test_the_link_to_an_autopilot_first_commands_hover_at_the_yaw_of_the_plan(perfect_laboratory):
     scenario, plan = perfect_laboratory
-    link = laboratory_recipes(Batch(scenario, (0,), {}), plan, DURATION)["command_link"]
+    link = laboratory_recipes(Batch(scenario, (0,), {}), plan, FLIGHT_DURATION)["command_link"]
     assert link.structure["signal"] == "attitude_target"
     hover = AttitudeTarget(pytest.approx(0.7 * 9.79), 0.0, 0.0, pytest.approx(0.4), 0.0, 0.0, 0.0)
     assert link.parameters == LinkParameters(1, 0.0, hover)
@@ -365,7 +368,7 @@ def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric
     )
 
 
-def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmetric):
+def test_an_identified_attitude_response_has_the_parameters_of_the_scenario(asymmetric):
     response = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
     recipes = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={response}", "vehicle.rotor_failure=null"))
     assert recipes["vehicle"].system is AttitudeResponseQuadrotor
@@ -377,8 +380,8 @@ def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmet
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("damping", [0.5, 1.6])
-def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_response(asymmetric, axis, damping):
-    """The fastest decay of an angle has the rate ω (ζ + √(ζ² - 1)), or ω ζ if the angle overshoots."""
+def test_a_time_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_response(asymmetric, axis, damping):
+    """An angle decays at most at the rate ω (ζ + √(ζ² - 1)), or ω ζ if it overshoots."""
     fastest_decay = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
     for fraction, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
         frequency, damping_ratio = ["5.0"] * 3, ["0.9"] * 3
@@ -394,20 +397,20 @@ def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_res
                 recipes_of(scenario)
 
 
-def test_without_sources_there_is_no_wind(asymmetric):
+def test_a_scenario_without_wind_sources_has_no_wind_recipes(asymmetric):
     scenario = asymmetric("pid", "laboratory.wind=[]")
     assert not any(path.startswith("wind.") for path in recipes_of(scenario))
     assert steady_wind(scenario.laboratory.wind) == Wind(0.0, 0.0, 0.0)
 
 
-def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
+def test_a_sinusoidal_wind_has_the_velocity_frequency_and_phase_of_the_scenario(asymmetric):
     sine = "{kind: sine, speed: 1.5, heading: 0.9, frequency: 0.3, phase: 0.7}"
     recipe = recipes_of(asymmetric("pid", f"laboratory.wind=[{sine}]"))["wind.sine_0"]
     velocity = Wind(pytest.approx(1.5 * math.cos(0.9)), pytest.approx(1.5 * math.sin(0.9)), 0.0)
     assert recipe == Recipe(SineWind, {"period": 0.01}, SineParameters(velocity, 0.3, 0.7))
 
 
-def test_jump_times_of_a_continuous_vehicle_are_sorted(asymmetric):
+def test_force_jump_times_of_a_continuous_vehicle_are_sorted(asymmetric):
     payload = "{mass: 0.05, position: [0, 0, 0], inertia: [1e-5, 1e-5, 1e-5], time: 1.0, event: dropped}"
     scenario = asymmetric("pid", "vehicle.time_step=0", f"vehicle.payload={payload}")
     for times in ([6.003, 1.25], [1.25, 6.003], [8.0, 6.003]):

@@ -10,7 +10,10 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.mark.slow
 def test_noise_of_the_measured_height_does_not_shift_a_leaning_vehicle_sideways(diagrams):
-    """The thrust responds to the noise. At a tilt of 30°, the controller must not take its changes for rotations."""
+    """The thrust responds to the noise.
+
+    At a tilt of 30°, the controller must not interpret thrust changes as rotations.
+    """
     x_positions = []
     for noise in (0.001, 1e-6):
         scenario = load_scenario(

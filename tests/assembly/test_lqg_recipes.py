@@ -26,9 +26,10 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
 
-WEIGHT = 0.7 * 9.79  # nominal, N
-# A command takes effect after one tick of 20 ms and acts for one tick, on average half a tick later.
-DELAY = 0.02 * (1 + 0.5)
+WEIGHT = 0.7 * 9.79  # N, nominal weight
+# Delay of a command, s. It takes effect after one tick of 20 ms and is held for one tick, which adds half a tick on
+# average.
+COMMAND_DELAY = 0.02 * (1 + 0.5)
 LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
 VERTICAL_DISTURBANCES = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
 
@@ -38,14 +39,14 @@ def regulator_of_scenario(scenario):
 
 
 def assert_nearly_equal(actual, expected):
-    """Assert that two records have the same type and nearly equal numbers."""
+    """Assert that two records have the same type and nearly equal values."""
     assert type(actual) is type(expected)
     for name, field, expected_field in zip(actual._fields, actual, expected, strict=True):
         np.testing.assert_allclose(field, expected_field, rtol=1e-12, err_msg=name)
 
 
 @pytest.mark.slow
-def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle(asymmetric):
+def test_the_model_without_an_autopilot_is_a_torque_chain_of_the_nominal_vehicle(asymmetric):
     recipe = regulator_of_scenario(asymmetric("lqg", "control.network=null"))
     assert recipe.system is LinearQuadraticGaussian
     assert recipe.structure == {
@@ -67,14 +68,16 @@ def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle
         vertical, axis_loop(vertical_model(0.037, VERTICAL_DISTURBANCES), times, noise=noise, command_weight=7.785e-4)
     )
     assert thrust == pytest.approx(
-        ThrustParameters(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
+        ThrustParameters(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, COMMAND_DELAY + 0.037), rel=1e-12
     )
-    assert torques == pytest.approx(TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, DELAY + 0.043), rel=1e-12)
+    assert torques == pytest.approx(
+        TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, COMMAND_DELAY + 0.043), rel=1e-12
+    )
     assert target is None
 
 
 @pytest.mark.parametrize("lag", [None, 0.043])
-def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
+def test_the_model_with_an_autopilot_is_its_attitude_response(asymmetric, lag):
     """The feed-forward compensates delay, lag and the attitude response 1 / (1 + (2 ζ / ω) s + s² / ω²)."""
     scenario = asymmetric("lqg_on_board", f"control.lateral.lag={'null' if lag is None else lag}")
     recipe = regulator_of_scenario(scenario)
@@ -89,15 +92,15 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     noise = np.array([0.0013, 0.0031 * 9.79])
     assert_nearly_equal(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
     assert torques is None
-    assert thrust.lead == pytest.approx(DELAY + 0.037)
+    assert thrust.lead == pytest.approx(COMMAND_DELAY + 0.037)
     # These are the coefficients of exp(T s) (1 + (2 ζ / ω) s + s² / ω²) up to s².
-    lead = DELAY + (lag or 0.0)
+    lead = COMMAND_DELAY + (lag or 0.0)
     exponential, inverse = [1.0, lead, lead**2 / 2.0], [1.0, 2.0 * 0.72 / 9.0, 1.0 / 9.0**2]
     _, jerk, snap, *_ = np.convolve(exponential, inverse)
     assert target == pytest.approx(TargetParameters(jerk, snap), rel=1e-12)
 
 
-def test_a_controller_takes_corrections_of_a_network_and_detects_lost_frames_only_if_needed(asymmetric):
+def test_a_regulator_accepts_network_corrections_and_detects_lost_frames_only_if_needed(asymmetric):
     network = "{kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, rate: 1.0, slope: 1.0}}"
     scenario = asymmetric("lqg", f"control.network={network}", "laboratory.motion_capture.dropout_rate=0")
     structure = regulator_of_scenario(scenario).structure
@@ -107,7 +110,7 @@ def test_a_controller_takes_corrections_of_a_network_and_detects_lost_frames_onl
 
 @pytest.fixture(scope="module")
 def scenario_with_mpc(asymmetric):
-    """Return a function from fields of the control to the scenario with model predictive control."""
+    """Return a function that builds a scenario with model predictive control, given fields of the control."""
     scenario = asymmetric("lqg")
 
     def mpc_scenario(**fields):
@@ -118,7 +121,7 @@ def scenario_with_mpc(asymmetric):
 
 
 def programme_of(scenario):
-    """Return the recipe for the programme, the plan, and the numbers of the regulator."""
+    """Return the recipe for the quadratic programme, the plan, and the parameters of the regulator."""
     plan = plan_route(scenario)
     recipes = control_recipes(Batch(scenario, (0,), {}), plan)
     assert recipes["regulator"].structure["takes_perturbation"]
@@ -126,13 +129,13 @@ def programme_of(scenario):
 
 
 @pytest.mark.slow
-def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_with_mpc):
+def test_the_quadratic_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_with_mpc):
     scenario = scenario_with_mpc()
     recipe, _, regulator_numbers = programme_of(scenario)
     assert (recipe.system, recipe.parameters) == (PredictiveProgramme, None)
     structure = recipe.structure
     assert structure["nominal"] is regulator_numbers
-    # The horizon corresponds to 18.75 ticks, which are rounded.
+    # The horizon corresponds to 18.75 ticks, which is rounded.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is NO_WALLS
     times, control = Timing(0.01, 0.02, 1), scenario.control
@@ -141,8 +144,8 @@ def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_w
     assert programme_of(scenario_with_mpc(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
-def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_previous_tick(scenario_with_mpc):
-    """The preview begins at the first tick. The reference is at rest in the last two entries."""
+def test_the_preview_contains_each_tick_s_reference_and_the_previous_tick_s_snap(scenario_with_mpc):
+    """The preview begins at the first tick. In its last two entries the reference is at rest."""
     recipe, plan, _ = programme_of(scenario_with_mpc())
     preview, rest_time = recipe.structure["preview"], plan.rest_time
     ticks = np.arange(len(preview))
@@ -163,12 +166,12 @@ def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_previous
     np.testing.assert_allclose(snaps.T, [*expected_snap, yaw_acceleration], atol=1e-9 * scale)
     previous_snaps = np.array([each.before for each in preview])
     np.testing.assert_array_equal(previous_snaps[1:], snaps[:-1])
-    # The snap before the plan begins is zero.
+    # Before the plan begins, the snap is zero.
     np.testing.assert_array_equal(previous_snaps[0], 0.0)
     assert np.abs(snaps[0]).max() > 1.0
 
 
-def test_a_tube_moves_with_the_reference_and_a_room_does_not(scenario_with_mpc):
+def test_a_corridor_tube_moves_with_the_reference_and_a_room_stays_fixed(scenario_with_mpc):
     def corridor_of(**corridor):
         return programme_of(scenario_with_mpc(corridor=corridor))[0].structure["corridor"]
 
@@ -179,12 +182,14 @@ def test_a_tube_moves_with_the_reference_and_a_room_does_not(scenario_with_mpc):
     assert room == Corridor(PerAxis(-2.0, -inf, 0.2), PerAxis(inf, 3.0, 2.5), follows_reference=False, weight=5.0)
 
 
-def test_a_controller_without_model_prediction_has_no_programme(asymmetric):
+def test_an_lqg_controller_has_no_quadratic_programme(asymmetric):
     scenario = asymmetric("lqg", "control.network=null")
     assert [*control_recipes(Batch(scenario, (0,), {}), plan_route(scenario))] == ["regulator"]
 
 
-NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, signal: feedback}}"
+NETWORK_OVERRIDE = (
+    "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learning: {kind: gradient, signal: feedback}}"
+)
 
 
 @pytest.mark.slow
@@ -194,7 +199,9 @@ def test_controller_network_and_programme_are_connected_and_their_outputs_export
 ):
     """The diagram exports all outputs, and all inputs that are not connected inside the diagram."""
     scenario = (
-        scenario_with_mpc() if added_part == "programme" else asymmetric("lqg", *([NETWORK] if added_part else []))
+        scenario_with_mpc()
+        if added_part == "programme"
+        else asymmetric("lqg", *([NETWORK_OVERRIDE] if added_part else []))
     )
     plan = plan_route(scenario)
     control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)

@@ -1,4 +1,4 @@
-"""Tests that actions and observations of a policy follow the scenario."""
+"""Tests that a policy's actions and observations have the limits and scales of the scenario."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from drake_quad.gym.task import task_of
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.files.loading import with_fields
 
-# All rotors have different parameters, and none is at the position of a rotor in a standard layout.
+# All rotors have different parameters, and no rotor is where a standard layout has one.
 ROTORS = [
     {"position": [0.17, 0.03, 0.01], "turns": "clockwise", "thrust_factor": 4.1e-5, "drag_factor": 1.1e-6},
     {"position": [-0.02, -0.15, 0.02], "turns": "anticlockwise", "thrust_factor": 3.8e-5, "drag_factor": 1.0e-6},
@@ -25,11 +25,11 @@ UNEVEN_VEHICLE = {
     },
     "duration": 0.4,
 }
-ATTITUDE = {"k_p": [8.0, 7.0, 3.0], "k_d": [4.0, 3.5, 2.0]}
+ATTITUDE_GAINS = {"k_p": [8.0, 7.0, 3.0], "k_d": [4.0, 3.5, 2.0]}
 
 
 def task_with(action, observation=None, **fields):
-    scenario = load_scenario("hover", {**UNEVEN_VEHICLE, "control.attitude": ATTITUDE, **fields})
+    scenario = load_scenario("hover", {**UNEVEN_VEHICLE, "control.attitude": ATTITUDE_GAINS, **fields})
     return task_of(scenario, action=action, observation=observation or {"signals": ["position"]})
 
 
@@ -55,7 +55,7 @@ def test_the_hovering_action_holds_the_nominal_vehicle_in_hover(action):
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)
         np.testing.assert_allclose(row, row[0], rtol=0.0, atol=1e-9, err_msg=name)
-    # With another action, the vehicle moves.
+    # A different action moves the vehicle.
     other_state = simulate_actions(scenario, np.array(hovering) + 0.1).record("state")
     assert abs(other_state.z[-1] - other_state.z[0]) > 0.01
 
@@ -66,15 +66,15 @@ def test_an_attitude_action_is_scaled_by_its_limits_of_tilt_and_yaw():
     np.testing.assert_allclose([commanded.roll[1], commanded.pitch[1], commanded.yaw[1]], [0.15, -0.3, 0.2])
 
 
-@pytest.mark.parametrize(("k_rate", "gains"), [(None, ATTITUDE["k_d"]), ([9.0, 6.0, 5.0], [9.0, 6.0, 5.0])])
-def test_body_rates_are_reached_with_the_given_gains(k_rate, gains):
+@pytest.mark.parametrize(("k_rate", "gains"), [(None, ATTITUDE_GAINS["k_d"]), ([9.0, 6.0, 5.0], [9.0, 6.0, 5.0])])
+def test_body_rate_actions_are_tracked_with_the_given_gains(k_rate, gains):
     scenario = task_with({"kind": "rates", "max_rates": [2.0, 3.0, 1.0], "k_rate": k_rate})
     wrench = simulate_actions(scenario, [0.0, 0.5, -0.5, 1.0]).record("wrench")
     expected = np.multiply(UNEVEN_VEHICLE["nominal"]["inertia"], gains) * [1.0, -1.5, 1.0]
     np.testing.assert_allclose([row[0] for row in wrench[1:]], expected)
 
 
-def test_the_observed_clearance_is_between_the_surfaces_of_vehicle_and_obstacle():
+def test_the_observed_clearance_is_the_distance_between_vehicle_and_obstacle_surfaces():
     ball = {"kind": "sphere", "centre": [2.0, 1.0, 1.5], "radius": 0.4}
     far = {"kind": "sphere", "centre": [9.0, 1.0, 1.5], "radius": 0.4}
     space = {"obstacles": {"far": far, "ball": ball}}
@@ -88,7 +88,7 @@ def test_the_observed_clearance_is_between_the_surfaces_of_vehicle_and_obstacle(
     np.testing.assert_allclose(flight["observation"][:, 0], distance - 0.4 - 0.3, rtol=1e-12)
 
 
-def test_the_reference_is_observed_at_future_times():
+def test_a_policy_observes_the_reference_at_future_times():
     route = load_scenario("figure_eight", {"duration": 3.0})
     scenario = task_of(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
     flight = simulate_actions(scenario, [0.1, 0.2, 0.0])

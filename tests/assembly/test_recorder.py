@@ -1,4 +1,4 @@
-"""Tests of the recorder of signals."""
+"""Tests of the flight recorder."""
 
 from drake_quad.assembly.recorder import build_recorder
 

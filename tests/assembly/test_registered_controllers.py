@@ -1,4 +1,4 @@
-"""Tests of controllers in Python that are registered as kinds of the scenario language."""
+"""Tests of Python controllers that are registered as kinds of the scenario language."""
 
 import pickle
 from pathlib import Path
@@ -77,7 +77,7 @@ def level_wrench(m: State, r: Reference) -> Wrench:
 
 @fleet_system(float, AutoDiffXd)
 class LevelControl(FleetSystem):
-    """A complete control that keeps the vehicle level."""
+    """A complete control that commands the weight as thrust and levels the vehicle."""
 
     def declare(self):
         self.output("wrench", level_wrench, self.input("measurement"), self.input("reference"))
@@ -92,7 +92,7 @@ def with_position(kind: str, *overrides: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
-def test_a_registered_position_controller_has_the_flight_of_one_given_as_an_object(system) -> None:
+def test_a_registered_position_controller_flies_as_if_it_were_passed_to_simulate(system) -> None:
     kind = register_controller(system)
     assert kind == f"{__name__}.{system.__name__}"
     registered = simulate(with_position(kind))
@@ -111,7 +111,7 @@ def test_a_registered_control_replaces_the_whole_cascade() -> None:
 
 
 @pytest.mark.slow
-def test_numbers_of_a_formula_are_fields_that_may_be_distributions() -> None:
+def test_parameters_of_a_registered_formula_are_fields_that_may_be_distributions() -> None:
     kind = register_controller(Formula)
     registered = simulate(with_position(kind, "control.position.k_p=2.0"))
     given = simulate(with_position(kind), position_controller=Formula(parameters=Gains(k_p=2.0)))
@@ -151,7 +151,7 @@ def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
 
 
 class IntegralController(Plain):
-    """A controller with an integral as a discrete state of Drake."""
+    """A controller whose integral is a discrete state in Drake."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(num_vehicles)
@@ -169,7 +169,7 @@ class IntegralController(Plain):
 
 
 @pytest.mark.slow
-def test_a_registered_controller_with_a_state_flies_compiled_and_in_studies_as_uncompiled() -> None:
+def test_a_registered_controller_with_a_state_has_the_same_flight_uncompiled_compiled_and_in_studies() -> None:
     scenario = with_position(register_controller(IntegralController), "laboratory.wind=[]")
     uncompiled, compiled = (simulate(scenario, compiled=each) for each in (False, True))
     np.testing.assert_array_equal(compiled.signals["state"], uncompiled.signals["state"])
@@ -181,7 +181,7 @@ def test_a_registered_controller_with_a_state_flies_compiled_and_in_studies_as_u
 
 
 class CountingController(Plain):
-    """A controller that counts its calls in its Python object."""
+    """A controller that counts its calls in an attribute of its Python object."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(num_vehicles)
@@ -193,14 +193,14 @@ class CountingController(Plain):
 
 
 @pytest.mark.slow
-def test_a_study_refuses_a_registered_controller_that_changes_its_python_object() -> None:
+def test_a_study_refuses_a_registered_controller_that_keeps_state_in_its_python_object() -> None:
     scenario = with_position(register_controller(CountingController), RANDOM_MASS)
     with pytest.raises(InputError, match="must store all state in Drake's context, not in Python objects"):
         run_monte_carlo(scenario, 3, num_workers=1)
 
 
 def test_a_worker_that_has_not_registered_a_controller_registers_it() -> None:
-    """A scenario is pickled for workers together with the class of the system."""
+    """A scenario that is pickled for a worker contains the class of the system."""
     kind = register_controller(Formula)
     scenario = with_position(kind, "control.position.k_p=0.5")
     pickled = pickle.dumps(scenario)
@@ -226,7 +226,7 @@ def test_a_saved_scenario_is_refused_until_its_controller_is_registered(tmp_path
 
 
 class Single(Plain):
-    """A controller for a single vehicle."""
+    """A controller whose constructor does not accept a number of vehicles."""
 
     def __init__(self):
         super().__init__(1)
@@ -279,7 +279,7 @@ class OneVehiclePorts(Plain):
         (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),
     ],
 )
-def test_a_class_or_object_that_is_no_controller_is_refused(candidate, words: str) -> None:
+def test_registering_a_class_or_object_that_is_not_a_controller_is_refused(candidate, words: str) -> None:
     with pytest.raises(InputError) as caught:
         register_controller(candidate)
     assert words in str(caught.value)

@@ -20,7 +20,7 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import SIGNALS
 
-# These are the signals of a loop without a network. A network adds more.
+# Signals of a loop without a network. A network adds more signals.
 EXPORTED_SIGNALS = {
     "reference",
     "error",
@@ -46,7 +46,7 @@ def figure_eight(diagrams):
 
 
 @pytest.mark.slow
-def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
+def test_the_rms_error_on_the_nominal_figure_eight_is_below_three_centimetres(figure_eight):
     flight = simulate(figure_eight())
     assert flight.metrics.rmse < 0.03
     assert not flight.metrics.crashed
@@ -59,8 +59,8 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
 
 
 @pytest.mark.slow
-def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
-    """On a long straight line at constant speed, the error settles to (k_D / k_P) v."""
+def test_a_derivative_of_the_measurement_causes_an_error_of_k_d_over_k_p_times_the_velocity(figure_eight):
+    """On a long straight line at constant velocity v, the error settles to (k_D / k_P) v."""
     line = figure_eight(
         "route={kind: waypoints, waypoints: [[0, 0, 1], [16, 12, 1]], times: [0, 100]}",
         "control.position.k_p=[0.5, 0.5, 4.0]",
@@ -75,8 +75,8 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. It is larger in
-    # curves that are too fast for the bandwidth of such a slow loop.
+    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. In curves it is
+    # even larger, since they are too fast for the bandwidth of such a slow loop.
     gains_of_the_paper = [
         f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")
     ]
@@ -87,8 +87,8 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
 
 
 @pytest.mark.slow
-def test_a_stepping_vehicle_agrees_with_a_continuous_one_at_every_tick_of_a_figure_eight(figure_eight):
-    """RK4 with steps of 10 ms agrees within 1e-6 m with an integrator whose error is controlled to 1e-10."""
+def test_vehicles_with_a_time_step_and_with_a_continuous_state_agree_on_a_figure_eight(figure_eight):
+    """RK4 with 10 ms steps agrees to 1e-6 m with an integrator that limits its error to 1e-10."""
     paths = []
     for time_step in (0.01, 0.0):
         scenario = figure_eight(f"vehicle.time_step={time_step}")
@@ -103,8 +103,8 @@ def test_a_stepping_vehicle_agrees_with_a_continuous_one_at_every_tick_of_a_figu
 
 
 @pytest.mark.slow
-def test_a_stepping_vehicle_agrees_with_a_continuous_one_in_wind_if_it_is_asymmetric(asymmetric):
-    """The rotor failure is left out, since it occurs in the middle of a step."""
+def test_asymmetric_vehicles_with_a_time_step_and_with_a_continuous_state_agree_in_wind(asymmetric):
+    """The scenario has no rotor failure, since a failure occurs in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
     stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
     for rows, tolerance in ((slice(0, 3), 1e-6), (slice(3, 12), 1e-4)):
@@ -113,7 +113,7 @@ def test_a_stepping_vehicle_agrees_with_a_continuous_one_in_wind_if_it_is_asymme
 
 @pytest.mark.slow
 def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle(figure_eight):
-    """Flights agree to 1e-9 m, even if another vehicle of the fleet has other gains and crashes."""
+    """Flights agree to 1e-9 m, even if another vehicle in the fleet has different gains and crashes."""
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
     controller = scenario.control.position
@@ -162,7 +162,7 @@ def test_a_crashed_vehicle_stays_where_it_crashed(figure_eight):
 
 
 class NanController(LeafSystem):
-    """Position controller whose command is NaN from 2 s on."""
+    """Position controller that outputs NaN from 2 s on."""
 
     def __init__(self):
         super().__init__()
@@ -174,7 +174,7 @@ class NanController(LeafSystem):
         output.SetFromVector([0.0, 0.0, math.nan if context.get_time() >= 2.0 else 0.0])
 
 
-def test_a_controller_that_gives_nan_crashes_its_vehicle(figure_eight):
+def test_a_controller_that_outputs_nan_crashes_its_vehicle(figure_eight):
     flight = simulate(figure_eight("route={kind: hover}"), position_controller=NanController())
     assert flight.metrics.crash_time == pytest.approx(2.0)
     assert np.isfinite(flight["state"]).all()
@@ -201,7 +201,7 @@ def test_a_user_s_control_needs_only_a_wrench(figure_eight):
 
 
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
-    """The name of each signal determines its rows."""
+    """The rows of each signal match its record type, which the name of the signal determines."""
     flight = simulate(figure_eight("duration=0.5"))
     assert set(flight.signals) == EXPORTED_SIGNALS
     diagram = build_tracking_diagram(figure_eight(), 2)
@@ -214,9 +214,10 @@ def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
 
 @pytest.mark.slow
 def test_a_loop_has_the_requested_parts(figure_eight):
-    """All inputs are connected.
+    """No input of the loop is left unconnected.
 
-    Noise is from the streams of the samples, or from Drake if requested. Every part has a name.
+    The noise comes from the random streams of the samples, or from Drake's random sources if requested. Every part has
+    a name.
     """
 
     def parts_of(diagram):
@@ -239,7 +240,7 @@ def test_a_loop_has_the_requested_parts(figure_eight):
     assert noise == ["random_motion_capture.camera_noise"]
 
 
-def test_vehicles_fly_the_given_samples(figure_eight):
+def test_vehicles_have_the_flights_of_the_given_samples(figure_eight):
     scenario = figure_eight("laboratory.motion_capture.position_noise=0.001")
     plan = plan_route(scenario)
 
@@ -272,14 +273,14 @@ def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
 
 
 def test_signals_of_a_network_are_exported(asymmetric):
-    """The weights have a row for each of 12 rules on each of three axes."""
+    """The weights have one row for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
     assert set(flight.signals) == EXPORTED_SIGNALS | {"weights", "covariance_trace"}
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
 def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
-    """A tick reads a frame that is 10 ms old, and the link adds its own delay."""
+    """A tick reads a frame that is 10 ms old, and the link delays the command."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
@@ -295,8 +296,7 @@ def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
 def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_frames_and_ticks(
     figure_eight, ticks, frames
 ):
-    """The expected delay is the sum of the delays in frames, the delays in ticks, and the 10 to 20 ms until a tick
-    reads a frame."""
+    """The expected delay consists of camera latency, link delay, and the 10 to 20 ms until a tick reads a frame."""
     scenario = figure_eight(
         "route={kind: hover}",
         f"laboratory.command_link.delay_ticks={ticks}",
@@ -319,8 +319,8 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_fr
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # A tick reads the previous frame. If the frame that shows the jump is taken at a tick, the next tick reads it 20 ms
-    # later, and otherwise 10 ms later.
+    # A tick reads the previous frame. The next tick reads the frame that shows the jump after 20 ms if the frame is
+    # taken at a tick, and after 10 ms otherwise.
     shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
     assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)
@@ -350,7 +350,7 @@ CALM_LABORATORY = [f"laboratory.wind=[{REMOTE_FAN}]"]
     ("overrides", "n"), [(IMPERFECT_LABORATORY, 1), (IMPERFECT_LABORATORY, 2), (CALM_LABORATORY, 2)]
 )
 def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overrides, n):
-    """The derivative of the state after 1.2 s by a gain of the first vehicle agrees with a central difference."""
+    """The derivative of the state after 1.2 s with respect to one vehicle's gain agrees with a central difference."""
     scenario = figure_eight("duration=1.2", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
     diagram = build_tracking_diagram(scenario, n)
 
@@ -406,7 +406,7 @@ def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
             use(scenario)
 
 
-def test_a_window_beyond_the_flight_is_refused(figure_eight):
+def test_a_metrics_window_beyond_the_end_of_the_flight_is_refused(figure_eight):
     with pytest.raises(InputError, match=r"metrics.start is 30, but must be before the end of the flight at 25.38 s"):
         simulate(figure_eight("metrics.start=30"))
 

@@ -1,4 +1,4 @@
-"""Tests that a user's systems that do not fit are refused with a message of one sentence."""
+"""Tests that unsuitable systems of a user are refused with a one-sentence message."""
 
 import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
@@ -23,34 +23,34 @@ class WithPorts(LeafSystem):
             self.DeclareVectorOutputPort(name, BasicVector(size), lambda context, output: None)
 
 
-INPUTS = {"measurement": 12, "reference": 11}
-OUTPUTS = {"acceleration_command": 3}
+INPUT_SIZES = {"measurement": 12, "reference": 11}
+OUTPUT_SIZES = {"acceleration_command": 3}
 
 
 @pytest.mark.parametrize(
     ("argument", "inputs", "outputs", "sentence"),
     [
-        ("control", INPUTS, {"wrnch": 4}, "control must have the output port `wrench`, but has `wrnch`"),
+        ("control", INPUT_SIZES, {"wrnch": 4}, "control must have the output port `wrench`, but has `wrnch`"),
         (
             "control",
             {"refrence": 11},
             {"wrench": 4},
             "has the input port `refrence`, but may only have `meas",
         ),
-        ("control", INPUTS, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
+        ("control", INPUT_SIZES, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
         (
             "position_controller",
-            {**INPUTS, "measurement": 6},
-            OUTPUTS,
+            {**INPUT_SIZES, "measurement": 6},
+            OUTPUT_SIZES,
             "`measurement` of position_controller must",
         ),
         (
             "position_controller",
             {"measurement": 12},
-            OUTPUTS,
+            OUTPUT_SIZES,
             "must have the input port `reference`, but has `mea",
         ),
-        ("position_controller", INPUTS, {}, "must have the output port `acceleration_command`, but has none"),
+        ("position_controller", INPUT_SIZES, {}, "must have the output port `acceleration_command`, but has none"),
         ("wind", {}, {"wind": 3, "gust": 3}, "wind must have a single output port, but has `wind`, `gust`"),
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
         ("wind", {}, {}, "wind must have a single output port, but has none"),
@@ -58,32 +58,36 @@ OUTPUTS = {"acceleration_command": 3}
         ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
     ],
 )
-def test_ports_that_do_not_fit_are_refused_by_name(diagrams, argument, inputs, outputs, sentence):
+def test_the_message_about_an_unsuitable_port_names_the_port(diagrams, argument, inputs, outputs, sentence):
     with pytest.raises(InputError) as caught:
         build_tracking_diagram(load_scenario(diagrams / "hover.yaml"), **{argument: WithPorts(inputs, outputs)})
     assert sentence in str(caught.value)
 
 
-def test_objects_that_are_no_systems_or_whose_ports_have_too_few_rows_are_refused(diagrams):
+def test_objects_that_are_not_systems_or_have_ports_with_too_few_rows_are_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)
     with pytest.raises(InputError, match=r"^control must be a Drake system, .*, but is <lambda>\(n\)$"):
-        simulate(scenario, control=lambda n: WithPorts(INPUTS, {"wrench": 4}))
+        simulate(scenario, control=lambda n: WithPorts(INPUT_SIZES, {"wrench": 4}))
     with pytest.raises(InputError, match="^wind must be a Drake system, but is an object of type dict$"):
         simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
-        build_tracking_diagram(scenario, 3, position_controller=WithPorts(INPUTS, OUTPUTS))
-    with pytest.raises(InputError, match="must not be given together with position_controller"):
-        simulate(scenario, control=WithPorts(INPUTS, {"wrench": 4}), position_controller=WithPorts(INPUTS, OUTPUTS))
+        build_tracking_diagram(scenario, 3, position_controller=WithPorts(INPUT_SIZES, OUTPUT_SIZES))
+    with pytest.raises(InputError, match="pass either control or position_controller, not both"):
+        simulate(
+            scenario,
+            control=WithPorts(INPUT_SIZES, {"wrench": 4}),
+            position_controller=WithPorts(INPUT_SIZES, OUTPUT_SIZES),
+        )
 
 
 def make_without_arguments():
-    return WithPorts(INPUTS, OUTPUTS)
+    return WithPorts(INPUT_SIZES, OUTPUT_SIZES)
 
 
 def make_with_gain(num_vehicles, gain):
-    return WithPorts(INPUTS, OUTPUTS)
+    return WithPorts(INPUT_SIZES, OUTPUT_SIZES)
 
 
 def make_nothing(num_vehicles):
@@ -122,7 +126,7 @@ def make_number(num_vehicles):
         (range, r"position_controller must be .*, but range returns an object of type range$"),
     ],
 )
-def test_a_function_that_returns_no_system_is_refused_with_its_signature(diagrams, make, words):
+def test_the_message_about_a_function_that_returns_no_system_shows_the_required_signature(diagrams, make, words):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.1"])
     with pytest.raises(InputError, match=words):
         run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)

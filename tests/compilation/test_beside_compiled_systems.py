@@ -1,4 +1,4 @@
-"""Tests of diagrams with compiled and uncompiled systems, by comparison with uncompiled diagrams."""
+"""Tests of diagrams that contain compiled and uncompiled systems, by comparison with uncompiled diagrams."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from drake_quad.signals import Wind
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Return 0.5 s of the figure eight in a steady wind."""
+    """Return a scenario with the first 0.5 s of the figure eight, in steady wind."""
     wind = "laboratory.wind=[{kind: steady, velocity: [1.0, -0.5, 0.2]}]"
     return load_scenario(diagrams / "figure_eight.yaml", ["duration=0.5", "vehicle.linear_drag=0.2", wind])
 
@@ -115,7 +115,7 @@ def integral_every_5_ms(num_vehicles=1):
 
 
 def two_in_series(make_second):
-    """Return a function that builds a diagram with a PD in series with another system."""
+    """Return a function that builds a position controller from a PD and another system in series."""
 
     def make(num_vehicles=1):
         builder = DiagramBuilder()
@@ -226,7 +226,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 @pytest.mark.slow
 @each
 def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flights(scenario, plan, place, make):
-    """The second flight of the fleet is also the same."""
+    """The fleet flies twice, and both flights are the same."""
     own = UserSystems(**{place: make})
     fleets = [StudyFleet(scenario, plan, 5, user_systems=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
@@ -234,8 +234,8 @@ def test_compiled_and_uncompiled_fleets_with_a_users_system_have_the_same_flight
 
 
 @pytest.mark.slow
-def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, plan):
-    """The system stays in the built diagram, and both diagrams can be simulated."""
+def test_a_stateless_system_in_a_built_diagram_can_have_a_placeholder(scenario, plan):
+    """The original diagram keeps the system, and both diagrams can be simulated."""
     wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
     compiled = compile_diagram(wired)
     shown = [system for system in compiled.GetSystems() if isinstance(system, SystemPlaceholder)]
@@ -250,15 +250,15 @@ def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, pla
 
 
 @pytest.mark.parametrize("make", [PdWithIntegral, PdWithFilter, with_a_filter])
-def test_a_system_with_a_state_cannot_have_a_stand_in_in_a_built_diagram(scenario, plan, make):
+def test_a_system_with_a_state_in_a_built_diagram_cannot_have_a_placeholder(scenario, plan, make):
     wired = build_tracking_diagram(scenario, position_controller=make(), plan=plan)
     with pytest.raises(InputError, match=r"^control\.position.*, a \w+, cannot be compiled: only .*a state$"):
         compile_diagram(wired)
 
 
 @pytest.mark.slow
-def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
-    """The compiled system contains it."""
+def test_a_system_that_can_be_compiled_needs_no_placeholder(scenario, plan):
+    """A position controller that declares formulas becomes part of the compiled system."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     pd = build_position_controller(ProportionalDerivative(parameters=gains))
     assert as_compilable(pd) is pd
@@ -267,8 +267,8 @@ def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
 
 
 @pytest.mark.slow
-def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
-    """A user's diagram gets a stand-in if one of its systems cannot be compiled."""
+def test_a_compiled_diagram_contains_the_system_behind_a_placeholder(scenario, plan):
+    """A user's diagram gets a placeholder if one of its systems cannot be compiled."""
     for make in (UserPd, with_a_filter):
         own = make()
         shown = as_compilable(own)
@@ -277,8 +277,8 @@ def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
         assert own in list(compiled.GetSystems())
 
 
-def test_a_stand_in_has_the_outputs_of_its_system():
-    """The outputs are compared at several times, between which the inputs change."""
+def test_a_placeholder_has_the_outputs_of_its_system():
+    """The outputs are compared at two times with different inputs."""
     own = UserPd(2)
     shown = SystemPlaceholder(own)
     contexts = [system.CreateDefaultContext() for system in (own, shown)]
@@ -295,7 +295,7 @@ def test_a_stand_in_has_the_outputs_of_its_system():
 
 
 class TimeScaling(LeafSystem):
-    """System with two rows of output, the product of input and time."""
+    """System with two output rows, the product of input and time."""
 
     def __init__(self, size):
         super().__init__()
@@ -348,7 +348,7 @@ def test_uncompiled_systems_can_be_connected_to_each_other_and_to_inputs_of_the_
             assert_alike(actual, expected, f"{name} at {time} s")
 
 
-def test_a_missing_input_is_named():
+def test_the_message_about_an_unconnected_input_names_the_input():
     compiled = compile_diagram(mixed_diagram())
     context = compiled.CreateDefaultContext()
     for name in "uv":

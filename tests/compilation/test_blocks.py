@@ -1,4 +1,4 @@
-"""Tests of compiled diagrams with all kinds of declarations and with systems of Drake."""
+"""Tests of compiled diagrams with all types of declarations and with Drake's systems."""
 
 import re
 from typing import NamedTuple
@@ -38,7 +38,7 @@ class Pair(NamedTuple):
     b: Row
 
 
-PAIR = layout_of(Pair)
+PAIR_LAYOUT = layout_of(Pair)
 
 
 def counted(memory, seen, by, time, tick):
@@ -59,10 +59,10 @@ def after_tick(steps, memory):
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System with every kind of declaration. Its state contains rows of its input."""
+    """System with every type of declaration. Its state contains rows of its input."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, parameters=0.25):
-        seen = self.input("seen", layout=PAIR, absent=Pair(0.1, 0.2))
+        seen = self.input("seen", layout=PAIR_LAYOUT, absent=Pair(0.1, 0.2))
         by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
         memory = self.state("memory", lambda by: Pair(by, 1.0))
         steps = self.state("steps", lambda _: Pair(0.0, 0.5))
@@ -70,13 +70,13 @@ class Counter(FleetSystem):
         reads = memory, seen, by, TIME, TickOf(tick)
         self.update(period, lambda m, seen, by, *at: counted(m, seen, by.b, *at), *reads, writes=[memory])
         self.update(step, after_tick, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
-        self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, seen, by, layout=PAIR)
+        self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, seen, by, layout=PAIR_LAYOUT)
         self.state_output(memory)
         self.state_output(steps)
 
 
 def uncompiled_and_compiled(connect, **options):
-    """Return the signals of an uncompiled and of a compiled diagram, given a function that fills a builder."""
+    """Return the signals of an uncompiled and a compiled diagram, given a function that adds systems to a builder."""
     builder = DiagramBuilder()
     for name, port in connect(builder).items():
         builder.ExportOutput(port, name)
@@ -114,19 +114,19 @@ def counters(builder, n, **structure):
     }
 
 
-STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
+COUNTER_STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
 
 
-@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("structure", COUNTER_STRUCTURES)
 @pytest.mark.parametrize("n", [1, 3])
-def test_every_kind_of_declaration_can_be_compiled(n, structure):
+def test_every_type_of_declaration_can_be_compiled(n, structure):
     """The systems use ticks, the time, initial updates, and unrestricted updates with and without time zero."""
     assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, n, **structure)))
 
 
-@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("structure", COUNTER_STRUCTURES)
 def test_events_of_several_ticks_give_the_results_of_single_ticks(structure):
-    """Some structures have an unrestricted update at time zero, before all other updates."""
+    """Some of the diagrams have an unrestricted update at time zero, before all other updates."""
     logs = []
     for ticks in (None, 5):
         _, compiled = uncompiled_and_compiled(
@@ -183,7 +183,7 @@ def drake_systems(builder, n):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_systems_of_drake_are_compiled(n):
+def test_supported_drake_systems_can_be_compiled(n):
     wired, compiled = uncompiled_and_compiled(lambda builder: drake_systems(builder, n))
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
     assert_same_ports(wired, compiled)
@@ -247,7 +247,7 @@ def test_a_port_that_is_not_vector_valued_is_refused(make):
 
 @fleet_system(float)
 class Publishes(FleetSystem):
-    """System with a state that changes in an event, which is declared by a method of Drake."""
+    """System whose state changes in an event that a method of Drake declares."""
 
     def declare(self, when):
         self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))
@@ -327,7 +327,7 @@ def test_fleets_of_several_sizes_or_none_are_refused():
         (0.67, "small cannot be compiled: the least common multiple of its periods is too long, 1.34 s"),
     ],
 )
-def test_periods_that_do_not_fit_together_are_refused(period, sentence):
+def test_periods_without_a_short_common_multiple_are_refused(period, sentence):
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter())
         hold = builder.AddNamedSystem("hold", ZeroOrderHold(period, 2))
@@ -337,7 +337,7 @@ def test_periods_that_do_not_fit_together_are_refused(period, sentence):
     assert refused(connect) == sentence
 
 
-def test_a_tick_that_does_not_fit_the_periods_is_refused():
+def test_a_tick_that_does_not_match_the_periods_is_refused():
     with pytest.raises(
         InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not match its periods$"
     ):

@@ -15,7 +15,7 @@ from drake_quad.framework.machine_code import LANES
 from drake_quad.gym.task import task_of
 from drake_quad.scenario.batch import Batch
 
-OUTPUTS = ("state", "measurement", "reference")
+SELECTED_OUTPUTS = ("state", "measurement", "reference")
 
 
 @pytest.fixture
@@ -24,8 +24,8 @@ def windy_scenario(diagrams):
 
 
 def restart_vehicles(fleet, diagram, vehicles):
-    """Restart vehicles of the fleet with the initial values of the first vehicles of a diagram."""
-    initial = Initializer(diagram, outputs=OUTPUTS).initial_values(diagram.CreateDefaultContext())
+    """Restart vehicles of the fleet with the initial values that a diagram's first vehicles have."""
+    initial = Initializer(diagram, outputs=SELECTED_OUTPUTS).initial_values(diagram.CreateDefaultContext())
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
@@ -33,16 +33,16 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
     """The scenario has wind and noise, and some vehicles restart while others continue."""
     n, plan = LANES + 3, plan_route(windy_scenario)
     diagrams = [build_fleet_diagram(Batch.draw(windy_scenario, range(first, first + n)), plan) for first in (0, 40)]
-    fleet = ClockedFleet(diagrams[0], tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
+    fleet = ClockedFleet(diagrams[0], tick=0.02, num_ticks=60, outputs=SELECTED_OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagrams[0], range(n))
     restarted = [1, LANES, n - 1]
     none = np.zeros((n, 0))
-    shown = {name: [] for name in OUTPUTS}
+    shown = {name: [] for name in SELECTED_OUTPUTS}
     for tick in range(45):
         if tick == 17:
             restart_vehicles(fleet, diagrams[1], restarted)
         fleet.advance(none)
-        for name in OUTPUTS:
+        for name in SELECTED_OUTPUTS:
             shown[name].append(fleet.outputs(name))
     assert fleet.clocks[restarted].tolist() == [28] * 3
     assert fleet.clocks[0] == 45
@@ -50,7 +50,7 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
         (each, 40 + k, 17, 45) for k, each in enumerate(restarted)
     ]:
         flight = simulate(windy_scenario, sample=sample, until=1.0, compiled=False)
-        for name in OUTPUTS:
+        for name in SELECTED_OUTPUTS:
             actual = np.array([rows[vehicle] for rows in shown[name][first:last]])
             np.testing.assert_allclose(actual, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
 
@@ -58,7 +58,7 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
 def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario):
     n, plan = 3, plan_route(windy_scenario)
     diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(n)), plan)
-    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
+    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=60, outputs=SELECTED_OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(n))
     for _ in range(25):
         fleet.advance(np.zeros((n, 0)))
@@ -72,7 +72,7 @@ def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario)
 
 def test_a_clock_stays_at_its_last_tick(windy_scenario):
     diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(2)), plan_route(windy_scenario))
-    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
+    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(2))
     for _ in range(5):
         fleet.advance(np.zeros((2, 0)))
@@ -90,12 +90,12 @@ class PythonWind(LeafSystem):
         self.DeclareVectorOutputPort("wind", 6, lambda context, output: output.SetZero())
 
 
-def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy_scenario):
+def test_diagrams_whose_vehicles_cannot_have_individual_clocks_are_refused(windy_scenario):
     def fleet_of(scenario, **own):
         diagram = build_fleet_diagram(
             Batch.draw(scenario, range(2)), plan_route(scenario), user_systems=UserSystems(**own)
         )
-        return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
+        return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=SELECTED_OUTPUTS, monitor="monitor")
 
     with pytest.raises(
         InputError, match="laboratory.wind.own.source, a PythonWind, cannot be compiled, so vehicles of"

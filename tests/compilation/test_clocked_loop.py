@@ -1,4 +1,4 @@
-"""Tests of the machine code of ticks for vehicles with individual clocks, with handwritten listings."""
+"""Tests of machine code that simulates ticks of vehicles with individual clocks, from handwritten listings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.framework.symbols import Listing
 
 
 def loop_of(n):
-    """Return the loop of x⁺ = x + h (exp(p) x + u), which logs x plus a value of the table."""
+    """Return a loop that computes x⁺ = x + h (exp(p) x + u), and logs x plus a value in the table."""
     listing = Listing()
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
     step, shown = listing.shared(2), listing.shared(0)
@@ -32,7 +32,7 @@ def fill(rows, values):
 
 
 @pytest.mark.parametrize("n", [1, 3, LANES, 2 * LANES + 3])
-def test_every_vehicle_uses_the_row_of_its_clock(n):
+def test_each_vehicle_uses_the_table_row_that_its_clock_selects(n):
     rng = np.random.default_rng(n)
     state, parameters, inputs = rng.normal(size=(n, 2)), rng.normal(size=(n, 1)), rng.normal(size=(n, 1))
     table, clocks = rng.uniform(0.1, 0.5, (9, 3)), rng.integers(0, 6, n)

@@ -18,7 +18,7 @@ from drake_quad.laboratory.wind.wind import build_wind
 
 @pytest.fixture(scope="module")
 def figure_eight(diagrams):
-    """Return the figure eight and its plan."""
+    """Return the figure-eight scenario and its plan."""
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     return scenario, plan_route(scenario)
 
@@ -37,7 +37,7 @@ def compiled(wired):
 
 @pytest.fixture(scope="module")
 def strided(wired):
-    """Return the compiled diagram with events of ten ticks each, and a record."""
+    """Return a compiled diagram that records its outputs and whose events simulate ten ticks each."""
     return compile_diagram(wired, ticks=10, record=True)
 
 
@@ -58,7 +58,7 @@ def names_of(diagram):
 
 
 def assert_equal_at(wired, compiled, context):
-    """Assert that two simulators have equal states and outputs; `context` is a scratch context of the original."""
+    """Assert that two simulators have equal states and outputs; `context` is a context of the original diagram."""
     diagram = wired.get_system()
     system, part = part_of(compiled)
     context.SetTime(wired.get_context().get_time())
@@ -77,7 +77,7 @@ COMPLETE_SCENARIOS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "n", "overrides"), COMPLETE_SCENARIOS)
-def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
+def test_state_and_outputs_agree_with_the_original_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
     wired = build_tracking_diagram(asymmetric(name, *overrides), n)
     compiled = compile_diagram(wired)
     assert compiled.get_name() == wired.get_name()
@@ -95,7 +95,7 @@ def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(as
 
 
 def larger_diagram(laboratory):
-    """Return a diagram with a laboratory for two vehicles, whose inputs come from systems of Drake."""
+    """Return a diagram with a laboratory for two vehicles; Drake's systems supply its inputs."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("laboratory", laboratory)
     heavy = np.repeat([0.5, 0.01, 0.02, 0.005], 2)
@@ -135,7 +135,7 @@ def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
 
 @pytest.mark.slow
 def test_the_compiled_diagram_has_the_inputs_of_the_original():
-    """The order and the sizes of the ports do not depend on which input is used first."""
+    """The order of the ports does not depend on which input is used first."""
     for function in (build_laboratory, build_wind):
         diagram = make_of(function)()
         compiled = compile_diagram(diagram)
@@ -185,7 +185,7 @@ def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, com
     assert system.get_state(part, "laboratory.vehicle", "state").y > 0.02
 
 
-def test_records_are_rows_of_vehicles_in_a_fleet(figure_eight):
+def test_state_records_of_a_fleet_have_one_array_per_row(figure_eight):
     scenario, plan = figure_eight
     wired = build_tracking_diagram(scenario, 3, plan=plan)
     system = compiled_part(compile_diagram(wired, ticks=1))
@@ -206,7 +206,7 @@ def test_a_record_is_a_copy(compiled):
 
 
 @pytest.mark.parametrize("path", ["laboratory.nobody", "reference.trajectory", "laboratory"])
-def test_records_of_systems_that_are_not_compiled_are_refused(compiled, path):
+def test_reading_the_record_of_an_uncompiled_system_is_refused(compiled, path):
     system = compiled_part(compiled)
     context = system.CreateDefaultContext()
     for ask in (system.get_state, system.get_parameter):
@@ -288,7 +288,7 @@ def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, c
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
-    # Between two ticks, all outputs keep their values of the first tick, except for the moving vehicle.
+    # Between two ticks, all outputs keep the values of the first tick, except those of the moving vehicle.
     simulator = Simulator(wired)
     simulator.AdvanceTo(0.3)
     assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
@@ -326,7 +326,9 @@ REFUSED_SCENARIOS = [
 
 
 @pytest.mark.parametrize(("overrides", "options", "sentence"), REFUSED_SCENARIOS)
-def test_systems_that_cannot_be_compiled_are_named(diagrams, figure_eight, overrides, options, sentence):
+def test_the_message_about_a_system_that_cannot_be_compiled_names_the_system(
+    diagrams, figure_eight, overrides, options, sentence
+):
     scenario = load_scenario(diagrams / "figure_eight.yaml", overrides)
     wired = build_tracking_diagram(scenario, plan=figure_eight[1], **options)
     with pytest.raises(InputError, match=sentence):

@@ -17,7 +17,7 @@ from drake_quad.signals import Acceleration, State
 
 @pytest.fixture(scope="module")
 def study(diagrams):
-    """Return 0.2 s of the robustness scenario, without a network, so that it is compiled faster."""
+    """Return the first 0.2 s of the robustness scenario, without its network, so that it is compiled faster."""
     return load_scenario(diagrams / "robustness.yaml", ["duration=0.2"], layers=["controllers/paper:pd"])
 
 
@@ -51,7 +51,7 @@ def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(
 
 
 @pytest.mark.slow
-def test_flights_in_a_compiled_fleet_and_alone_are_bitwise_equal(study, plan):
+def test_flights_of_a_vehicle_alone_and_in_a_compiled_fleet_are_bitwise_equal(study, plan):
     fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
     for sample in (0, 8):
         single = simulate(study, sample=sample, plan=plan, compiled=True)
@@ -135,7 +135,7 @@ def command(held, reference, measurement):
 
 @fleet_system(float)
 class SlowPd(FleetSystem):
-    """Position controller with its own period."""
+    """Position controller whose period differs from the control period."""
 
     def declare(self, *, period):
         measurement, reference = self.input("measurement"), self.input("reference")
@@ -146,7 +146,7 @@ class SlowPd(FleetSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.03, 0.04])
-def test_a_compiled_controller_can_have_its_own_period(diagrams, period):
+def test_a_compiled_controller_can_have_another_period_than_the_control(diagrams, period):
     """The flight is recorded at the ticks of the control, and ends at one of them."""
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=0.26"])
     flights = [
@@ -156,7 +156,7 @@ def test_a_compiled_controller_can_have_its_own_period(diagrams, period):
     assert len(flights[0].time) == 14
 
 
-def test_a_controller_whose_period_does_not_fit_is_refused(diagrams):
+def test_a_controller_whose_period_does_not_match_the_other_periods_is_refused(diagrams):
     study = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is not a multiple of 0.01 s$"):
         simulate(study, position_controller=SlowPd(period=0.015), compiled=True)

@@ -19,11 +19,11 @@ from drake_quad.scenario.batch import Batch
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-# Each structure is compiled once and flown with several sets of parameters. `make fuzz` tests more cases.
-CASES = os.environ.get("FUZZ_CASES")
+# Each diagram structure is compiled once and flown with several sets of parameters. `make fuzz` tests more cases.
+NUM_FUZZ_CASES = os.environ.get("FUZZ_CASES")
 SAMPLES_PER_STRUCTURE = 8
 STRUCTURES_PER_SEED = 8
-NUM_STRUCTURES = int(CASES) // 100 if CASES else STRUCTURES_PER_SEED
+NUM_STRUCTURES = int(NUM_FUZZ_CASES) // 100 if NUM_FUZZ_CASES else STRUCTURES_PER_SEED
 
 
 def specs():
@@ -41,9 +41,10 @@ def _kind(value):
 
 
 def features_of(batch, plan):
-    """Return the class and the value of each structural argument of each system in the diagram of a batch.
+    """Return the features of a batch's diagram: the class of each system, with each of its structural arguments.
 
-    Numbers, such as periods, are compared by their type, and the items of a tuple, such as effects, one by one.
+    Numbers, such as periods, only contribute their type. Each item of a tuple, such as each effect, is a separate
+    feature.
     """
     recipes = laboratory_recipes(batch, plan, 1.0) | control_recipes(batch, plan)
     features = set()
@@ -57,7 +58,7 @@ def features_of(batch, plan):
 
 @pytest.mark.usefixtures("cached_results")
 def test_every_system_of_the_shipped_scenarios_has_the_same_flight_when_compiled():
-    """A subset of the scenarios is flown that has all systems, with each value of their structural arguments.
+    """The test flies a subset of the scenarios that covers all systems, with each value of their structural arguments.
 
     Obstacles are removed, because their plans take seconds, and the last test compares flights among obstacles.
     """
@@ -83,7 +84,7 @@ def test_random_scenarios_have_the_same_flights_when_compiled(number, tmp_path):
     scenario = scenario_of(structure, rng, tmp_path, duration=0.7)
     flights = assert_flown_alike(Batch.draw(scenario, range(SAMPLES_PER_STRUCTURE)))
     assert len({flight.metrics.rmse for flight in flights}) == SAMPLES_PER_STRUCTURE
-    if CASES:
+    if NUM_FUZZ_CASES:
         assert_flown_alike(Batch.draw(scenario, [number]))
 
 

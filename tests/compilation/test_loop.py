@@ -1,4 +1,4 @@
-"""Tests of the machine code of events, with handwritten listings."""
+"""Tests of machine code that simulates events, from handwritten listings."""
 
 import itertools
 
@@ -17,7 +17,7 @@ NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
 def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
-    """Return the state and the log after events, given groups (rows, N) and shared values (events, width)."""
+    """Simulate events and return the state and the log, given groups (rows, N) and shared values (events, width)."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
@@ -69,7 +69,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
 def test_only_rows_that_change_are_written(n):
-    """Memory outside the fleet does not change. Without events, nothing changes."""
+    """Memory outside the fleet does not change. Nothing changes if there are no events."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
     loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
@@ -91,7 +91,7 @@ def test_aligned_arrays_begin_at_a_cache_line():
         assert array.ctypes.data % parts.CACHE_LINE == 0
 
 
-def test_a_log_has_room_for_whole_vectors():
+def test_a_log_has_columns_for_whole_vectors_of_vehicles():
     listing = Listing()
     loops = [
         Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
@@ -182,7 +182,7 @@ def names_of(listing):
     return [operation.name for operation in listing.operations]
 
 
-def test_results_that_depend_on_parameters_only_are_computed_in_advance():
+def test_results_that_depend_only_on_parameters_are_computed_in_advance():
     listing = Listing()
     (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
     decay = elementary.sqrt(k * c + 1.0)
@@ -208,7 +208,7 @@ def test_unused_operations_are_omitted():
 
 
 def test_a_long_chain_of_operations_does_not_recurse():
-    """There is such a chain in the part that depends only on parameters, and in the rest."""
+    """Both parts of the event contain such a chain: the part that depends only on parameters, and the rest."""
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):

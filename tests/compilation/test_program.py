@@ -36,7 +36,7 @@ def swapped(x, constant):
 
 @fleet_system(float)
 class Growing(FleetSystem):
-    """System with one row, which a formula with a constant updates periodically."""
+    """System with one state row, which a formula with a constant updates periodically."""
 
     def declare(
         self,
@@ -148,7 +148,7 @@ def test_fleets_of_different_sizes_share_events(new_loops):
     assert len(new_loops) > counts[0]
 
 
-DIFFERENCES = [
+DIAGRAM_DIFFERENCES = [
     {"formula": grown},
     {"constant": 2.5},
     {"absent": 0.25, "connected": False},
@@ -163,7 +163,7 @@ DIFFERENCES = [
 ]
 
 
-@pytest.mark.parametrize("difference", DIFFERENCES, ids=" ".join)
+@pytest.mark.parametrize("difference", DIAGRAM_DIFFERENCES, ids=" ".join)
 def test_diagrams_with_different_computations_have_different_events(new_loops, difference):
     before = {"constant": 0.0} if difference.get("constant") == 0.0 else {}
     compiled_outputs(diagram_of(**before))
@@ -177,7 +177,7 @@ def test_diagrams_with_different_computations_have_different_events(new_loops, d
 
 @pytest.mark.parametrize("first", [1, 2])
 def test_diagrams_that_split_rows_differently_have_different_events(first):
-    """The diagrams differ only in the sizes of the outputs of a demultiplexer."""
+    """The diagrams differ only in the output sizes of a demultiplexer."""
     builder = DiagramBuilder()
     grows = builder.AddNamedSystem("grows", Growing())
     parameters = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
@@ -192,7 +192,7 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
 
 @fleet_system(float)
 class WithInitialParameters(FleetSystem):
-    """System with a list of numbers as initial state."""
+    """System whose initial state is a list of numbers."""
 
     def declare(self, *, by):
         x = self.state("x", lambda _: (1.0,))
@@ -226,7 +226,7 @@ class Selecting(FleetSystem):
             self.state_output(state)
 
 
-def test_each_row_has_its_own_gain():
+def test_diagrams_that_differ_only_in_one_row_s_gain_have_different_results():
     """The two diagrams differ only in the gain of the second row."""
     for second in (5.0, 7.0):
         builder = DiagramBuilder()
@@ -242,7 +242,7 @@ def test_each_row_has_its_own_gain():
 
 
 def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_events():
-    """The result reveals which port, parameter and state the formula uses, because all values differ."""
+    """All ports, parameters and states have different values, so the result reveals which of them the formula uses."""
     for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
         builder = DiagramBuilder()
         chooses = builder.AddNamedSystem("chooses", Selecting(**choice))

@@ -11,7 +11,7 @@ def no_value(path, output, time):
     raise AssertionError(path)
 
 
-def test_a_number_that_is_requested_twice_has_one_column():
+def test_a_value_that_is_requested_twice_has_one_column():
     shared = SharedValues()
     ticks = TickOf(0.02)
     places = [
@@ -28,7 +28,7 @@ def test_a_number_that_is_requested_twice_has_one_column():
     assert shared.width == 5
 
 
-def test_times_and_ticks_are_those_of_each_event_and_instant():
+def test_a_table_contains_the_times_and_ticks_of_each_event_and_instant():
     shared = SharedValues()
     ticks = TickOf(0.02)
     columns = [shared.column(1, TIME_VALUE), shared.column(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
@@ -56,5 +56,5 @@ def test_a_source_is_evaluated_once_for_all_its_elements():
 
 
 @pytest.mark.parametrize("events", [0, 2])
-def test_a_table_without_numbers_has_a_row_for_each_event(events):
+def test_a_table_without_columns_has_a_row_for_each_event(events):
     assert SharedValues().table(np.zeros((events, 1)), no_value).shape == (events, 1)

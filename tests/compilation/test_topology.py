@@ -1,4 +1,4 @@
-"""Tests of the connections of systems through nested diagrams."""
+"""Tests that connections between systems are found through nested diagrams."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -40,7 +40,7 @@ def topology():
     return Topology(whole.Build())
 
 
-def test_the_path_of_a_leaf_has_the_names_of_its_diagrams(topology):
+def test_the_path_of_a_leaf_system_begins_with_the_names_of_its_diagrams(topology):
     assert list(topology.leaves) == ["outer.inner.gain", "outer.twice", "adder", "constant"]
 
 

@@ -1,4 +1,4 @@
-"""Tests of the plants of a cascade: comparison of plants, inputs and outputs."""
+"""Tests of a cascade's plants: their inputs and outputs, and when two plants count as equal."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def delay_plant(ticks, gain=1.0):
     return SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, tuple(map(str, range(ticks))), ("u",), ("y",))
 
 
-def test_the_impulse_response_is_twice_as_long_as_the_state():
+def test_the_compared_impulse_response_has_twice_as_many_samples_as_states():
     plant = replace(delay_plant(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
     expected = [0.5**k + 2.0 * 0.25**k + 3.0 * 2.0**k for k in range(6)]
     np.testing.assert_allclose(_markov(plant)[:, 0, 0], expected)
@@ -55,8 +55,8 @@ def plants():
     return scenario, laboratory_plant(scenario)
 
 
-def test_outputs_of_plants_are_a_value_and_its_rate(plants):
-    """At low frequencies each plant is a double integrator for any inertia. Only the height has drag."""
+def test_the_outputs_of_a_plant_are_a_value_and_its_rate(plants):
+    """At low frequencies, each plant is a double integrator for any inertia. Only the height plant has drag."""
     scenario, laboratory = plants
     s = 1j * 0.05
     for axis, rate in (("roll", "p"), ("pitch", "q"), ("yaw", "r"), ("z", "v_z")):
@@ -71,8 +71,11 @@ def test_outputs_of_plants_are_a_value_and_its_rate(plants):
         assert slope == pytest.approx(s * value, rel=0.02)
 
 
-def test_a_position_follows_its_acceleration_through_the_tilt(plants):
-    """Pitch accelerates along x and roll against y. The tilt loop is fast compared with the tested frequencies."""
+def test_the_position_responds_to_a_commanded_acceleration_through_the_tilt(plants):
+    """Pitch accelerates the vehicle along x, and roll against y.
+
+    The tilt loop is much faster than the tested frequencies.
+    """
     scenario, laboratory = plants
     s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
     for axis in "xy":
@@ -85,8 +88,8 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
-def test_a_vehicle_hovers_beside_its_reference_as_its_centre_of_mass_says(diagrams, centre):
-    """The offset is measured from the hover position of a vehicle whose centre of mass is not displaced."""
+def test_a_vehicle_hovers_at_the_offset_that_its_displaced_centre_of_mass_predicts(diagrams, centre):
+    """The offset is measured from where a vehicle without displaced centre of mass hovers."""
     overrides = [
         "laboratory.autopilot={kind: attitude, k_attitude: [6, 5, 3], k_rate: [14, 12, 8]}",
         "control.position={kind: pd, k_p: [1.5, 1.2, 4], k_d: [1.7, 1.5, 3], feed_forward: acceleration}",

@@ -1,4 +1,4 @@
-"""Tests of maps of flights over two fields, by comparison with single flights."""
+"""Tests of maps of flight metrics over two fields, by comparison with single flights."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.design.field_map import field_map
 
 ROLL, RATE = "initial.attitude.0", "initial.body_rates.0"
-# Medians of the other distributions of the scenario.
-OTHERS = {
+# Medians of the distributions that the map does not vary.
+MEDIANS_OF_OTHER_FIELDS = {
     "initial.position": [0.0, 0.0, 0.0],
     "initial.velocity": [0.0, 0.0, 0.0],
     "initial.rotor_speeds": [0.6, 0.6, 0.6, 0.6],
@@ -38,7 +38,7 @@ def test_each_cell_is_a_flight_with_the_other_random_fields_at_their_medians():
     assert 0 < found.metrics.crashed.sum() < 9
     for row, column in ((0, 1), (1, 2), (2, 0)):
         initial = {"initial.attitude": [found.x[column], 0.0, 0.0], "initial.body_rates": [found.y[row], 0.0, 0.0]}
-        flight = simulate(thrown(**OTHERS, **initial), sample=0)
+        flight = simulate(thrown(**MEDIANS_OF_OTHER_FIELDS, **initial), sample=0)
         for name in ("rmse", "largest_tilt", "recovers", "crash_time"):
             assert getattr(found.metrics, name)[row, column] == pytest.approx(
                 getattr(flight.metrics, name), rel=1e-6, nan_ok=True
@@ -61,6 +61,6 @@ def test_flights_that_crash_or_violate_a_requirement_are_not_satisfactory():
         (ROLL, "vehicle.mass", "vehicle.mass is not a distribution of upset; its distributions are initial.position.0"),
     ],
 )
-def test_axes_that_make_no_map_are_refused(x, y, message):
+def test_axes_that_are_equal_or_not_distributions_are_refused(x, y, message):
     with pytest.raises(InputError, match=message):
         field_map(thrown(), x, y, size=2)

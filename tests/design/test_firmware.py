@@ -1,4 +1,4 @@
-"""Tests of the controllers of PX4 and of the Crazyflie, by comparison with their firmware, and of parameter files."""
+"""Tests of PX4's and the Crazyflie's controllers, by comparison with their firmware, and of parameter files."""
 
 import math
 import struct
@@ -19,29 +19,30 @@ from drake_quad.signals import AttitudeTarget, Reference, State
 from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 from drake_quad.vehicle.px4_units import torque_units
 
-FOLDER = Path(__file__).parent
+TEST_FOLDER = Path(__file__).parent
 DEGREE = math.pi / 180.0
-THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, thrust of a rotor per unit of its 16-bit command
-VEHICLE = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
-# The firmware computes in single precision. Differences of angles over 2 ms magnify its rounding errors.
+THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, rotor thrust per unit of the 16-bit command
+CRAZYFLIE_SCENARIO = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
+# Relative tolerance. The firmware computes in single precision, and differences of angles over 2 ms magnify its
+# rounding errors.
 SINGLE_PRECISION_TOLERANCE = 5e-6
 
 
 def with_firmware(parameters):
-    """Return the scenario of a Crazyflie with the controller of its firmware."""
-    layer = firmware_layer(parameters, VEHICLE)
+    """Return a Crazyflie scenario with the firmware's controller, given the firmware's parameters."""
+    layer = firmware_layer(parameters, CRAZYFLIE_SCENARIO)
     flat = {f"{part}.{name}": value for part, fields in layer.items() for name, value in fields.items()}
     return load_scenario("laboratory:nominal", flat, layers=["vehicles/crazyflie"])
 
 
 @pytest.fixture(scope="module")
 def recorded():
-    """Return the outputs of the firmware that scripts/development/record_crazyflie_firmware.py has recorded."""
-    return np.genfromtxt(FOLDER / "crazyflie_firmware.csv", delimiter=",", names=True)
+    """Return the firmware's inputs and outputs that scripts/development/record_crazyflie_firmware.py recorded."""
+    return np.genfromtxt(TEST_FOLDER / "crazyflie_firmware.csv", delimiter=",", names=True)
 
 
 def outputs_of_scenario(parameters, recorded):
-    """Return the outputs of the scenario's controllers for the recorded inputs, in units of the firmware."""
+    """Return the outputs of the scenario's controllers for the recorded inputs, in the firmware's units."""
     scenario = with_firmware(parameters)
     nominal = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
@@ -52,7 +53,7 @@ def outputs_of_scenario(parameters, recorded):
     rows = []
     for row in recorded:
         x, y, z, v_x, v_y, v_z, roll, pitch, yaw, p, q, r, x_r, y_r, z_r, yaw_r = list(row)[:16]
-        # The pitch of the firmware has the opposite sign, but not the pitch rate of its gyroscope.
+        # The firmware's pitch angle has the opposite sign, but its gyroscope's pitch rate has not.
         angles = [angle * DEGREE for angle in (roll, -pitch, yaw)]
         state = State(x, y, z, *angles, v_x, v_y, v_z, *(rate * DEGREE for rate in (p, q, r)))
         reference = Reference(x_r, y_r, z_r, *[0.0] * 6, yaw_r * DEGREE, 0.0)
@@ -72,11 +73,11 @@ def outputs_of_scenario(parameters, recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
 def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
-    """Initially, no limit is active; at the end, all limits are.
+    """At the beginning of the recorded flight no limit is active, and at the end all limits are.
 
-    Tuned parameters activate all other terms and filters.
+    The tuned parameters also activate all terms and filters that are off by default.
     """
-    parameters = read_parameters(FOLDER / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
+    parameters = read_parameters(TEST_FOLDER / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
     for name, output in outputs_of_scenario(parameters, recorded).items():
         expected = recorded[f"{name}_tuned" if tuned else name]
         if name.endswith("_out"):  # The firmware saturates these outputs to 16 bits in a later step.
@@ -97,12 +98,12 @@ def test_the_shipped_controller_has_the_default_parameters():
     assert shipped.laboratory.autopilot == from_defaults.laboratory.autopilot
 
 
-def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
-    """The recorded motor commands, which are rounded to integers, produce the torques of the outputs."""
-    rotors = nominal_parameters(VEHICLE).rotors
+def test_output_scales_of_the_crazyflie_match_its_mixer(recorded):
+    """The recorded motor commands, rounded to integers, produce the torques that the recorded outputs demand."""
+    rotors = nominal_parameters(CRAZYFLIE_SCENARIO).rotors
     inertia, per_unit = (
-        np.array(nominal_parameters(VEHICLE).inertia),
-        output_scales(nominal_parameters(VEHICLE), THRUST_PER_UNIT),
+        np.array(nominal_parameters(CRAZYFLIE_SCENARIO).inertia),
+        output_scales(nominal_parameters(CRAZYFLIE_SCENARIO), THRUST_PER_UNIT),
     )
     for row in recorded[:60]:
         forces = [THRUST_PER_UNIT * row[f"m{number}"] for number in (1, 2, 3, 4)]
@@ -119,7 +120,7 @@ def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
 
 
 def test_a_rate_error_causes_the_same_torque_as_in_px4():
-    """An additional error of 1 rad/s of the roll rate adds MC_ROLLRATE_K times MC_ROLLRATE_P of the full torque."""
+    """Each 1 rad/s of roll rate error adds the fraction MC_ROLLRATE_K · MC_ROLLRATE_P of the full torque."""
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/racer", "gains/laboratory"])
     nominal, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
     values |= {"MC_ROLLRATE_K": 0.5, "MC_ROLLRATE_FF": 0.01, "MPC_THR_HOVER": 0.4, "IMU_GYRO_RATEMAX": 1000.0}
@@ -135,7 +136,7 @@ def test_a_rate_error_causes_the_same_torque_as_in_px4():
 
 def test_the_climb_limit_of_a_crazyflie_is_at_least_half_a_metre_per_second():
     values = dict(defaults_of("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
-    layer = crazyflie_layer(values, nominal_parameters(VEHICLE))
+    layer = crazyflie_layer(values, nominal_parameters(CRAZYFLIE_SCENARIO))
     assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
 
 
@@ -256,7 +257,7 @@ def test_the_command_writes_the_layer_and_the_scenario(tmp_path, run):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_its_rotors_cannot_carry_is_refused(tmp_path, run):
+def test_a_vehicle_that_is_too_heavy_for_its_rotors_is_refused(tmp_path, run):
     call = ["design", "vehicles/racer", "--firmware", "px4", "--output", tmp_path / "out"]
     refused = run(*call, "--set", "nominal.mass=75", "--set", "vehicle.mass=75")
     assert (refused.returncode, [*(tmp_path / "out").glob("*")]) == (2, [])

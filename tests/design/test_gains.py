@@ -1,4 +1,4 @@
-"""Tests of designed gains: their poles, their costs, and the margins that simulated loops tolerate."""
+"""Tests of gain design: poles and costs of designed loops, and margins that simulated loops tolerate."""
 
 import argparse
 import re
@@ -126,7 +126,7 @@ def test_no_pd_exists_without_a_measured_rate(pitch):
         design_loop(without_rate, PolePair(0.8), Requirements(), axis="pitch")
 
 
-def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
+def test_a_bandwidth_that_is_too_high_for_the_delay_would_need_a_negative_gain(pitch):
     with pytest.raises(InputError, match="pitch cannot have a bandwidth of 10 rad/s: a negative gain: k_P -5.0"):
         design_loop(pitch, PolePair(0.8), Requirements(), axis="pitch", effort=10.0)
 
@@ -162,7 +162,7 @@ def test_a_pd_with_full_state_feedback_is_the_regulator():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     gains = family.gains(plant, 20.0)
     assert family.cost(plant, gains, 20.0) == pytest.approx(family.min_cost(plant, 20.0), rel=1e-6)
-    # The reference is Drake's gain for the same weights.
+    # Drake's DiscreteTimeLinearQuadraticRegulator computes the expected gain for the same weights.
     K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
 
@@ -185,7 +185,7 @@ def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_f
     assert requested.gains.k_p < design.gains.k_p
 
 
-def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
+def test_the_cost_equals_the_sum_over_a_simulated_impulse_response(pitch):
     family, gains, effort = RegulatorRequirements(0.2), AxisGains(6.0, 4.0), 30.0
     x, total = pitch.B.copy(), 0.0
     for _ in range(5000):
@@ -211,7 +211,7 @@ ASYMMETRIC_VEHICLE = [
 
 @pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
 def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
-    """The poles of the inner and the outer designed loops are multipliers of the whole diagram with these gains."""
+    """The poles of the designed inner and outer loops are multipliers of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(nominal_hover(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -232,7 +232,7 @@ def test_designed_poles_agree_with_the_whole_diagram(shipped, overrides):
 
 @pytest.mark.slow
 def test_shipped_gains_are_reproduced_by_their_documented_call(shipped):
-    """The comment in the file names the call that computes the gains of the file."""
+    """The comment in each file of gains names the call that computes them."""
     name, scenario = shipped
     text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
@@ -272,13 +272,13 @@ def peaks(scenario, displacement, duration):
 
 
 def grows(scenario, displacement, duration):
-    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
+    """Return whether a small displacement of the simulated diagram grows after the fast modes have decayed."""
     _, _, third, last = peaks(scenario, displacement, duration)
     return last > third
 
 
 def scaled(scenario, block, factor, axes):
-    """Return the scenario with the gains of some axes of a block multiplied by a factor."""
+    """Return the scenario after multiplying the gains of a block on some axes by a factor."""
     part = getattr(scenario.control, block)
     gains = {
         kind: tuple(value * (factor if i in axes else 1.0) for i, value in enumerate(getattr(part, kind)))
@@ -296,9 +296,9 @@ def with_delay(scenario, ticks):
 
 @pytest.mark.slow
 def test_the_simulated_loop_tolerates_its_margins(shipped):
-    """With 6 dB more gain in pitch, or with two more ticks of delay, all displacements still decay.
+    """All displacements still decay with 6 dB more gain in pitch, or with two more ticks of delay.
 
-    Other tests simulate the gain limits of the other loops.
+    Other tests simulate the loops of roll, yaw and position at their gain limits.
     """
     _, scenario = shipped
     resting = at_rest(nominal_hover(scenario))
@@ -325,8 +325,10 @@ def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, design
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, designed, ticks):
-    """Two designs have delay margins 2 % above and 2 % below a whole number of ticks. Only the first tolerates this
-    number of ticks."""
+    """Two designs have delay margins 2 % above and 2 % below a whole number of ticks.
+
+    Only the first design tolerates this delay.
+    """
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(nominal_hover(scenario))
@@ -366,7 +368,7 @@ def test_options_apply_to_their_axes():
 
 @pytest.mark.slow
 def test_a_vehicle_of_thirty_grams_has_the_same_designed_gains():
-    """Commands are accelerations, so the gains depend on the lag of the vehicle and not on its mass."""
+    """Commands are accelerations, so the gains depend on the vehicle's lag, but not on its mass."""
     small = [
         "nominal.mass=0.03",
         "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
@@ -384,7 +386,7 @@ def test_a_vehicle_of_thirty_grams_has_the_same_designed_gains():
     assert gains[0] == gains[1]
 
 
-def test_the_smallest_ratio_of_a_margin_to_its_requirement_counts():
+def test_the_smallest_ratio_of_a_margin_to_its_requirement_is_returned():
     achieved = FastMargins(gain=5.0, phase=60.0, delay=0.03)
     assert Requirements(40.0, 4.0, 0.02).min_ratio(achieved) == pytest.approx(1.25)
     assert Requirements(50.0, 4.0, 0.02).min_ratio(achieved) == pytest.approx(1.2)
@@ -401,8 +403,8 @@ def test_the_search_includes_bandwidths_up_to_a_third_of_half_the_sampling_rate(
     np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
 
 
-def test_gains_that_meet_all_requirements_have_no_limits():
-    """For a double integrator without delay, even the fastest gains of the search meet the requirements."""
+def test_a_design_whose_largest_effort_meets_all_requirements_has_no_limits():
+    """Even the fastest gains of the search meet these requirements for a double integrator without delay."""
     design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
     assert (design.axis, design.limits) == ("x", ())
     assert design.bandwidth == pytest.approx(np.pi / 0.06)
@@ -420,7 +422,7 @@ def test_the_largest_effort_is_found_to_a_thousandth(pitch):
 
 
 def with_slow_mode(decay):
-    """Return a double integrator with a mode that decays at the given rate, 1/s, and hardly depends on the loop."""
+    """Return a double integrator with a mode that decays at the given rate, 1/s, almost independently of the loop."""
     plant = double_integrator()
     A = np.diag([0.0, 0.0, np.exp(-decay * plant.period)])
     A[:2, :2] = plant.A
@@ -441,7 +443,7 @@ def test_the_pole_pair_must_be_the_slowest_within_two_percent(decay, is_refused)
 
 
 class ProportionalFamily:
-    """Family of gains in proportion to the effort."""
+    """Family of gains that are proportional to the effort."""
 
     def __init__(self, k_p, k_d):
         self.k_p, self.k_d = k_p, k_d
@@ -464,14 +466,14 @@ class ProportionalFamily:
         ((1.0, 120.0), r"no stability: a pole of magnitude 1\.\d{4}"),
     ],
 )
-def test_missing_gains_have_a_reason(gains, words):
+def test_the_message_about_unacceptable_gains_gives_the_reason(gains, words):
     with pytest.raises(InputError, match=words):
         design_loop(double_integrator(), ProportionalFamily(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
 @pytest.mark.slow
 def test_the_gains_closest_to_the_requirements_are_reported():
-    """The phase margin of these gains increases with the effort, so the last gains are the closest."""
+    """The phase margin increases with the effort, so the gains with the largest effort come closest."""
     plant = double_integrator()
     phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
@@ -489,7 +491,7 @@ def test_an_unstable_loop_has_infinite_cost():
     assert np.isnan(family.gains(unreached, 1.0)).all()
 
 
-def test_gains_are_written_axis_by_axis(pitch):
+def test_gains_of_a_design_are_listed_axis_by_axis(pitch):
     axes = {name: 10.0 + index for index, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
     achieved = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
     design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, achieved) for name, k in axes.items()})
@@ -527,7 +529,7 @@ def test_equal_axes_share_their_gains():
 
 
 class ListedFamily(ProportionalFamily):
-    """Family of gains from a list."""
+    """Family with a given list of gains."""
 
     def __init__(self, *gains):
         self.listed = gains
@@ -536,8 +538,8 @@ class ListedFamily(ProportionalFamily):
         return self.listed[round(effort) - 1]
 
 
-def test_unstable_gains_are_never_the_closest():
-    """The second gains are unstable and the third contain a NaN, but the margins of both would be sufficient."""
+def test_unstable_gains_are_never_reported_as_the_closest():
+    """The second gains are unstable, and the third contain a NaN. Their margins alone would be sufficient."""
     family = ListedFamily(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
     phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
     with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
@@ -545,7 +547,7 @@ def test_unstable_gains_are_never_the_closest():
 
 
 def delayed_integrator(ticks):
-    """Return a double integrator that is sampled once a second, with the given delay of its input, s."""
+    """Return a double integrator that is sampled once a second and has the given input delay, s."""
     plant = double_integrator(h=1.0)
     n = 2 + ticks
     A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
@@ -561,7 +563,7 @@ def delayed_integrator(ticks):
 
 @pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
 def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
-    """For a longer delay, the search starts with gains of a lower frequency."""
+    """The longer the delay, the lower the bandwidth of the gains from which the search starts."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
     gains = RegulatorRequirements(0.2).gains(delayed_integrator(ticks), 1.0)
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
@@ -574,7 +576,7 @@ def test_a_regulator_s_gains_are_found_to_four_digits():
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=5e-5)
 
 
-def test_the_search_for_a_regulator_knows_the_derivatives_of_the_cost(pitch, monkeypatch):
+def test_the_derivatives_of_the_regulator_s_cost_match_differences(pitch, monkeypatch):
     found = []
 
     def compare(function, start, **options):
@@ -590,7 +592,7 @@ def test_the_search_for_a_regulator_knows_the_derivatives_of_the_cost(pitch, mon
 
 
 def test_the_search_for_a_regulator_returns_from_unstable_gains():
-    """The first step of the search is too long for this delay."""
+    """The delay is so long that the first step of the search leads to unstable gains."""
     plant, family = delayed_integrator(8), RegulatorRequirements(0.2)
     gains = family.gains(plant, 1e3)
     least = family.cost(plant, gains, 1e3)
@@ -598,7 +600,7 @@ def test_the_search_for_a_regulator_returns_from_unstable_gains():
 
 
 class RecordingFamily(ProportionalFamily):
-    """Family of gains that lists the efforts for which it was asked."""
+    """Family of gains that records the efforts which the design tries."""
 
     def __init__(self, k_p, k_d):
         super().__init__(k_p, k_d)
@@ -613,7 +615,7 @@ class RecordingFamily(ProportionalFamily):
 
 
 def test_efforts_beyond_the_first_unacceptable_effort_are_not_tried():
-    """The loop is unstable from a gain k_D of about 100 1/s on."""
+    """The loop is unstable if k_D is above about 100 1/s."""
     family = RecordingFamily(0.01, 1.0)
     design = design_loop(double_integrator(), family, Requirements(0.0, 0.0, 0.0), axis="x")
     assert 90.0 < design.gains.k_d < 110.0
@@ -649,9 +651,9 @@ def test_poles_of_a_designed_pid_agree_with_the_whole_diagram(integration, pid_d
 
 @pytest.mark.slow
 def test_an_integral_costs_at_most_the_given_fraction_of_the_phase_margin(pid_design):
-    """The PD has a phase margin of 45° / 0.8, of which the integral may cost a fifth.
+    """The PD is designed with a phase margin of 45° / 0.8, since the integral may cost a fifth of it.
 
-    A larger integral violates the 45° or exceeds the largest ratio of integral to proportional gain.
+    A larger integral would violate the margin of 45° or exceed the largest ratio of integral to proportional gain.
     """
     _, design = pid_design
     for axis in ("x", "y", "z"):
@@ -701,7 +703,7 @@ def test_an_integral_without_requirements_leaves_the_loop_stable(pid_design):
 
 @pytest.mark.parametrize(("integration", "direct"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
 def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, direct):
-    """The integral is h / (z - 1) times the value by forward Euler and h z / (z - 1) by backward Euler."""
+    """The factor from value to integral is h / (z - 1) for forward Euler, and h z / (z - 1) for backward Euler."""
     plant = SampledSystem(
         np.array([[0.9, 0.1], [-0.2, 0.8]]),
         np.array([[0.3], [0.5]]),
@@ -718,7 +720,7 @@ def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, dir
     np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + direct) * value)
 
 
-def test_a_pid_is_not_converted_again():
+def test_a_pd_is_converted_to_a_pid_only_once():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     pid = with_integrals(scenario)
     assert (pid.control.position.kind, pid.control.position.k_i) == ("pid", (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Tests of the models of an axis, compared with the whole diagram and flights, and of designs within their limits."""
+"""Tests of axis models, by comparison with the whole diagram and with flights, and of LQG designs and their limits."""
 
 import dataclasses
 import types
@@ -34,7 +34,7 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
 NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
-# Without drag the chain is an exact model of the vehicle.
+# The chain of lags and integrators is an exact model of a vehicle without drag.
 NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
 
@@ -56,7 +56,7 @@ def timing_of(scenario):
 
 @pytest.fixture(scope="module")
 def low_wind(diagrams):
-    """Return the scenario of a shipped design with the default limits, and the conditions of this scenario."""
+    """Return a scenario with a shipped design for the default limits, and its disturbances and noise."""
     scenario = load_scenario(
         f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
     )
@@ -64,7 +64,7 @@ def low_wind(diagrams):
 
 
 def axes_of(scenario, plant, conditions):
-    """Return the loops with their actual plants along x and z, and the timing."""
+    """Return the loop and the actual plant along x, those along z, and the timing."""
     timing, gravity = timing_of(scenario), scenario.nominal.gravity
     loops = [axis.loop(timing, gravity) for axis in (scenario.control.lateral, scenario.control.vertical)]
     models = lateral_plant_model(plant, conditions), vertical_plant_model(plant, conditions)
@@ -73,7 +73,7 @@ def axes_of(scenario, plant, conditions):
 
 
 def loop_transfer(loop, actual_plant, timing):
-    """Return L of an axis, with the loop broken at the command link."""
+    """Return the loop transfer function L of an axis, with the loop broken at the command link."""
     lifted = lqg_design._LiftedLoops.of(loop, [actual_plant], timing)
     names = tuple(str(i) for i in range(lifted.command.shape[1]))
     matrices = lifted.opened[0], lifted.lost[0], -lifted.command, np.zeros((1, 1))
@@ -127,7 +127,7 @@ def test_stationary_covariances_match_an_independent_solver():
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant", "loss"), [(NO_DRAG, (0, 1), 0.01), (NO_DRAG_BUT_DELAYS, (1, 2), 0.05)])
 def test_the_predicted_error_matches_flights_in_hover(shipped, overrides, plant, loss):
-    """Flights have only noise and lost commands. 64 flights of 10 s determine the error to a few per cent."""
+    """The flights have only noise and lost commands. 64 flights of 10 s determine the error to a few per cent."""
     scenario = shipped(
         *overrides,
         "route={kind: hover, position: [0, 0, 1], duration: 12}",
@@ -175,20 +175,20 @@ def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_are_those_of_the_scenario(diagrams, low_wind):
+def test_conditions_have_the_disturbances_and_noise_of_the_scenario(diagrams, low_wind):
     _, conditions = low_wind
     # When the shipped controller was designed, flights had a deviation of 0.205 m/s² and a time constant of 0.6 s.
     assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
+    # A log-uniform variable on [a, b] has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
 
 def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
-    """The bias is the minimum that a design assumes, as in a calm and ideal laboratory."""
+    """A design assumes the same bias as in a calm and ideal laboratory, the smallest one."""
     identified = conditions_of(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
     )
@@ -213,7 +213,7 @@ def test_the_snap_limit_is_at_least_twice_the_constant_torque():
     assert limit_of["bad_day:crazyflie"] > 1.8 * constant_snap["bad_day:crazyflie"] > limits.snap
 
 
-def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams):
+def test_candidate_delays_are_the_plants_mean_delay_rounded_to_nearest_and_up(diagrams):
     # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
     assert candidate_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
@@ -223,7 +223,7 @@ def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams)
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """Limits increase the error, so the best design reaches the limits of the sensitivity peak and the snap."""
+    """Limits increase the error, so the best design reaches the limits on the sensitivity peak and on the snap."""
     scenario, conditions = low_wind
     limits, margins = LqgLimits(), [*link_margins(median_scenario(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
@@ -240,7 +240,7 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best_delay
 ):
-    """The command is an acceleration along z and with an autopilot, otherwise a snap."""
+    """The command is an acceleration along z, and along all axes with an autopilot. It is a snap otherwise."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
     stubs = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
@@ -265,14 +265,14 @@ def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_
 
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """The whole loop meets the limits, although the chains do not model the tilt due to drag."""
+    """The whole loop observes the limits, although the axis models do not include the tilt due to drag."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # The vertical estimate affects the tilt through the thrust, so its assumed disturbance is not larger than in
-    # flights.
+    # The vertical estimate affects the commanded tilt through the thrust, so the design does not assume a larger
+    # vertical disturbance than in flights.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
@@ -308,7 +308,7 @@ def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags,
 
 @pytest.fixture(scope="module")
 def search_of(shipped):
-    """Return a function from link delays (ticks) of plants to a search for the parameters along x."""
+    """Return a function that creates a search for the parameters along x, given link delays (ticks) of plants."""
     scenario = shipped()
     timing, control = timing_of(scenario), scenario.control
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
@@ -343,7 +343,7 @@ def test_the_cost_within_the_limits_is_the_logarithm_of_the_error_over_all_plant
 
 
 def test_unstable_designs_cost_more_than_stable_ones(search_of):
-    """The cost increases with the poles of unstable plants. An unstable nominal plant costs most."""
+    """The cost increases with the poles of unstable loops. An unstable loop with the nominal plant costs most."""
     stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
     unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
     assert stable + 10.0 < late
@@ -386,7 +386,10 @@ def test_a_search_finds_the_minimum_cost_for_any_initial_weight(search_of, initi
 
 
 def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
-    """Limits shrink by slightly more than the loop exceeds them. A loop without feedback changes no limit."""
+    """A limit is tightened by slightly more than the loop exceeds it.
+
+    A signal without feedback does not change any limit.
+    """
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
@@ -406,7 +409,7 @@ def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
 
 
 @pytest.mark.slow
-def test_the_yaw_has_the_pd_of_a_cascade(diagrams):
+def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
     gains = design_cascade(scenario).loops["yaw"].gains
     yaw = lqg_design._yaw(scenario)
@@ -448,7 +451,7 @@ def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, mon
 
 
 def test_the_measurement_noise_of_a_plant_follows_from_the_cameras():
-    """The horizontal specific thrust is measured as the attitude times g."""
+    """The horizontal specific thrust is measured as g times the tilt."""
     conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.03)
     plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
     actual_plant = ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, 9.79)

@@ -1,4 +1,4 @@
-"""Tests of the search for gains, with errors in closed form instead of flights."""
+"""Tests of the search for gains, where functions in closed form replace the errors of flights."""
 
 import itertools
 
@@ -10,11 +10,10 @@ from drake_quad.design import tuning
 from drake_quad.design.tuning import Budget, Knob, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
-K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
-HEIGHT = Knob(("control.position.k_p.2",), 1.0, 20.0)
-LATENCY = "laboratory.motion_capture.latency_frames"
-DURATION = 4.0
+K_P_KNOB = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_KNOB = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+HEIGHT_KNOB = Knob(("control.position.k_p.2",), 1.0, 20.0)
+FLIGHT_DURATION = 4.0  # s
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def stub_flights(monkeypatch):
         class Fleet:
             def __init__(self, scenario, _plan, count):
                 self.scenario = scenario
-                self.duration = DURATION
+                self.duration = FLIGHT_DURATION
                 record["fleets"].append((scenario, count))
 
             def fly_batch(self, batch):
@@ -68,47 +67,52 @@ def quadratic_error(numbers, *_):
     return 0.1 * np.exp(p * p + d * d - p * d)
 
 
-BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
+SEARCH_BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
 
 
-def test_the_least_error_is_found(laboratory, stub_flights):
+def test_the_gains_with_the_smallest_error_are_found(laboratory, stub_flights):
     stub_flights(quadratic_error)
-    result = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
+    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=SEARCH_BUDGET)
     assert result.values == pytest.approx((4.0, 2.0), rel=0.01)
     assert result.error == pytest.approx(0.1, rel=1e-4)
     assert result.limit_fraction == np.inf
 
 
-def test_the_smallest_error_within_a_limit_is_found(laboratory, stub_flights):
-    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
+def test_the_gains_with_the_smallest_error_within_a_limit_are_found(laboratory, stub_flights):
+    """If k_P is at its limit of 2, the best k_D is 2 √(2 / 4)."""
     stub_flights(quadratic_error)
-    result = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
+    result = tune(
+        [laboratory],
+        [K_P_KNOB, K_D_KNOB],
+        lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]),
+        budget=SEARCH_BUDGET,
+    )
     assert result.values == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
     assert 1.0 <= result.limit_fraction < 1.02
 
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
-    """An unstable loop meets a single fraction of the limit, zero. A stable loop has two fractions."""
+    """`limit_fractions` returns a single zero for an unstable loop, and two ratios for a stable loop."""
     stub_flights(quadratic_error)
 
     def fractions(scenario):
         gain = scenario.control.position.k_p[0]
         return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
 
-    result = tune([laboratory], [K_P, K_D], fractions, budget=BUDGET)
+    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=SEARCH_BUDGET)
     assert result.limit_fraction >= 1.0
     assert result.values == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
 
 def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
-    """There are five minima along each axis. A search from one point would end in the nearest of them."""
+    """The error has five minima along each axis. A search from a single point would end in the nearest minimum."""
 
     def error_with_many_minima(numbers, *_):
         p, d = log_gains(numbers)
         return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
 
     stub_flights(error_with_many_minima)
-    result = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
+    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(rounds=8, candidates=64, samples=1))
     assert result.values == pytest.approx((4.0, 2.0), rel=0.02)
 
 
@@ -120,13 +124,13 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
     """
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
-    tune([laboratory], [K_P, K_D], fractions, budget=budget)
-    rounds = [each for each in record["varying"] if len(each[K_P.paths[0]]) == 64]
+    tune([laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=budget)
+    rounds = [each for each in record["varying"] if len(each[K_P_KNOB.paths[0]]) == 64]
     assert len(rounds) == 6
-    points = np.array([[each[K_P.paths[0]], each[K_D.paths[0]]] for each in rounds])
+    points = np.array([[each[K_P_KNOB.paths[0]], each[K_D_KNOB.paths[0]]] for each in rounds])
     assert (points[:, 0] >= 0.5 * (1 - 1e-12)).all()
     assert (points[:, 0] <= 12.0 * (1 + 1e-12)).all()
-    np.testing.assert_array_equal([each[K_P.paths[1]] for each in rounds], points[:, 0])
+    np.testing.assert_array_equal([each[K_P_KNOB.paths[1]] for each in rounds], points[:, 0])
     # The first candidates fill the box evenly.
     first = np.log(points[0] / [[0.5], [0.5]]) / np.log([[12.0 / 0.5], [8.0 / 0.5]])
     assert np.histogram2d(*first, bins=4, range=[[0, 1], [0, 1]])[0].min() == 4
@@ -138,20 +142,25 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
 
 
 def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
-    """k_P may be at most 2. Candidates of the last round meet the limit, although the error is smaller beyond it."""
+    """The limit is k_P ≤ 2. Candidates of the last round meet it, although larger k_P have a smaller error."""
     record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
-    tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
-    *_, last = (each[K_P.paths[0]] for each in record["varying"] if len(each[K_P.paths[0]]) == 64)
+    tune(
+        [laboratory],
+        [K_P_KNOB, K_D_KNOB],
+        lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]),
+        budget=budget,
+    )
+    *_, last = (each[K_P_KNOB.paths[0]] for each in record["varying"] if len(each[K_P_KNOB.paths[0]]) == 64)
     assert np.median(last) == pytest.approx(2.0, rel=0.1)
     assert last.max() < 3.0
 
 
 def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_flights):
-    """The number need not be a power of two, although points are generated in powers of two."""
+    """The number need not be a power of two, although the Sobol sequence generates points in powers of two."""
     record = stub_flights(quadratic_error)
-    tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
-    assert [len(each[K_P.paths[0]]) for each in record["varying"][:2]] == [12, 12]
+    tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(2, 12, 1, 1, 1))
+    assert [len(each[K_P_KNOB.paths[0]]) for each in record["varying"][:2]] == [12, 12]
 
 
 def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, monkeypatch):
@@ -164,43 +173,43 @@ def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, 
         return minimize(function, start, **given)
 
     monkeypatch.setattr(tuning.scipy.optimize, "minimize", minimize_and_record)
-    tune([laboratory], [K_P, K_D], None, budget=Budget(1, 4, 1, 1, 1))
+    tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=Budget(1, 4, 1, 1, 1))
     assert len(radii) == 3
     assert 0.25 > radii[0] > radii[1] > radii[2] > 0.0
 
 
 def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, stub_flights):
-    """Errors are means over samples and laboratories, and each laboratory flies its share of the samples."""
+    """Errors are means over samples and laboratories. The samples are divided among the laboratories."""
     other = laboratory.model_copy(update={"name": "other"})
 
     def error(numbers, sample, scenario):
         return 0.1 * (1 + sample) * (3.0 if scenario.name == "other" else 1.0)
 
     record = stub_flights(error)
-    result = tune([laboratory, other], [K_P], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
+    result = tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
     # Each of the two laboratories flies samples 5 to 7.
     assert set(record["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
     assert result.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
     assert {count for _, count in record["fleets"]} == {24, 3}
     stub_flights(error)
     record["samples"].clear()
-    tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 1, 1, 1))
+    tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 1, 1, 1))
     assert set(record["samples"]) == {(0,) * 4, (0,)}
 
 
 def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flights):
-    """Two of four samples crash, after 1 s and 3 s of 4 s. Their errors before the crash do not count."""
+    """Two of four samples crash, after 1 s and 3 s of a 4 s flight. Their errors before the crash do not count."""
 
     def crash(numbers, sample, scenario):
         return {0: 1.0, 2: 3.0}.get(sample, np.inf)
 
     stub_flights(lambda numbers, sample, scenario: 0.1 * sample, crash)
-    result = tune([laboratory], [K_P], None, budget=Budget(1, 4, 4, 1, 1))
+    result = tune([laboratory], [K_P_KNOB], None, budget=Budget(1, 4, 4, 1, 1))
     assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
 def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights):
-    """The extra latency of 30 ms is three frames. Flights with it crash in the second laboratory only."""
+    """The extra latency of 30 ms is three frames. Flights with this latency crash only in the second laboratory."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
@@ -210,18 +219,18 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights
         return 2.0 if late and scenario.name == "other" else np.inf
 
     stub_flights(lambda *_: 0.2, crash)
-    result = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
+    result = tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
     assert result.error == pytest.approx(0.2 + 1.5 / 2.0)
-    assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
+    assert tune([laboratory, other], [K_P_KNOB], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
 def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_rounds(laboratory, stub_flights):
-    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P.paths[0] in numbers else 1.0)
+    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P_KNOB.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
     tune(
         [laboratory],
-        [K_P, HEIGHT, K_D],
+        [K_P_KNOB, HEIGHT_KNOB, K_D_KNOB],
         lambda scenario: scenarios.append(scenario.control.position.k_p) or np.array([9.0]),
         budget=budget,
     )
@@ -229,7 +238,7 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_round
     assert scenarios[0][0] == scenarios[0][1]
     rounds = [set(each) for each in record["varying"] if len(next(iter(each.values()))) == 16]
     # Two thirds of the rounds vary the two lateral gains.
-    assert rounds == [{*K_P.paths, *K_D.paths}] * 6 + [{*HEIGHT.paths}] * 3
+    assert rounds == [{*K_P_KNOB.paths, *K_D_KNOB.paths}] * 6 + [{*HEIGHT_KNOB.paths}] * 3
 
 
 def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, stub_flights):
@@ -243,39 +252,41 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
         checked.append((len(record["varying"]), scenario.control.position.k_p[0]))
         return np.array([9.0])
 
-    tune([laboratory], [K_P, K_D], fractions, budget=budget, progress=lambda: num_checked.append(len(checked)))
+    tune(
+        [laboratory], [K_P_KNOB, K_D_KNOB], fractions, budget=budget, progress=lambda: num_checked.append(len(checked))
+    )
     assert num_checked[:3] == [16, 20, 24]
     assert len(num_checked) == 3 + 3
     assert all(1 <= step <= 6 for step in np.diff(num_checked[2:]))
     # The first round checks the candidates with the smallest errors, whether or not they meet the limit.
     first = record["varying"][0]
-    columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
+    columns = {path: first[path] for path in (K_P_KNOB.paths[0], K_D_KNOB.paths[0])}
     errors = quadratic_error(columns)
-    best = np.sort(columns[K_P.paths[0]][np.argsort(errors)[:16]])
+    best = np.sort(columns[K_P_KNOB.paths[0]][np.argsort(errors)[:16]])
     np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
 
-def test_previous_gains_are_a_candidate(laboratory, stub_flights):
+def test_gains_of_an_earlier_search_are_a_candidate(laboratory, stub_flights):
     """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_KNOB.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
-    assert tune([laboratory], [K_P, K_D], None, budget=budget).error == 1.0
-    result = tune([laboratory], [K_P, K_D], None, budget=budget, before=(6.789, 2.0))
+    assert tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=budget).error == 1.0
+    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], None, budget=budget, before=(6.789, 2.0))
     assert result.error == pytest.approx(0.1)
     assert result.values == pytest.approx((6.789, 2.0))
-    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
-    result = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
+    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P_KNOB.paths[0]])
+    result = tune([laboratory], [K_P_KNOB], None, budget=budget, before=(99.0,))
     assert result.values == pytest.approx((12.0,))
-    # A candidate that violates any part of the limit is not preferred for its small error.
-    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    # A candidate that violates one of the limits is not preferred for its small error.
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P_KNOB.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
     def fractions(scenario):
         return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
 
-    assert tune([laboratory], [K_P], fractions, budget=budget, before=(6.789,)).error == 1.0
+    assert tune([laboratory], [K_P_KNOB], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
-def test_candidates_within_the_limit_rank_by_error_and_the_others_by_their_fraction_of_the_limit():
+def test_candidates_rank_by_error_within_the_limit_and_by_limit_ratio_beyond_it():
     tuned = [
         tuning.TuningResult((), error, fraction)
         for error, fraction in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
@@ -287,7 +298,7 @@ def test_candidates_within_the_limit_rank_by_error_and_the_others_by_their_fract
 
 
 def test_predicted_violations_of_the_limit_are_penalised():
-    """The logarithms of the fractions are linear, so predictions are exact and penalties have a closed form."""
+    """The logarithms of the ratios are linear functions, so predictions are exact and penalties have a closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
     known = tuning._EvaluatedPoints(2)
@@ -328,14 +339,14 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_fli
 
 
 def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, stub_flights, monkeypatch):
-    """The doubt falls in equal steps. In the last round it is one step from zero."""
+    """The assumed prediction error falls in equal steps. In the last round it is one step from zero."""
     stub_flights(quadratic_error)
     doubts = []
     monkeypatch.setattr(
         tuning._EvaluatedPoints, "penalties", lambda known, points, uncertainty: doubts.append(uncertainty) or 0.0
     )
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
-    tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
+    tune([laboratory], [K_P_KNOB, K_D_KNOB], lambda scenario: np.array([9.0]), budget=budget)
     np.testing.assert_allclose(doubts[::2], tuning._INITIAL_UNCERTAINTY * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
 
@@ -349,7 +360,7 @@ def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
 
 
 def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
-    """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
+    """Predictions are not exact, so the search keeps a reserve of 0.2 % to the limit."""
     stub_flights(quadratic_error)
     fractions, ends = [], []
 
@@ -357,5 +368,5 @@ def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
         fractions.append(2.0 / scenario.control.position.k_p[0])
         return np.array([fractions[-1], 9.0])
 
-    tune([laboratory], [K_P, K_D], limit, budget=BUDGET, progress=lambda: ends.append(fractions[-1]))
+    tune([laboratory], [K_P_KNOB, K_D_KNOB], limit, budget=SEARCH_BUDGET, progress=lambda: ends.append(fractions[-1]))
     np.testing.assert_allclose(ends[-3:], 1.002, rtol=1e-4)

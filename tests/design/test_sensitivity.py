@@ -1,4 +1,4 @@
-"""Tests of derivatives of metrics through the simulator, by comparison with differences of whole flights."""
+"""Tests that derivatives of metrics, computed by AutoDiffXd, agree with differences between whole flights."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.position_controllers.controller import AnyPositionController
 
 ROOT = Path(__file__).parent.parent.parent
-FIELDS = (
+DIFFERENTIATED_FIELDS = (
     "vehicle.mass",
     "vehicle.rotor_time_constant",
     "nominal.inertia.0",
@@ -38,11 +38,11 @@ def windy():
 
 @pytest.mark.slow
 def test_derivatives_match_differences_of_whole_flights(windy):
-    sensitivities = flight_sensitivities(windy, FIELDS, sample=2)
+    sensitivities = flight_sensitivities(windy, DIFFERENTIATED_FIELDS, sample=2)
     nominal = simulate(windy, sample=2)
     for name in differentiable_metrics(windy):
         assert sensitivities.metrics[name] == pytest.approx(getattr(nominal.metrics, name), rel=1e-9)
-    for i, field in enumerate(FIELDS):
+    for i, field in enumerate(DIFFERENTIATED_FIELDS):
         step = 1e-4 * sensitivities.values[i]
         ends = [
             simulate(with_number(windy, field, sensitivities.values[i] + side * step), sample=2).metrics
@@ -58,7 +58,7 @@ def test_derivatives_match_differences_of_whole_flights(windy):
 
 @pytest.mark.slow
 def test_values_that_the_vehicle_does_not_set_follow_nominal():
-    """As with `--set nominal.mass`, nominal and actual value change together unless the vehicle has its own value."""
+    """As with `--set nominal.mass`, the actual value changes too unless the scenario sets the vehicle's value."""
     path = ROOT / "diagrams" / "figure_eight.yaml"
     for overrides in ([], ["vehicle.mass=0.68"]):
         scenario = load_scenario(path, ["duration=2", *overrides])
@@ -153,7 +153,7 @@ def test_fields_without_a_derivative_are_refused(field, words):
         flight_sensitivities(scenario, [field])
 
 
-def test_numbers_are_read_and_replaced_by_path(windy):
+def test_numeric_fields_are_read_and_replaced_by_path(windy):
     assert number_at(windy, "control.position.k_p.2") == windy.control.position.k_p[2]
     changed = with_number(windy, "laboratory.wind.1.position.0", 2.5)
     assert changed.laboratory.wind[1].position == (2.5, -5.5, 1.5)
@@ -170,7 +170,7 @@ def test_an_empty_list_of_fields_is_refused():
 
 
 @pytest.mark.slow
-def test_the_sample_of_the_scenario_is_the_default(windy):
+def test_the_default_sample_is_that_of_the_scenario(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     sensitivities = flight_sensitivities(named, ["vehicle.mass"])
     assert sensitivities.fields == ("vehicle.mass",)
@@ -200,7 +200,7 @@ def test_a_flight_that_crashes_is_differentiated_until_its_crash():
     assert flight_sensitivities(scenario, ["vehicle.mass"]).crash_time == simulate(scenario).metrics.crash_time < 3.0
 
 
-def test_a_number_that_can_neither_increase_nor_decrease_is_refused_with_the_reason():
+def test_a_field_that_can_neither_increase_nor_decrease_is_refused_with_the_reason():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
     words = r"^laboratory\.command_link\.period cannot be 0\.01996: must be the shortest period"
     with pytest.raises(InputError, match=words):
@@ -208,7 +208,7 @@ def test_a_number_that_can_neither_increase_nor_decrease_is_refused_with_the_rea
 
 
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])
-def test_fields_that_decide_when_something_happens_have_no_derivative(field):
+def test_fields_that_determine_the_time_of_an_event_have_no_derivative(field):
     failing = ["duration=1", "vehicle.rotor_failure={rotor: 1, time: 0.5}"]
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", failing)
     with pytest.raises(InputError, match="the flight depends on it discontinuously"):
@@ -217,7 +217,10 @@ def test_fields_that_decide_when_something_happens_have_no_derivative(field):
 
 @pytest.mark.parametrize("weights", [_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS])
 def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
-    """Differences are central or one-sided. The weight of the value itself follows, since all weights sum to zero."""
+    """Differences are central or one-sided.
+
+    The weights sum to zero, which determines the weight of the value itself.
+    """
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
 

@@ -1,4 +1,4 @@
-"""Tests of maps of stable gains, by comparison with the poles of single loops and with single flights."""
+"""Tests of stability maps, by comparison with the poles of single loops and with single flights."""
 
 from pathlib import Path
 
@@ -17,8 +17,8 @@ from drake_quad.scenario.paths import map_leaves
 
 ROOT = Path(__file__).parent.parent.parent
 SHIPPED_GAINS = ROOT / "diagrams" / "gains" / "laboratory.yaml"
-K_P = np.array([0.1, 0.3, 0.8])
-K_D = np.array([0.2, 0.7, 1.5, 3.5])
+K_P_VALUES = np.array([0.1, 0.3, 0.8])
+K_D_VALUES = np.array([0.2, 0.7, 1.5, 3.5])
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +32,9 @@ def nominal_laboratory(*overrides):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
-def test_each_point_of_the_map_equals_a_single_loop(scenario, loop):
+def test_each_point_of_the_map_has_the_poles_and_margins_of_a_single_loop(scenario, loop):
     plant = mapped_plant(scenario, loop)
-    k_p, k_d = (K_P, K_D) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D)
+    k_p, k_d = (K_P_VALUES, K_D_VALUES) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D_VALUES)
     gain_map = stability_map(plant, k_p, k_d)
     assert 0 < gain_map.stable.sum() < gain_map.stable.size
     for i, j in np.ndindex(gain_map.stable.shape):
@@ -52,9 +52,9 @@ def test_each_point_of_the_map_equals_a_single_loop(scenario, loop):
         assert gain_map.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
 
 
-def test_a_position_without_k_p_is_not_stable(scenario):
-    """Without k_P, the pole of the integrator remains at 1."""
-    gain_map = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
+def test_a_position_loop_without_k_p_is_not_stable(scenario):
+    """The integrator's pole remains at 1 if k_P is zero."""
+    gain_map = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D_VALUES[:3])
     np.testing.assert_allclose(gain_map.size, 1.0, atol=1e-8)
     assert not gain_map.stable.any()
 
@@ -62,7 +62,7 @@ def test_a_position_without_k_p_is_not_stable(scenario):
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
-    """The gains differ from those of the scenario. The poles are multipliers of the diagram with these gains."""
+    """The poles at a point of the map are multipliers of the whole diagram with the gains at this point."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",
@@ -91,7 +91,9 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 def test_each_point_of_the_simulated_map_equals_a_single_flight(scenario, loop):
     """All flights have the wind and noise of one sample, and one of them crashes."""
-    k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
+    k_p, k_d = (
+        (K_P_VALUES, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
+    )
     gain_map = simulated_map(scenario, loop, k_p, k_d, sample=3)
     assert gain_map.rmse.shape == (len(k_p), len(k_d))
     first = simulated_map(scenario, loop, k_p[:1], k_d[:1]).rmse
@@ -123,7 +125,7 @@ def test_poles_of_delay_lines_do_not_count_for_the_damping():
         np.testing.assert_allclose(gain_map.size, abs(pole))
 
 
-def test_a_scenario_with_a_sample_is_mapped_with_the_numbers_of_this_sample(scenario):
+def test_a_map_of_a_scenario_with_a_sample_uses_the_sample_s_parameters(scenario):
     drawn = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )

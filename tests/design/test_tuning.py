@@ -10,12 +10,12 @@ from drake_quad.design.tuning import Budget, Knob, LoopLimit, tolerated_delay, t
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.studies.comparison import fly_samples
 
-K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
-K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+K_P_KNOB = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D_KNOB = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
 def stiffness_limit(max_k_p):
-    """Return a function from a scenario to the fraction of a limit on k_P that the scenario meets."""
+    """Return a function like `LoopLimit.limit_fractions`: the ratio of a limit on k_P to the scenario's k_P."""
     return lambda scenario: np.array([max_k_p / scenario.control.position.k_p[0]])
 
 
@@ -27,9 +27,9 @@ def laboratory(diagrams):
 @pytest.mark.slow
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
-    result = tune([laboratory], [K_P, K_D], stiffness_limit(2.0), budget=budget)
+    result = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(2.0), budget=budget)
     assert result.limit_fraction >= 1.0
-    metrics = fly_samples(with_numbers(laboratory, [K_P, K_D], result.values), range(2))
+    metrics = fly_samples(with_numbers(laboratory, [K_P_KNOB, K_D_KNOB], result.values), range(2))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     grid = itertools.product((1.0, 2.0), (1.5, 3.0))
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
@@ -40,10 +40,10 @@ def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
 
 
 @pytest.mark.slow
-def test_if_no_candidate_is_within_the_limit_the_closest_one_is_returned(laboratory):
+def test_the_closest_candidate_is_returned_if_none_is_within_the_limit(laboratory):
     result = tune(
         [laboratory],
-        [K_P],
+        [K_P_KNOB],
         stiffness_limit(0.25),
         budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
@@ -52,7 +52,7 @@ def test_if_no_candidate_is_within_the_limit_the_closest_one_is_returned(laborat
 
 
 @pytest.mark.slow
-def test_the_fraction_of_a_limit_is_the_fraction_of_the_worst_loop(laboratory, diagrams):
+def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     margins_by_signal = link_margins(scenario)
     peak = max(margins.sensitivity for margins in margins_by_signal.values())
@@ -64,11 +64,11 @@ def test_the_fraction_of_a_limit_is_the_fraction_of_the_worst_loop(laboratory, d
 
 
 @pytest.mark.slow
-def test_gains_of_an_earlier_search_are_not_lost(laboratory):
+def test_a_search_that_starts_from_earlier_gains_is_at_least_as_good(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
-    alone = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget)
-    thorough = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
-    again = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget, before=thorough.values)
+    alone = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=budget)
+    thorough = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune([laboratory], [K_P_KNOB, K_D_KNOB], stiffness_limit(12.0), budget=budget, before=thorough.values)
     assert again.error <= thorough.error + 1e-9 < alone.error
 
 
@@ -76,19 +76,19 @@ def test_gains_of_an_earlier_search_are_not_lost(laboratory):
 def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
     height = Knob(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
-    result = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
+    result = tune([laboratory, laboratory], [height, K_P_KNOB], None, budget=budget)
     assert height.vertical
-    assert not K_P.vertical
+    assert not K_P_KNOB.vertical
     assert result.limit_fraction == np.inf
-    metrics = fly_samples(with_numbers(laboratory, [height, K_P], result.values), range(1))
+    metrics = fly_samples(with_numbers(laboratory, [height, K_P_KNOB], result.values), range(1))
     assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     for number in ((0.6, result.values[1]), (result.values[0], 0.6)):
-        other = fly_samples(with_numbers(laboratory, [height, K_P], number), range(1))
+        other = fly_samples(with_numbers(laboratory, [height, K_P_KNOB], number), range(1))
         assert result.error < float(other.rmse.mean())
 
 
 def test_extra_latency_is_added_to_the_latency_of_the_scenario(diagrams):
-    """The additional latency is in whole frames of 10 ms, and is also added to a random latency."""
+    """The extra latency is rounded to whole frames of 10 ms, and is also added to a random latency."""
     for name, expected in (("laboratory.yaml:nominal", 3.0), ("robustness.yaml", (3.0, 4.0))):
         extra_latency = with_extra_latency(
             load_scenario(diagrams / name), 0.03

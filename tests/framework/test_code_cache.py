@@ -1,4 +1,4 @@
-"""Tests that the cache of machine code loads only complete files that belong to this user and have the right name."""
+"""Tests that the cache loads only complete files that belong to this user and have the right name."""
 
 import ctypes
 import os
@@ -12,14 +12,14 @@ import pytest
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework import code_cache, machine_code
 
-NAME = f"kernel_{'1' * 32}"
-OTHER_NAME = f"kernel_{'2' * 32}"
-CODE = bytes(range(200))
+KERNEL_NAME = f"kernel_{'1' * 32}"
+OTHER_KERNEL_NAME = f"kernel_{'2' * 32}"
+OBJECT_CODE = bytes(range(200))
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return the folder of the cache, which does not exist yet; warnings that are logged once are logged again."""
+    """Return a cache folder that does not exist yet, and reset the warnings that are logged once."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
@@ -28,60 +28,60 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def file(folder):
     """Return the file of a cached module."""
-    code_cache.write(NAME, CODE)
-    assert code_cache.read(NAME) == CODE
-    return folder / f"{NAME}.o"
+    code_cache.write(KERNEL_NAME, OBJECT_CODE)
+    assert code_cache.read(KERNEL_NAME) == OBJECT_CODE
+    return folder / f"{KERNEL_NAME}.o"
 
 
 def test_only_the_user_can_write_to_the_cache(folder):
     before = os.umask(0)
     try:
-        code_cache.write(NAME, CODE)
+        code_cache.write(KERNEL_NAME, OBJECT_CODE)
     finally:
         os.umask(before)
     (file,) = folder.iterdir()
-    assert (file.name, oct(file.stat().st_mode & 0o777)) == (f"{NAME}.o", "0o600")
+    assert (file.name, oct(file.stat().st_mode & 0o777)) == (f"{KERNEL_NAME}.o", "0o600")
     assert oct(folder.stat().st_mode & 0o777) == "0o700"
 
 
-def test_the_file_of_another_module_is_not_read(file):
-    code_cache.write(OTHER_NAME, CODE[::-1])
-    file.write_bytes((file.parent / f"{OTHER_NAME}.o").read_bytes())
-    assert code_cache.read(NAME) is None
-    assert code_cache.read(OTHER_NAME) == CODE[::-1]
+def test_a_file_that_was_renamed_to_another_module_is_not_read(file):
+    code_cache.write(OTHER_KERNEL_NAME, OBJECT_CODE[::-1])
+    file.write_bytes((file.parent / f"{OTHER_KERNEL_NAME}.o").read_bytes())
+    assert code_cache.read(KERNEL_NAME) is None
+    assert code_cache.read(OTHER_KERNEL_NAME) == OBJECT_CODE[::-1]
 
 
 def test_a_valid_digest_of_empty_code_is_not_read(file):
-    file.write_bytes(code_cache._digest(NAME, b""))
-    assert code_cache.read(NAME) is None
+    file.write_bytes(code_cache._digest(KERNEL_NAME, b""))
+    assert code_cache.read(KERNEL_NAME) is None
 
 
 @pytest.mark.parametrize("mode", [0o620, 0o602, 0o666], ids=oct)
 def test_a_file_that_others_can_write_is_not_read(file, mode):
     file.chmod(mode)
-    assert code_cache.read(NAME) is None
+    assert code_cache.read(KERNEL_NAME) is None
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777], ids=oct)
 def test_a_folder_that_others_can_write_is_not_used_and_logged_once(file, mode, caplog):
     file.parent.chmod(mode)
-    assert code_cache.read(NAME) is None
-    code_cache.write(OTHER_NAME, CODE)
+    assert code_cache.read(KERNEL_NAME) is None
+    code_cache.write(OTHER_KERNEL_NAME, OBJECT_CODE)
     assert [*file.parent.iterdir()] == [file]
     (record,) = caplog.records
     assert record.getMessage().startswith(f"{file.parent} belongs to another user or is writable by others")
     file.parent.chmod(0o755)
-    assert code_cache.read(NAME) == CODE
+    assert code_cache.read(KERNEL_NAME) == OBJECT_CODE
 
 
 def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: file.stat().st_uid + 1)
-    assert code_cache.read(NAME) is None
-    code_cache.write(OTHER_NAME, CODE)
+    assert code_cache.read(KERNEL_NAME) is None
+    code_cache.write(OTHER_KERNEL_NAME, OBJECT_CODE)
     assert [*file.parent.iterdir()] == [file]
-    # Another user may own a file in the folder of this user.
+    # A file in this user's folder may belong to another user.
     monkeypatch.setattr(code_cache, "_is_trusted", lambda folder: True)
-    assert code_cache.read(NAME) is None
+    assert code_cache.read(KERNEL_NAME) is None
 
 
 def replace_with_link(file, elsewhere):
@@ -110,7 +110,7 @@ def replace_with_open_fifo(file, _):
 def test_only_regular_files_are_read_and_other_files_do_not_block(file, replace, tmp_path):
     actual = []
     with replace(file, tmp_path / "elsewhere") or nullcontext():
-        thread = threading.Thread(target=lambda: actual.append(code_cache.read(NAME)), daemon=True)
+        thread = threading.Thread(target=lambda: actual.append(code_cache.read(KERNEL_NAME)), daemon=True)
         thread.start()
         thread.join(10.0)
         assert actual == [None]
@@ -118,8 +118,8 @@ def test_only_regular_files_are_read_and_other_files_do_not_block(file, replace,
 
 def test_a_folder_that_is_a_file_is_not_used(folder):
     folder.write_text("")
-    assert code_cache.read(NAME) is None
-    code_cache.write(NAME, CODE)
+    assert code_cache.read(KERNEL_NAME) is None
+    code_cache.write(KERNEL_NAME, OBJECT_CODE)
     assert folder.read_text() == ""
 
 
@@ -137,7 +137,7 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
     ],
 )
 def test_a_relative_path_is_not_used_as_folder(variables, expected, monkeypatch, caplog):
-    """A warning is logged if the variable is DRAKE_QUAD_CACHE."""
+    """A warning is logged if DRAKE_QUAD_CACHE is the variable that contains the relative path."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):
@@ -153,21 +153,21 @@ def test_a_relative_path_is_not_used_as_folder(variables, expected, monkeypatch,
 def test_the_least_recently_used_file_is_deleted_first(folder):
     names = [f"kernel_{number:032x}" for number in range(5)]
     for age, name in zip((500, 400, 300, 200, 100), names, strict=True):
-        code_cache.write(name, CODE)
+        code_cache.write(name, OBJECT_CODE)
         path = folder / f"{name}.o"
         written = path.stat().st_mtime - age
         os.utime(path, (written, written))
     mine = folder / "mine.o"
     mine.write_bytes(bytes(10_000))
     code_cache.read(names[0])
-    size = len(CODE) + 32
+    size = len(OBJECT_CODE) + 32
     code_cache.prune(folder, 3 * size)
     assert {*folder.iterdir()} == {mine, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
 
 
 def test_a_temporary_file_of_a_killed_process_is_deleted(folder):
     folder.mkdir(mode=0o700)
-    leftover = folder / f".{NAME}.1234.5678.o"
+    leftover = folder / f".{KERNEL_NAME}.1234.5678.o"
     leftover.write_bytes(bytes(10))
     os.utime(leftover, (0.0, 0.0))
     code_cache.prune(folder, 9)
@@ -177,15 +177,15 @@ def test_a_temporary_file_of_a_killed_process_is_deleted(folder):
 def test_writing_keeps_the_cache_below_its_limit(folder, monkeypatch):
     monkeypatch.setattr(code_cache, "MAX_BYTES", 1_000)
     for number in range(100):
-        code_cache.write(f"kernel_{number:032x}", CODE)
-    assert 1 <= len([*folder.iterdir()]) <= 1_000 // (len(CODE) + 32) + 15
+        code_cache.write(f"kernel_{number:032x}", OBJECT_CODE)
+    assert 1 <= len([*folder.iterdir()]) <= 1_000 // (len(OBJECT_CODE) + 32) + 15
 
 
 def test_one_write_in_sixteen_deletes_old_files(folder, monkeypatch):
     pruned = []
     monkeypatch.setattr(code_cache, "prune", lambda *given: pruned.append(given))
     for number in range(32):
-        code_cache.write(f"kernel_{number:032x}", CODE)
+        code_cache.write(f"kernel_{number:032x}", OBJECT_CODE)
     assert pruned == 2 * [(folder, code_cache.MAX_BYTES)]
 
 
@@ -208,7 +208,7 @@ def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
     assert run_module(text) == 4_711
 
 
-def test_a_module_is_found_under_its_own_name(folder):
+def test_a_module_is_cached_under_its_digest(folder):
     assert run_module(module(815)) == 815
     (file,) = folder.iterdir()
     assert re.fullmatch(code_cache._CACHE_FILE_NAME, file.name)

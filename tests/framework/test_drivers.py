@@ -16,7 +16,7 @@ def run_function(text, *arguments):
 
 @pytest.mark.parametrize(("begin", "end", "step"), [(0, 5, 1), (0, 5, 2), (2, 9, 3), (3, 3, 1), (4, 3, 1), (0, 0, 8)])
 def test_nested_loops_and_conditions_count_as_in_python(begin, end, step):
-    """The counter of the outer loop is the limit of the inner loop, and the condition skips the diagonal."""
+    """The inner loop ends at the counter of the outer loop, and a condition skips some iterations."""
     driver = Driver.of_arrays("i64 %begin, i64 %end", ["count", "sum"])
     with driver.loop("i", "%begin", "%end", step):
         with driver.loop("j", 0, "%i"):
@@ -38,7 +38,7 @@ def test_nested_loops_and_conditions_count_as_in_python(begin, end, step):
 @pytest.mark.parametrize("vehicles", [1, LANES - 1, LANES, LANES + 1, 2 * LANES + 3])
 @pytest.mark.parametrize("rows", [0, 1, 3])
 def test_gather_and_scatter_copy_the_rows_of_a_fleet(vehicles, rows):
-    """In the copy, the last vehicle is repeated in the unused lanes, which are not copied back."""
+    """Unused lanes of the copy contain the last vehicle again, and are not copied back."""
     driver = Driver.of_arrays("i64 %n, i64 %first", ["fleet", "copy", "other"])
     driver.let("left", "sub i64 %n, %first")
     driver.at("there", "fleet", "%first")

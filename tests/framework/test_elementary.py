@@ -13,11 +13,18 @@ from drake_quad.framework import elementary
 # Arithmetic on Expression sets floating-point flags that have no meaning.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
 
-FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp, elementary.tanh]
+ELEMENTARY_FUNCTIONS = [
+    elementary.cos,
+    elementary.sqrt,
+    elementary.arcsin,
+    elementary.arctan,
+    elementary.exp,
+    elementary.tanh,
+]
 
 
-@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
-def test_functions_agree_on_all_scalar_types(function):
+@pytest.mark.parametrize("function", ELEMENTARY_FUNCTIONS, ids=lambda f: f.__name__)
+def test_elementary_functions_agree_for_all_scalar_types(function):
     x, variable = 0.3, Variable("x")
     expected = function(x)
     assert isinstance(expected, float)
@@ -29,7 +36,7 @@ def test_functions_agree_on_all_scalar_types(function):
 
 
 def test_log1p_is_accurate_and_has_derivatives():
-    """The function accepts numbers and arrays, with and without derivatives. For tiny x, log(1 + x) = x."""
+    """log1p accepts numbers and arrays, with and without derivatives. log(1 + x) is x for tiny x."""
     numbers = [0.3, 1e-9, 1e-20, 0.0]
     expected = np.log1p(numbers)
     assert [elementary.log1p(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
@@ -58,7 +65,7 @@ def test_the_error_function_has_the_right_derivatives():
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])
-def test_maximum_and_minimum_of_all_scalar_types(function, expected):
+def test_maximum_and_minimum_accept_all_scalar_types(function, expected):
     variable = Variable("x")
     assert function(1.0, 2.0) == function(2.0, 1.0) == expected
     np.testing.assert_array_equal(function(np.array([1.0, 2.0]), np.array([2.0, 1.0])), expected)
@@ -87,7 +94,7 @@ def test_wrapped_angles_lie_within_pi_and_keep_their_derivatives(angle):
 
 @pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
 def test_the_nearest_integer_has_no_derivatives(number):
-    """The function returns an integral value for every scalar type, and is idempotent."""
+    """`nearest` returns a whole number for every scalar type, and is idempotent."""
     expected = float(round(number))
     for value in (number, np.float64(number), AutoDiffXd(number, [1.0])):
         assert elementary.nearest(value) == elementary.nearest(elementary.nearest(value)) == expected

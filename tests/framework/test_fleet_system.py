@@ -66,7 +66,7 @@ class Example(FleetSystem):
 
 @fleet_system(float, AutoDiffXd)
 class Packed(FleetSystem):
-    """System with the signals of `Example` in one packed output."""
+    """System that computes the signals of `Example` in a single packed output."""
 
     def declare(self, *, parameters=Gains()):
         gains = self.parameter("gains", lambda gains: gains)
@@ -88,13 +88,13 @@ class Falling(FleetSystem):
 
 
 @pytest.mark.parametrize("n", [1, 3, 11])
-def test_outputs_follow_from_the_formula(n):
+def test_outputs_are_computed_by_their_formulas(n):
     system = Example(num_vehicles=n)
     context = system.CreateDefaultContext()
     error, wind = np.random.default_rng(0).normal(size=(2, 3 * n))
     system.GetInputPort("error").FixValue(context, error)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error)
-    # For a disconnected input port, the formula gets None.
+    # The formula receives None if the optional input port is not connected.
     system.GetInputPort("wind").FixValue(context, wind)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error + wind)
     system.set_parameter(context, "gains", Gains(np.arange(1.0, n + 1.0), Acceleration(0.0, 0.5, 0.0)))
@@ -118,7 +118,7 @@ def test_a_required_input_that_is_not_connected_is_named_with_its_system(scalar,
 
 
 @pytest.mark.parametrize("n", [1, 4])
-def test_other_scalar_types_execute_the_formula_in_python(n):
+def test_formulas_for_scalar_types_other_than_float_run_in_python(n):
     system = Example(num_vehicles=n, parameters=Numbers(Gains(np.arange(1.0, n + 1.0) if n > 1 else 1.5)))
     context = system.CreateDefaultContext()
     error = np.arange(3.0 * n)

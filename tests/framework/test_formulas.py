@@ -1,4 +1,4 @@
-"""Tests of the execution of formulas, and of their arguments that count ticks."""
+"""Tests of the execution of formulas, and of arguments that are tick numbers."""
 
 from typing import NamedTuple
 
@@ -12,12 +12,12 @@ from drake_quad.framework.records import ABSENT, ROW, layout_of
 from drake_quad.framework.symbols import operation
 from drake_quad.signals import Row
 
-PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
+TICK_PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]  # s
 
 
-@pytest.mark.parametrize("period", PERIODS)
+@pytest.mark.parametrize("period", TICK_PERIODS)
 def test_ticks_are_counted_in_pairs(period):
-    """The times are those of Drake's events, and slightly earlier and later times."""
+    """The tested times are those of Drake's events, and slightly earlier and later times."""
     ticks = TickOf(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):

@@ -1,4 +1,4 @@
-"""Tests of network layers, which machine code evaluates in a loop and Python as sums of rows."""
+"""Tests of network layers. Machine code evaluates a layer in a loop, and Python as sums of rows."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def numbers_of(matrix):
 @pytest.mark.parametrize("n", [1, 3, 8, 19])
 @pytest.mark.parametrize(("outputs", "inputs"), [(1, 1), (7, 3), (8, 5), (9, 24), (33, 2)])
 def test_machine_code_and_python_sum_in_the_same_order(outputs, inputs, n):
-    """The sums agree to the last bit, even if the rows do not fill a block of the loop."""
+    """The sums agree to the last bit, even if the number of rows is not a multiple of the loop's block size."""
     matrix = matrix_of(outputs, inputs)
 
     def formula(rows):
@@ -81,7 +81,7 @@ def test_the_derivatives_of_a_layer_are_its_matrix():
     np.testing.assert_allclose(slopes, (1.0 - np.tanh(values) ** 2)[:, None] * weights, rtol=1e-13)
 
 
-def test_matrices_are_equal_if_their_numbers_are_equal():
+def test_matrices_are_equal_if_their_elements_are_equal():
     assert matrix_of(3, 2) == matrix_of(3, 2)
     assert hash(matrix_of(3, 2)) == hash(matrix_of(3, 2))
     assert matrix_of(3, 2) != matrix_of(3, 2, seed=1)
@@ -91,7 +91,7 @@ def test_matrices_are_equal_if_their_numbers_are_equal():
     assert len(repr(matrix_of(200, 200))) < 100
 
 
-def test_the_numbers_of_a_matrix_cannot_be_changed():
+def test_the_elements_of_a_matrix_cannot_be_changed():
     """Machine code is cached under a digest of the matrix, so a changed matrix would run the wrong code."""
     matrix = matrix_of(3, 2)
     with pytest.raises(ValueError, match="read-only"):

@@ -1,4 +1,4 @@
-"""Comparison of machine code with Python."""
+"""Tests that machine code computes the same results as Python."""
 
 import math
 import os
@@ -53,7 +53,7 @@ def small_arcsin(x):
 
 
 def numbers_in(*intervals):
-    """Return numbers in intervals (low, high): their ends, uniform numbers, and numbers of all orders of magnitude."""
+    """Return numbers in intervals (low, high): the ends, uniform numbers, and numbers of all orders of magnitude."""
     random, numbers = np.random.default_rng(0), []
     for low, high in intervals:
         sizes = 10.0 ** random.uniform(-300.0, math.log10(max(abs(low), abs(high))), 1000)
@@ -62,26 +62,26 @@ def numbers_in(*intervals):
     return np.concatenate(numbers)
 
 
-WIDE_RANGE = (-700.0, 700.0), (-4.0, 4.0), (-1e-8, 1e-8)
-POSITIVE = (1e-300, 1e300), (0.5, 2.0)
-FUNCTIONS = [
+WIDE_RANGES = (-700.0, 700.0), (-4.0, 4.0), (-1e-8, 1e-8)
+POSITIVE_RANGES = (1e-300, 1e300), (0.5, 2.0)
+FUNCTIONS_AND_RANGES = [
     (sine, math.sin, [(-1e6, 1e6), (-4.0, 4.0)]),
     (elementary.cos, math.cos, [(-1e6, 1e6), (-4.0, 4.0)]),
-    (elementary.exp, math.exp, WIDE_RANGE),
-    (elementary.tanh, math.tanh, [*WIDE_RANGE, (-0.7, 0.7)]),
-    (elementary.erf, math.erf, [*WIDE_RANGE, (-7.0, 7.0), (-1.1, 1.1)]),
-    (elementary.log, math.log, POSITIVE),
-    (elementary.log1p, math.log1p, [*POSITIVE, (1e-300, 1e-8)]),
-    (elementary.arctan, math.atan, [*WIDE_RANGE, (-1e30, 1e30)]),
+    (elementary.exp, math.exp, WIDE_RANGES),
+    (elementary.tanh, math.tanh, [*WIDE_RANGES, (-0.7, 0.7)]),
+    (elementary.erf, math.erf, [*WIDE_RANGES, (-7.0, 7.0), (-1.1, 1.1)]),
+    (elementary.log, math.log, POSITIVE_RANGES),
+    (elementary.log1p, math.log1p, [*POSITIVE_RANGES, (1e-300, 1e-8)]),
+    (elementary.arctan, math.atan, [*WIDE_RANGES, (-1e30, 1e30)]),
     (elementary.arcsin, math.asin, [(-1.0, 1.0)]),
     (small_arctan, math.atan, [(-0.125, 0.125)]),
     (small_arcsin, math.asin, [(-0.5, 0.5)]),
-    (elementary.sqrt, math.sqrt, POSITIVE),
+    (elementary.sqrt, math.sqrt, POSITIVE_RANGES),
 ]
 
 
 @pytest.mark.parametrize(
-    ("function", "expected", "intervals"), FUNCTIONS, ids=lambda each: getattr(each, "__name__", "")
+    ("function", "expected", "intervals"), FUNCTIONS_AND_RANGES, ids=lambda each: getattr(each, "__name__", "")
 )
 def test_a_function_is_within_two_units_in_the_last_place(function, expected, intervals):
     x = numbers_in(*intervals)
@@ -93,7 +93,7 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, in
 
 
 def test_functions_of_two_arguments_are_accurate():
-    x = numbers_in(*WIDE_RANGE)
+    x = numbers_in(*WIDE_RANGES)
     y = np.random.default_rng(1).permutation(x)
     angle = np.array([*map(math.atan2, y.tolist(), x.tolist())])
     error = np.abs(run_on_arrays(elementary.arctan2, [y, x]) - angle)
@@ -117,7 +117,7 @@ def test_words_have_the_arithmetic_of_64_bit_integers(x, y):
     assert machine(lower_half, float(x), float(y)) == (x + y) % 2**26
 
 
-def test_special_values_have_defined_results():
+def test_functions_of_nan_infinity_and_zero_have_defined_results():
     inf, nan = math.inf, math.nan
     for x in (inf, -inf, nan, 2e6):
         assert math.isnan(machine(sine, x))
@@ -151,9 +151,17 @@ def test_special_values_have_defined_results():
             assert math.copysign(1.0, machine(elementary.arctan2, y, x)) == math.copysign(1.0, math.atan2(y, x))
 
 
-LEAVES = st.sampled_from(["x", "y"]) | st.floats(-10.0, 10.0).map(lambda number: repr(round(number, 3)))
-UNARY = ("-({})", "abs({})", "sin_cos({})[0]", "cos({})", "arctan({})", "exp(minimum({}, 3.0))", "sqrt(abs({}))")
-BINARY = (
+LEAF_EXPRESSIONS = st.sampled_from(["x", "y"]) | st.floats(-10.0, 10.0).map(lambda number: repr(round(number, 3)))
+UNARY_EXPRESSIONS = (
+    "-({})",
+    "abs({})",
+    "sin_cos({})[0]",
+    "cos({})",
+    "arctan({})",
+    "exp(minimum({}, 3.0))",
+    "sqrt(abs({}))",
+)
+BINARY_EXPRESSIONS = (
     "({} + {})",
     "({} - {})",
     "({} * {})",
@@ -168,15 +176,17 @@ BINARY = (
 
 
 def expressions_of(inside):
-    """Return a strategy for expressions that contain other expressions."""
-    one = st.tuples(st.sampled_from(UNARY), inside).map(lambda pair: pair[0].format(pair[1]))
-    two = st.tuples(st.sampled_from(BINARY), inside, inside).map(lambda triple: triple[0].format(*triple[1:]))
+    """Return a Hypothesis strategy for expressions that contain given expressions."""
+    one = st.tuples(st.sampled_from(UNARY_EXPRESSIONS), inside).map(lambda pair: pair[0].format(pair[1]))
+    two = st.tuples(st.sampled_from(BINARY_EXPRESSIONS), inside, inside).map(
+        lambda triple: triple[0].format(*triple[1:])
+    )
     return one | two
 
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(st.recursive(LEAVES, expressions_of, max_leaves=12), st.integers(0, 2**32 - 1))
+@given(st.recursive(LEAF_EXPRESSIONS, expressions_of, max_leaves=12), st.integers(0, 2**32 - 1))
 def test_random_expressions_agree_with_numpy(text, seed):
     formula = eval(f"lambda x, y: {text}", vars(elementary).copy())
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
@@ -245,7 +255,7 @@ def test_a_product_is_rounded_before_it_is_added():
     assert machine(lambda x, y, z: x * y + z, x, y, z) == x * y + z == 0.0
 
 
-def test_numpy_scalars_compute_with_rows():
+def test_numpy_scalars_can_be_operands_of_rows():
     """Like a Python number, a NumPy scalar may be on either side of an operator."""
     two = np.float64(2.0)
     x = 3.0
@@ -289,10 +299,10 @@ def nested(x: Row, y: Row, bound: Row) -> Row:
     return first / (3.0 + abs(elementary.where_needed(first < y, inside, (y, first), 0.25)))
 
 
-MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
+VEHICLE_MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
 
 
-@pytest.mark.parametrize("needed", MASKS, ids=("none", "all", "some"))
+@pytest.mark.parametrize("needed", VEHICLE_MASKS, ids=("none", "all", "some"))
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
 @pytest.mark.parametrize("single_vehicle", [True, False])
 def test_where_needed_and_where_are_bitwise_equal(needed, n, single_vehicle):
@@ -348,7 +358,7 @@ def test_branches_accept_and_return_truth_values_and_words():
     np.testing.assert_array_equal(formula(x, y), expected)
 
 
-def test_where_of_a_row_and_itself_is_the_row():
+def test_where_with_twice_the_same_row_returns_the_row():
     listing = Listing()
     x = listing.row(0, 0)
     assert elementary.where(x > 0.0, x, listing.row(0, 0)).line == x.line
@@ -412,7 +422,7 @@ def test_a_formula_with_results_of_another_layout_is_refused():
         kernel(placed, (ROW,), (ROW, ROW, ROW), single_vehicle=True)
 
 
-PROGRAM = """
+CACHING_PROGRAM = """
 import numpy as np
 from drake_quad.framework import machine_code
 from drake_quad.framework.formulas import kernel
@@ -435,7 +445,12 @@ def run(folder, cache):
         "PYTHONPATH": f"{folder}{os.pathsep}{os.pathsep.join(sys.path)}",
     }
     done = subprocess.run(
-        [sys.executable, "-B", "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True, cwd=folder
+        [sys.executable, "-B", "-c", CACHING_PROGRAM],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
     )
     value, compiled = done.stdout.split()
     return float(value), int(compiled)
@@ -471,7 +486,7 @@ def test_damaged_machine_code_is_recompiled(tmp_path):
 
 
 @pytest.mark.slow
-def test_without_a_cache_folder_every_process_compiles(tmp_path):
+def test_every_process_compiles_if_there_is_no_cache_folder(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     (tmp_path / "file").write_text("")
     for cache in ("", tmp_path / "file" / "cache"):

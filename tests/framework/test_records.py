@@ -21,14 +21,14 @@ class Line(NamedTuple):
     style: Any = Point()
 
 
-LINE = Line(1.0, (Point(2.0, 3.0), Point(4.0, 5.0)), (Point(6.0, 7.0),), Point(8.0, 9.0))
+EXAMPLE_LINE = Line(1.0, (Point(2.0, 3.0), Point(4.0, 5.0)), (Point(6.0, 7.0),), Point(8.0, 9.0))
 
 
 def test_rows_of_nested_records_are_consecutive():
-    layout = layout_of(Line, LINE)
+    layout = layout_of(Line, EXAMPLE_LINE)
     assert layout.num_rows == 9
-    assert layout.flatten(LINE) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
-    assert layout.build([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]) == LINE
+    assert layout.flatten(EXAMPLE_LINE) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
+    assert layout.build([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]) == EXAMPLE_LINE
     assert isinstance(layout.build(range(9)).style, Point)
     assert layout.names == (
         "width",
@@ -49,7 +49,7 @@ class WithOptionalPart(NamedTuple):
     last: Annotated[Row, "m"] | None = None
 
 
-def test_parts_that_are_none_have_no_rows():
+def test_fields_that_are_none_have_no_rows():
     whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0), 4.0), WithOptionalPart(1.0)
     for value, names in ((whole, ("first", "point.x", "point.y", "last")), (bare, ("first",))):
         layout = layout_of(WithOptionalPart, value)
@@ -59,7 +59,7 @@ def test_parts_that_are_none_have_no_rows():
     assert layout_of(WithOptionalPart, bare) != layout_of(WithOptionalPart, whole)
 
 
-def test_a_part_that_is_unexpectedly_none_or_not_none_is_refused():
+def test_a_field_that_is_unexpectedly_none_or_not_none_is_refused():
     whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0)), WithOptionalPart(1.0)
     with pytest.raises(TypeError, match="expected None, not Point"):
         layout_of(WithOptionalPart, bare).flatten(whole)
@@ -77,13 +77,13 @@ def test_types_of_fixed_length_determine_their_layout():
     assert layout_of(Point) == layout_of(Point, Point(1.0, 2.0))
 
 
-def test_plain_tuples_become_records_of_the_types_of_the_fields():
+def test_plain_tuples_become_records_of_the_field_types():
     layout = layout_of(Line, Line(1.0, ((2.0, 3.0), (4.0, 5.0)), ()))
     assert layout.build(range(7)).ends == (Point(1, 2), Point(3, 4))
 
 
 @pytest.mark.parametrize("kind", [int, str, Any])
-def test_other_types_than_rows_are_refused(kind):
+def test_types_other_than_rows_records_and_tuples_are_refused(kind):
     with pytest.raises(TypeError, match="is not a type of rows"):
         layout_of(kind)
 
@@ -95,16 +95,16 @@ def test_a_tuple_of_any_length_requires_an_example(kind):
 
 
 def test_values_of_another_layout_are_refused():
-    layout = layout_of(Line, LINE)
+    layout = layout_of(Line, EXAMPLE_LINE)
     with pytest.raises(ValueError, match="Line has 9 rows, not 8"):
         layout.build(range(8))
     with pytest.raises(TypeError, match="expected Line with 4 parts"):
         layout.flatten((1.0, 2.0))
     with pytest.raises(TypeError, match="expected Point, not State"):
-        layout.flatten(LINE._replace(style=State(*range(12))))
+        layout.flatten(EXAMPLE_LINE._replace(style=State(*range(12))))
     for value in (Point(), None, "1.0", 1j, [1.0], {}):
         with pytest.raises(TypeError, match=f"expected a number or a row, not {type(value).__name__}"):
-            layout.flatten(LINE._replace(width=value))
+            layout.flatten(EXAMPLE_LINE._replace(width=value))
 
 
 class Frame(NamedTuple):
@@ -115,7 +115,7 @@ class Frame(NamedTuple):
 
 
 def test_a_record_is_built_from_attributes_of_the_same_names():
-    """A tuple or an object in the source becomes the record that the type of the field names."""
+    """A tuple or an object in the source becomes a record of the field's type."""
     source = SimpleNamespace(corner=(1.0, 2.0), size=3.0, hole=SimpleNamespace(x=4.0, y=5.0), marks=(), other=6.0)
     frame = record_like(Frame, source)
     assert frame == Frame(Point(1.0, 2.0), 3.0, Point(4.0, 5.0))

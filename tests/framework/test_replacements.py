@@ -1,4 +1,4 @@
-"""Tests of error messages about functions and operators in formulas that do not accept rows."""
+"""Tests of error messages about functions and operators that do not accept rows of a formula."""
 
 import math
 
@@ -12,9 +12,9 @@ from drake_quad.framework.records import layout_of
 from drake_quad.framework.replacements import REPLACEMENTS, replacement
 from drake_quad.signals import Attitude, Row
 
-ROW = layout_of(Row)
-NAMES = {**vars(elementary), "math": math}
-# Functions that are not in the namespace of NumPy, or that REPLACEMENTS expresses only for some arguments.
+ROW_LAYOUT = layout_of(Row)
+EXPRESSION_NAMESPACE = {**vars(elementary), "math": math}
+# Functions whose replacement cannot be compared with the NumPy function of the same name and any arguments.
 FUNCTIONS = {
     "all": lambda x, y: x > 0.0 and y > 0.0,
     "any": lambda x, y: x > 0.0 or y > 0.0,
@@ -37,36 +37,36 @@ FUNCTIONS = {
     "remainder": np.remainder,
     "where": lambda x, y: x if x > 0.0 else y,
 }
-POSITIVE_ONLY = {"log", "log10", "log1p", "power", "sqrt"}
+FUNCTIONS_OF_POSITIVE_NUMBERS = {"log", "log10", "log1p", "power", "sqrt"}
 
 
 def compiled(formula):
-    """Return the result of the machine code of a formula of one row, for the number 1."""
+    """Compile a formula of one row, and return the result for 1."""
     result = np.empty(1)
-    kernel(formula, (ROW,), (ROW,), single_vehicle=True)(1, 0.0, result, np.ones(1))
+    kernel(formula, (ROW_LAYOUT,), (ROW_LAYOUT,), single_vehicle=True)(1, 0.0, result, np.ones(1))
     return result[0]
 
 
 def evaluated(name, x, y):
-    return eval(REPLACEMENTS[name], NAMES, {"x": x, "y": y, "v": [x, y], "low": -0.2, "high": 0.3})
+    return eval(REPLACEMENTS[name], EXPRESSION_NAMESPACE, {"x": x, "y": y, "v": [x, y], "low": -0.2, "high": 0.3})
 
 
 @pytest.mark.parametrize("name", REPLACEMENTS)
-def test_a_replacement_computes_the_same_as_the_function_in_plain_python_and_in_machine_code(name):
+def test_a_replacement_agrees_with_the_function_in_python_and_in_machine_code(name):
     function = FUNCTIONS.get(name, lambda x, y: getattr(np, name)(x))
     for x, y in ((0.4, 0.7), (0.25, -0.3), (-0.4, -0.7), (-0.6, 0.25)):
-        if x < 0.0 and name in POSITIVE_ONLY:
+        if x < 0.0 and name in FUNCTIONS_OF_POSITIVE_NUMBERS:
             continue
         expected = function(x, y)
         assert evaluated(name, x, y) == pytest.approx(expected, rel=1e-12)
         result = np.empty(1)
-        run = kernel(lambda x, y: evaluated(name, x, y), (ROW, ROW), (ROW,), single_vehicle=True)
+        run = kernel(lambda x, y: evaluated(name, x, y), (ROW_LAYOUT, ROW_LAYOUT), (ROW_LAYOUT,), single_vehicle=True)
         run(1, 0.0, result, np.array([x]), np.array([y]))
         assert result[0] == pytest.approx(float(expected), rel=1e-12)
 
 
-def test_each_function_of_numpy_without_a_replacement_is_refused_as_well():
-    """NumPy's functions of one number either compute with rows, or are refused in a sentence."""
+def test_numpy_functions_without_a_replacement_are_also_refused():
+    """NumPy's functions of one number either accept rows, or raise an error with a one-sentence message."""
     functions = [each for each in vars(np).values() if isinstance(each, np.ufunc) and each.nargs == 2]
     assert len(functions) > 30
     for function in functions:
@@ -127,7 +127,7 @@ def test_each_function_of_numpy_without_a_replacement_is_refused_as_well():
         (lambda x: len(f"{x:.2f}") * x, "set the environment variable DRAKE_QUAD_INTERPRETED"),
     ],
 )  # fmt: skip
-def test_what_does_not_accept_rows_is_refused_with_a_replacement(formula, words):
+def test_the_error_about_a_function_that_does_not_accept_rows_suggests_a_replacement(formula, words):
     with pytest.raises(TypeError, match=rf"^formula <lambda>: .*{words}"):
         compiled(formula)
 
@@ -151,7 +151,7 @@ def test_linear_algebra_on_lists_of_rows_is_accepted(formula, expected):
     assert compiled(formula) == expected
 
 
-def test_an_index_error_of_the_author_stays_an_index_error():
+def test_an_index_error_in_a_formula_remains_an_index_error():
     with pytest.raises(IndexError, match="^formula <lambda>: list index out of range$"):
         compiled(lambda x: [x][2])
     with pytest.raises(IndexError, match="a row cannot be an index: use where"):

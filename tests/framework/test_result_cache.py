@@ -15,42 +15,42 @@ from drake_quad.framework import code_cache, result_cache
 from drake_quad.framework.result_cache import _identity, _program, cached_on_disk
 from drake_quad.scenario.distributions import Model
 
-CALLS = []
+COMPUTED_CALLS = []
 
 
 def square(values, *, shift=0.0):
-    CALLS.append(values)
+    COMPUTED_CALLS.append(values)
     if np.any(values < 0.0):
         raise ValueError("negative")
     return values**2 + shift
 
 
 def gain_of(models):
-    CALLS.append(models)
+    COMPUTED_CALLS.append(models)
     return models[0].gain
 
 
 def cube(values):
-    CALLS.append(values)
+    COMPUTED_CALLS.append(values)
     return values**3
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Return the folder of the cache, which does not exist yet."""
+    """Return a cache folder that does not exist yet."""
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(result_cache, "_program", lambda: "a program")
-    CALLS.clear()
+    COMPUTED_CALLS.clear()
     return tmp_path / "cache"
 
 
 def test_a_result_is_computed_once():
     for _ in range(2):
         np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0), shift=1.0), [1.0, 2.0, 5.0])
-    assert len(CALLS) == 1
+    assert len(COMPUTED_CALLS) == 1
 
 
-def test_results_differ_by_arguments_function_and_program(monkeypatch):
+def test_results_are_cached_separately_for_each_program_function_and_arguments(monkeypatch):
     values = np.arange(3.0)
     assert cached_on_disk(square, values)[2] == 4.0
     assert cached_on_disk(square, values + 1.0)[2] == 9.0
@@ -58,11 +58,11 @@ def test_results_differ_by_arguments_function_and_program(monkeypatch):
     assert cached_on_disk(cube, values)[2] == 8.0
     monkeypatch.setattr(result_cache, "_program", lambda: "another program")
     assert cached_on_disk(square, values)[2] == 4.0
-    assert len(CALLS) == 5
+    assert len(COMPUTED_CALLS) == 5
 
 
 def test_equal_scenarios_have_the_same_key_in_every_process():
-    """Pydantic's own pickle of a scenario contains a set of names, whose order differs between processes."""
+    """Pydantic pickles a scenario with a set of names, whose order differs between processes."""
     statement = (
         "import hashlib; from drake_quad import load_scenario; from drake_quad.framework.result_cache import _identity;"
         "print(hashlib.sha256(_identity([load_scenario('robustness'), load_scenario('forest')])).hexdigest())"
@@ -81,13 +81,13 @@ def test_equal_arguments_have_the_same_key_although_they_are_not_the_same_object
     assert _identity([shared, shared]) == _identity([(1.0, "a"), (float("1"), "a")])
 
 
-def test_a_result_for_a_model_of_the_user_is_not_cached(folder):
+def test_a_result_that_depends_on_a_user_s_model_class_is_not_cached(folder):
     class Settings(Model):
         gain: float = 1.0
 
     for _ in range(2):
         assert cached_on_disk(gain_of, (Settings(),)) == 1.0
-    assert len(CALLS) == 2
+    assert len(COMPUTED_CALLS) == 2
     assert not folder.exists()
 
 
@@ -95,16 +95,16 @@ def test_errors_are_not_cached():
     for _ in range(2):
         with pytest.raises(ValueError, match="negative"):
             cached_on_disk(square, np.array([-1.0]))
-    assert len(CALLS) == 2
+    assert len(COMPUTED_CALLS) == 2
 
 
-def test_a_result_that_others_could_have_written_is_computed_again(folder):
+def test_a_result_in_a_file_that_others_can_write_is_computed_again(folder):
     cached_on_disk(square, np.arange(3.0))
     (file,) = folder.iterdir()
     assert oct(file.stat().st_mode & 0o777) == "0o600"
     file.chmod(0o666)
     cached_on_disk(square, np.arange(3.0))
-    assert len(CALLS) == 2
+    assert len(COMPUTED_CALLS) == 2
 
 
 def test_a_damaged_result_is_never_unpickled(folder):
@@ -114,7 +114,7 @@ def test_a_damaged_result_is_never_unpickled(folder):
     content[10] ^= 1
     file.write_bytes(content)
     np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0)), [0.0, 1.0, 4.0])
-    assert len(CALLS) == 2
+    assert len(COMPUTED_CALLS) == 2
 
 
 def test_old_results_are_pruned_like_machine_code(folder):
@@ -127,8 +127,8 @@ def test_old_results_are_pruned_like_machine_code(folder):
 def package(tmp_path, monkeypatch):
     """Return a folder with copies of some files, which represents the package."""
     copy = tmp_path / "package"
-    shutil.copytree(result_cache._PACKAGE / "framework", copy, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(result_cache, "_PACKAGE", copy)
+    shutil.copytree(result_cache._PACKAGE_FOLDER / "framework", copy, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(result_cache, "_PACKAGE_FOLDER", copy)
     return copy
 
 
@@ -152,14 +152,14 @@ def test_a_process_whose_sources_were_edited_after_its_start_caches_nothing(pack
     assert program() is None
 
 
-def test_a_program_without_sources_is_not_identified(tmp_path, monkeypatch):
-    monkeypatch.setattr(result_cache, "_PACKAGE", tmp_path / "archive.zip" / "drake_quad")
+def test_a_program_without_source_files_cannot_be_identified(tmp_path, monkeypatch):
+    monkeypatch.setattr(result_cache, "_PACKAGE_FOLDER", tmp_path / "archive.zip" / "drake_quad")
     assert program() is None
 
 
-def test_a_program_that_is_not_identified_caches_nothing(monkeypatch, folder):
+def test_nothing_is_cached_if_the_program_cannot_be_identified(monkeypatch, folder):
     monkeypatch.setattr(result_cache, "_program", lambda: None)
     for _ in range(2):
         cached_on_disk(square, np.arange(3.0))
-    assert len(CALLS) == 2
+    assert len(COMPUTED_CALLS) == 2
     assert not folder.exists()

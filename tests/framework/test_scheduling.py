@@ -1,4 +1,4 @@
-"""Tests of the scheduling of the lines of a listing."""
+"""Tests of the order in which the lines of a listing are scheduled."""
 
 import random
 
@@ -10,7 +10,7 @@ from drake_quad.framework.symbols import LEAVES, Listing
 
 
 def chains(count, length):
-    """Return a listing of independent chains of sums, in which the chains follow each other."""
+    """Return a listing of independent chains of sums, one chain after the other."""
     listing = Listing()
     for chain in range(count):
         x = listing.row(0, chain)
@@ -45,20 +45,20 @@ def test_chains_are_interleaved_so_that_no_line_waits_for_the_previous_one():
         for operand in listing.operations[line].operands
         if operand in position
     ]
-    assert min(gaps) >= scheduling._LATENCY["add"] * scheduling._WIDTH
+    assert min(gaps) >= scheduling._LATENCIES["add"] * scheduling._LINES_PER_CYCLE
 
 
 def test_no_more_chains_start_than_the_latency_requires():
-    """As many chains start as there are lines in the latency of the first chain, which then continues."""
+    """Chains start until the first result is available. Then the first chain continues."""
     listing = chains(30, 2)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     begins, ends = sums[::2], sums[1::2]
     order = [line for line in schedule(listing) if line in sums]
-    count = scheduling._LATENCY["add"] * scheduling._WIDTH
+    count = scheduling._LATENCIES["add"] * scheduling._LINES_PER_CYCLE
     assert order[: 2 * count] == begins[:count] + ends[:count]
 
 
-def test_no_line_beyond_the_window_is_scheduled(monkeypatch):
+def test_only_lines_within_the_window_are_scheduled(monkeypatch):
     """A window of one line keeps the order of the listing, and a small window stays close to it."""
     listing = chains(12, 5)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]

@@ -1,4 +1,4 @@
-"""Tests of the digest of a listing, which is the key of its cached machine code."""
+"""Tests of the digest that identifies a listing and is the key of its cached machine code."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ import pytest
 from drake_quad.framework import elementary
 from drake_quad.framework.symbols import Listing, Matrix, SymbolKind
 
-LAYER = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
+LAYER_MATRIX = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
 
 
 def branched(*, factor=2.0, mask=1.0, argument=0):
@@ -20,7 +20,7 @@ def branched(*, factor=2.0, mask=1.0, argument=0):
     return traced
 
 
-def layered(*, matrix=LAYER, activation=elementary.tanh):
+def layered(*, matrix=LAYER_MATRIX, activation=elementary.tanh):
     def traced(listing):
         elementary.dense(matrix, [listing.row(0, 0), listing.row(0, 1)], activation)
 
@@ -34,7 +34,7 @@ LISTINGS = {
     "a sum of another group": lambda listing: listing.row(1, 0) + listing.row(1, 1),
     "a sum with itself": lambda listing: listing.row(0, 0) + listing.row(0, 0),
     "rows": lambda listing: [listing.row(0, 0), listing.row(0, 1)],
-    "a shared number": lambda listing: listing.shared(0),
+    "a shared value": lambda listing: listing.shared(0),
     "zero": lambda listing: listing.constant(0.0),
     "minus zero": lambda listing: listing.constant(-0.0),
     "a word": lambda listing: listing.constant(np.uint64(0)),

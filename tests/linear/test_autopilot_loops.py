@@ -1,4 +1,4 @@
-"""Tests of linear models and designed gains with attitude control on board, as loops or as an identified response."""
+"""Tests of linear models and gain design for an autopilot, modelled by its loops or an identified response."""
 
 import re
 import shlex
@@ -31,18 +31,18 @@ from drake_quad.linear.sampled_system import at_tick, linearize
 from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.hovering import at_rest, nominal_hover
 
-RESPONSE = [
+RESPONSE_OVERRIDES = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.45, 0.5, 0.7]}",
     "control.position.feed_forward=acceleration",
 ]
-AUTOPILOT_OVERRIDES = {"attitude": [], "response": RESPONSE}
-ASYMMETRIC = [
+AUTOPILOT_OVERRIDES = {"attitude": [], "response": RESPONSE_OVERRIDES}
+ASYMMETRIC_OVERRIDES = [
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [1.2, 1.5, 5.5], k_d: [1.5, 1.7, 3.4]}",
 ]
 ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}
-# These overrides add delays, a filter, wind, an asymmetric vehicle, and steps at twice the rate of the autopilot.
-IMPERFECTIONS = [
+# These overrides add delays, a filter, wind, an asymmetric vehicle, and two vehicle steps per autopilot period.
+IMPERFECT_OVERRIDES = [
     "vehicle={time_step: 0.00125, centre_of_mass: [0.0005, -0.0003]}",
     "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
     "laboratory.command_link.delay_ticks=2",
@@ -58,9 +58,9 @@ def onboard(diagrams):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
-@pytest.mark.parametrize("overrides", [[], IMPERFECTIONS])
+@pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
 def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, kind, overrides):
-    """A control period has eight periods of the autopilot, and eight or sixteen steps of the vehicle."""
+    """A control period has eight autopilot periods, and eight or sixteen time steps of the vehicle."""
     scenario = at_rest(onboard(*AUTOPILOT_OVERRIDES[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
@@ -73,14 +73,14 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, k
     assert "laboratory.command_link.attitude_target.roll" in system.states
 
 
-def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
+def test_the_plant_on_board_is_a_double_integrator_in_series_with_the_rotor_lag(onboard):
     """The expected response includes a zero-order hold over a period of the autopilot, and no delay."""
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     hold = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
     for time_step in (0.0025, 0.00125):
-        whole = on_board_plant(onboard(*ASYMMETRIC, f"vehicle.time_step={time_step}"))
+        whole = on_board_plant(onboard(*ASYMMETRIC_OVERRIDES, f"vehicle.time_step={time_step}"))
         assert whole.period == h
         for torque, angle, rate, inertia in (
             ("tau_x", "roll", "p", 0.0065),
@@ -96,7 +96,7 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
 
 def test_poles_of_the_yaw_loop_on_board_agree_with_the_whole_diagram(onboard):
     """Only the autopilot acts on the yaw. A tick has eight autopilot periods, so poles appear as eighth powers."""
-    scenario = with_autopilot_gains(onboard(*ASYMMETRIC), ON_BOARD_GAINS)
+    scenario = with_autopilot_gains(onboard(*ASYMMETRIC_OVERRIDES), ON_BOARD_GAINS)
     yaw_plant = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
     yaw_plant = yaw_plant.connected().scaled(0.0126, "acceleration_command")
     outer = on_board_attitude_plant(yaw_plant, 10.0)
@@ -110,7 +110,7 @@ def test_poles_of_the_yaw_loop_on_board_agree_with_the_whole_diagram(onboard):
 
 def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
     """The modes of the yaw, on which no position loop acts, are exp(s h) with s = ω_n (-ζ ± i √(1 - ζ²))."""
-    multipliers = closed_loop(nominal_hover(onboard(*RESPONSE))).system.poles()
+    multipliers = closed_loop(nominal_hover(onboard(*RESPONSE_OVERRIDES))).system.poles()
     pole = np.exp(3.0 * 0.02 * complex(-0.7, np.sqrt(1.0 - 0.49)))
     assert np.abs(multipliers - pole).min() < 1e-9
 
@@ -118,7 +118,7 @@ def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
 @pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
     """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
-    scenario = onboard(*AUTOPILOT_OVERRIDES[kind], *ASYMMETRIC)
+    scenario = onboard(*AUTOPILOT_OVERRIDES[kind], *ASYMMETRIC_OVERRIDES)
     if kind == "attitude":
         scenario = with_autopilot_gains(scenario, ON_BOARD_GAINS)
     position, laboratory = scenario.control.position, laboratory_plant(scenario)
@@ -138,7 +138,10 @@ def test_designed_poles_agree_with_the_whole_diagram(onboard, kind):
 
 @pytest.mark.slow
 def test_the_fastest_proportional_loop_within_its_margins_is_found(onboard):
-    """Without the hold of h / 2, k / (s (T s + 1)) has 60° at ω T = tan 30° for k = ω √(1 + ω² T²)."""
+    """Without the hold, k / (s (T s + 1)) has the phase margin 60° for ω T = tan 30° and k = ω √(1 + ω² T²).
+
+    The hold adds a delay of h / 2.
+    """
     plant = on_board_plant(onboard()).between(["wrench.tau_x"], ["state.p"]).connected().scaled(0.007, "a")
     design = design_loop(plant, Proportional(), Requirements(phase=60.0, gain=10.0), axis="roll rate")
     assert isinstance(design.gains, ProportionalGain)
@@ -161,7 +164,7 @@ def designed(onboard):
 
 
 @pytest.mark.slow
-def test_loops_on_board_are_designed_from_the_inside_out_within_their_margins(onboard, designed):
+def test_loops_on_board_are_designed_within_their_margins_rate_loops_first(onboard, designed):
     angles = ("roll", "pitch", "yaw")
     assert list(designed.on_board) == [loop for angle in angles for loop in (f"{angle} rate", angle)]
     assert list(designed.loops) == ["z", "x", "y"]
@@ -203,7 +206,7 @@ def test_shipped_gains_are_reproduced_by_their_documented_call(root, onboard, de
 
 
 def grows(scenario, row, duration):
-    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
+    """Return whether a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = initial_response(closed_loop(scenario), {row: 1e-5}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
@@ -223,7 +226,7 @@ def with_position_scaled(scenario, factor, axes):
 @pytest.mark.parametrize(
     ("kind", "row", "axes", "duration"), [("attitude", "z", (2,), 8.0), ("response", "x", (0, 1), 12.0)]
 )
-def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboard, kind, row, axes, duration):
+def test_flights_begin_to_oscillate_at_the_gain_limit_of_the_position_loop(onboard, kind, row, axes, duration):
     """A small displacement decays 2 % below the stability limit, and grows 2 % above the limit."""
     scenario = onboard(*AUTOPILOT_OVERRIDES[kind])
     loop = design_cascade(scenario).loops[row]
@@ -235,8 +238,8 @@ def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fraction", [0.98, 1.02])
-def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, designed, fraction):
-    """For the yaw, the limit of the attitude loop around the rate loop is correct to 2 %."""
+def test_flights_begin_to_oscillate_at_the_gain_limit_of_the_yaw_loop_on_board(onboard, designed, fraction):
+    """The gain limit of the yaw loop around the yaw rate loop is correct to 2 %."""
     factor = fraction * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
     resting = at_rest(nominal_hover(onboard()))
     gains = designed.autopilot_gains()
@@ -245,7 +248,7 @@ def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, des
     assert grows(changed, "yaw", 4.0) == (fraction > 1.0)
 
 
-def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(onboard):
+def test_a_scenario_at_rest_has_no_autopilot_noise_and_nominal_hover_has_no_bias_either(onboard):
     scenario = onboard("laboratory.autopilot={attitude_noise: 0.1, gyroscope_bias: [0.1, 0.2, 0.3]}")
     resting, nominal = (change(scenario).laboratory.autopilot for change in (at_rest, nominal_hover))
     assert resting == scenario.laboratory.autopilot.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
@@ -255,7 +258,7 @@ def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(on
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (RESPONSE, "laboratory.autopilot is of kind response, which has no gains; use kind attitude"),
+        (RESPONSE_OVERRIDES, "laboratory.autopilot is of kind response, which has no gains; use kind attitude"),
         (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but must be positive for the design of loops on board"),
     ],
 )
@@ -264,21 +267,21 @@ def test_loops_on_board_that_cannot_be_designed_are_refused(onboard, overrides, 
         design_cascade(onboard(*overrides), on_board=True)
 
 
-THROTTLES = [
+THROTTLE_OVERRIDES = [
     "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}",
     "vehicle.motors={kind: throttle, curve: [0.11, 1.05, 2.6]}",
 ]
 
 
-@pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
+@pytest.mark.parametrize("motors", [[], THROTTLE_OVERRIDES], ids=["speed", "throttle"])
 def test_poles_of_the_map_on_board_agree_with_the_diagram_without_position_control(onboard, motors):
-    """The vehicle is the actual one, not the nominal one. A tick has eight periods of the autopilot."""
+    """The map is for the actual vehicle, not the nominal one. A tick has eight autopilot periods."""
     actual = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
         "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
         "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
     ]
-    scenario = onboard(*ASYMMETRIC, *actual, *motors)
+    scenario = onboard(*ASYMMETRIC_OVERRIDES, *actual, *motors)
     k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
     gain_map = linear_map(scenario, "attitude", k_attitude, k_rate)
     np.testing.assert_array_equal(gain_map.stable, [[True] * 3, [False] * 3])
@@ -296,7 +299,7 @@ def test_poles_of_the_map_on_board_agree_with_the_diagram_without_position_contr
 def test_the_stability_limit_of_the_attitude_on_board_agrees_with_routh(onboard):
     """Routh's criterion applies to s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude).
 
-    T is the lag of the rotors, and the hold delays by h / 2.
+    T is the rotor lag, and h / 2 is the delay of the hold.
     """
     lag, hold = 0.05, 0.0025
     for k_rate in (4.0, 30.0):
@@ -330,4 +333,4 @@ def test_an_autopilot_of_kind_response_has_no_gains_to_map(onboard):
     words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
     for function in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):
-            function(onboard(*RESPONSE), "attitude")
+            function(onboard(*RESPONSE_OVERRIDES), "attitude")

@@ -1,4 +1,4 @@
-"""Tests of the closed loop at rest: equilibria, and multipliers that predict how the diagram decays or grows."""
+"""Tests of the closed loop at rest: equilibria, and Floquet multipliers that predict how deviations decay or grow."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def laboratory(diagrams):
 
 
 def fleet_after(scenario, start, equilibrium, deviations, end):
-    """Return the deviations (n, N) of a fleet from an equilibrium (n,) at a later tick, from initial deviations."""
+    """Return a fleet's deviations (n, N) from an equilibrium (n,) at a later tick, given the initial deviations."""
     n, N = deviations.shape
     single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
@@ -75,8 +75,8 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_in_wind_the_vehicle_settles_at_an_offset_from_the_reference(laboratory, side):
-    """The offset is D / (m k_P) and the tilt atan(D / m g).
+def test_a_vehicle_in_wind_settles_at_an_offset_from_the_reference(laboratory, side):
+    """The offset is D / (m k_P), and the tilt is atan(D / (m g)), with the drag D.
 
     The equilibrium is computed at four ticks after the start.
     """
@@ -90,7 +90,7 @@ def test_in_wind_the_vehicle_settles_at_an_offset_from_the_reference(laboratory,
     assert np.abs(loop.system.poles()).max() < 1.0
 
 
-def test_random_and_transient_effects_are_left_out(diagrams):
+def test_a_scenario_at_rest_has_no_random_or_transient_effects(diagrams):
     scenario = load_scenario(
         diagrams / "outdoor.yaml", ["vehicle.battery_sag=0.1", "vehicle.rotor_failure={rotor: 1, time: 1.0}"]
     )
@@ -128,7 +128,7 @@ def test_laboratories_without_a_plant_are_refused(laboratory, override, words):
 
 
 def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(laboratory):
-    """The gains from thrust to height have the inverse ratio of the masses. Thrust rotates neither vehicle."""
+    """The gain from thrust to height is inversely proportional to the mass. Thrust rotates neither vehicle."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
     for vehicle in ("nominal", "actual"):
@@ -192,7 +192,7 @@ def test_a_distribution_has_no_linear_model():
         closed_loop(scenario)
 
 
-def test_at_rest_no_crash_ends_the_flight_and_metrics_include_all_of_it(laboratory):
+def test_a_scenario_at_rest_has_no_position_limits_and_its_metrics_cover_the_whole_flight(laboratory):
     scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
     resting = at_rest(scenario.model_copy(update={"sample": 4}))
     assert (resting.sample, resting.duration) == (None, None)
@@ -204,7 +204,7 @@ def test_at_rest_no_crash_ends_the_flight_and_metrics_include_all_of_it(laborato
     assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
 
 
-def test_the_steady_wind_of_a_fan_is_kept_but_not_its_turbulence(laboratory):
+def test_a_scenario_at_rest_keeps_a_fan_s_steady_wind_but_not_its_turbulence(laboratory):
     fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
     scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
     kept_fan, steady = at_rest(scenario).laboratory.wind
@@ -212,7 +212,7 @@ def test_the_steady_wind_of_a_fan_is_kept_but_not_its_turbulence(laboratory):
     assert steady == scenario.laboratory.wind[1]
 
 
-def test_a_random_route_becomes_hover_at_its_middle(laboratory):
+def test_a_scenario_at_rest_hovers_at_the_middle_of_a_random_route(laboratory):
     drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
     assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
 
@@ -255,7 +255,7 @@ def test_the_states_of_the_rotors_are_thrust_and_three_torques(laboratory):
     assert plant.period == 0.02
 
 
-ARBITRARY_ROTORS = (
+ARBITRARY_LAYOUT = (
     "{kind: rotors, rotors: [{position: [0.14, -0.11, 0.02], turns: clockwise},"
     "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
     "{position: [-0.13, 0.10, 0.0], turns: clockwise, drag_factor: 8.2e-7},"
@@ -263,9 +263,9 @@ ARBITRARY_ROTORS = (
 )
 
 
-@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ARBITRARY_ROTORS])
+@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ARBITRARY_LAYOUT])
 def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory, layout):
-    """The allocation makes the wrench independent of the layout, so the response equals the one of the plus layout."""
+    """The allocation makes the wrench independent of the layout, so the response equals that of a plus layout."""
     plus, _ = laboratory_plant(laboratory())
     plant, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
     assert specific_thrust == pytest.approx(9.81, rel=1e-12)
@@ -273,7 +273,7 @@ def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory
     scale = np.abs(plus.response(points)).max(axis=(0, 1))
     difference = np.abs(plant.response(points) - plus.response(points)).max(axis=(0, 1))
     np.testing.assert_array_less(difference, 1e-9 * scale + 1e-9)
-    # Each transformed rotor state acts only on the quantity after which it is named.
+    # Each transformed rotor state affects only the quantity after which it is named.
     rates = [plant.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
     rotors = [plant.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
     entries = plant.A[np.ix_(rates, rotors)]
@@ -282,9 +282,9 @@ def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory
 
 
 def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory):
-    """In an X layout, the gains increase with the width for roll, and with the length for pitch.
+    """In an X layout, the roll gain increases with the width, and the pitch gain with the length.
 
-    The yaw is unchanged.
+    The yaw gain does not change.
     """
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
@@ -300,9 +300,9 @@ def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory
 
 
 def stub_linearize(monkeypatch, changes, **entries):
-    """Replace `linearize` so that the state changes by given numbers, and return a list of its calls.
+    """Replace `linearize` with a stub that returns given state changes, and return a list of its calls.
 
-    An entry "A" replaces the first element of A.
+    The keyword `A` of the stub replaces the first element of the matrix A.
     """
     linearize, calls = closed_loop_module.linearize, []
 
@@ -346,7 +346,7 @@ def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
 def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, changes, entries, num_calls):
-    """With finite values, Newton's method makes twenty steps before it fails."""
+    """Newton's method makes twenty steps before it fails if all values are finite."""
     calls = stub_linearize(monkeypatch, changes, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())

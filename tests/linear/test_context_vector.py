@@ -1,4 +1,4 @@
-"""Tests of the state of a diagram as one vector."""
+"""Tests of the vector of a diagram's state."""
 
 from typing import NamedTuple
 
@@ -48,7 +48,7 @@ class NamedMemory(FleetSystem):
 
 @pytest.fixture
 def nested():
-    """Return a diagram with the system "b" and the subdiagrams "inner" with "a" and "watcher" with "c"."""
+    """Return a diagram with the system "b", a subdiagram "inner" with "a", and a subdiagram "watcher" with "c"."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("b", Memory(100.0))
     for name, system in (("inner", ("a", NamedMemory(parameters=Count(200.0)))), ("watcher", ("c", Memory(300.0)))):
@@ -66,7 +66,7 @@ def test_leaf_systems_are_found_by_path_without_excluded_subsystems(nested):
     assert subsystem(nested, ()) is nested
 
 
-def test_numbers_are_ordered_by_system_and_group(nested):
+def test_elements_are_ordered_by_system_and_group(nested):
     layout = ContextVector(nested, without=("watcher",))
     context = nested.CreateDefaultContext()
     assert layout.names == (
@@ -88,7 +88,7 @@ def test_numbers_are_ordered_by_system_and_group(nested):
     np.testing.assert_array_equal(named.read(nested, context), range(200, 208))
 
 
-def test_vehicles_of_a_fleet_are_numbered():
+def test_element_names_of_a_fleet_contain_the_vehicle_number():
     builder = DiagramBuilder()
     builder.AddNamedSystem("a", NamedMemory(num_vehicles=2, parameters=Count(np.array([10.0, 20.0]))))
     diagram = builder.Build()
@@ -101,7 +101,7 @@ def test_vehicles_of_a_fleet_are_numbered():
     np.testing.assert_array_equal(numbers_read, [start + row for row in range(5) for start in (10.0, 20.0)])
 
 
-def test_written_numbers_are_read_back_and_nothing_else_changes(nested):
+def test_written_values_are_read_back_and_nothing_else_changes(nested):
     layout = ContextVector(nested, without=("b",), parameters=True)
     whole = ContextVector(nested, parameters=True)
     context = nested.CreateDefaultContext()
@@ -111,12 +111,12 @@ def test_written_numbers_are_read_back_and_nothing_else_changes(nested):
     np.testing.assert_array_equal(whole.read(nested, context), [*before[:8], *range(16)])
 
 
-def test_a_diagram_without_state_has_no_numbers(nested):
+def test_the_vector_of_a_diagram_without_state_is_empty(nested):
     layout = ContextVector(nested, without=("b", "inner", "watcher"))
     assert layout.read(nested, nested.CreateDefaultContext()).shape == (0,)
 
 
-def test_rows_of_a_port_are_named_by_its_signal_or_numbered():
+def test_port_rows_are_named_after_the_fields_of_the_signal_or_numbered():
     assert port_rows("state", 12)[:4] == ("state.x", "state.y", "state.z", "state.roll")
     assert port_rows("wrench", 4)[0] == "wrench.thrust"
     assert port_rows("statement", 1) == ("statement.0",)

@@ -1,4 +1,4 @@
-"""Tests of the position error in hover to first order in the noise, by comparison with simulated flights."""
+"""Tests that the linear model predicts the position error of simulated flights in hover."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from drake_quad.flight.simulation import simulate_samples
 from drake_quad.linear.hover_covariance import linear_hover_error
 
 TURBULENCE = "{kind: dryden, level: light, intensity: 0.02, height: 3.048, airspeed: 3.0}"
-STEADY = "{kind: steady, velocity: [0.1, 0.05, 0.0]}"
-# With little wind and noise, and without losses and quadratic drag, the loop is nearly linear.
-NEARLY_LINEAR = [
+STEADY_WIND = "{kind: steady, velocity: [0.1, 0.05, 0.0]}"
+# The loop is nearly linear with little wind and noise, and without losses and quadratic drag.
+NEARLY_LINEAR_OVERRIDES = [
     "laboratory.command_link.loss_rate=0",
     "laboratory.motion_capture.position_noise=0.0001",
     "laboratory.motion_capture.attitude_noise=0.0004",
     "vehicle.quadratic_drag=0",
-    f"laboratory.wind=[{STEADY}, {TURBULENCE}]",
+    f"laboratory.wind=[{STEADY_WIND}, {TURBULENCE}]",
     "route={kind: hover, position: [0, 0, 1], duration: 60}",
 ]
 
@@ -49,7 +49,7 @@ def hover_statistics(scenario, samples=24, settling_time=15.0):
 )
 def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, layer, overrides):
     layers = [] if layer is None else [diagrams / "controllers" / f"designed/laboratory.yaml:{layer}"]
-    scenario = load_scenario(name, [*NEARLY_LINEAR, *overrides], layers=layers)
+    scenario = load_scenario(name, [*NEARLY_LINEAR_OVERRIDES, *overrides], layers=layers)
     linear = linear_hover_error(scenario)
     mean, deviation, scatter_of_mean, scatter = hover_statistics(scenario)
     # The tolerance is four standard errors plus two per cent. Tilting reduces lift, which shifts the mean by a few
@@ -60,11 +60,11 @@ def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, l
     assert linear.rms == pytest.approx(np.sqrt(np.sum(linear.offset**2 + linear.deviation**2)))
 
 
-def test_variances_of_independent_noises_add_up(diagrams):
+def test_variances_due_to_independent_noise_sources_add_up(diagrams):
     def error(wind, noise):
         noiseless = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
         return linear_hover_error(
-            load_scenario("laboratory:nominal", [*NEARLY_LINEAR, wind, *([] if noise else noiseless)])
+            load_scenario("laboratory:nominal", [*NEARLY_LINEAR_OVERRIDES, wind, *([] if noise else noiseless)])
         )
 
     undisturbed = error("laboratory.wind=[]", noise=False)
@@ -74,7 +74,7 @@ def test_variances_of_independent_noises_add_up(diagrams):
     np.testing.assert_allclose(both.deviation**2, cameras.deviation**2 + air.deviation**2, rtol=1e-9)
 
 
-def test_the_linear_error_ignores_lost_packets_and_frames():
+def test_the_linear_prediction_ignores_lost_packets_and_frames():
     error = linear_hover_error(load_scenario("laboratory:nominal"))
     lossy = ["laboratory.command_link.loss_rate=0.2", "laboratory.motion_capture.dropout_rate=0.1"]
     np.testing.assert_array_equal(linear_hover_error(load_scenario("laboratory:nominal", lossy)), error)

@@ -13,13 +13,13 @@ from drake_quad.linear.link_margins import link_loops
 from drake_quad.linear.margins import frequencies, margins
 from drake_quad.scenario.hovering import nominal_hover
 
-ASYMMETRIC = [
+ASYMMETRIC_OVERRIDES = [
     "nominal.mass=0.75",
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [2.2, 2.6, 6.0], k_d: [1.6, 1.8, 3.7]}",
     "control.attitude={k_p: [12.5, 13.5, 5.2], k_d: [5.1, 5.6, 3.4]}",
 ]
-OBSERVER = (
+OBSERVER_OVERRIDE = (
     "control.position={kind: disturbance_observer, k_p: [1.8, 2.0, 5.0], k_d: [1.9, 2.1, 3.7], feed_forward: snap,"
     " position_noise: 0.001, deviation: [0.05, 0.06, 0.04], time_constant: [1.0, 1.2, 1.4],"
     " response: {kind: tilt, lag: 0.06}}"
@@ -33,7 +33,7 @@ def loaded(diagrams):
 
 
 def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
-    """Return the expected loop: the torque of a PD on the tilt, commanded by a PD on the position, eq (7)."""
+    """Return the expected torque loop: a PD on the tilt, which a PD on the position commands, eq (7)."""
     torque, tilt, rate, inertia, sign = {
         "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
         "y": ("tau_x", "roll", "p", 0.0065, -1.0),
@@ -46,7 +46,7 @@ def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
 
 
 def link_loop(scenario, row):
-    """Return the loop of a row, with the nominal vehicle."""
+    """Return the loop of a row of the command, with the nominal vehicle."""
     return link_loops(nominal_hover(scenario))[row]
 
 
@@ -55,8 +55,8 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_the_loop_of_a_torque_contains_attitude_and_position_and_that_of_thrust_the_height(loaded):
-    scenario = loaded(*ASYMMETRIC)
+def test_torque_loops_contain_attitude_and_position_and_the_thrust_loop_the_height(loaded):
+    scenario = loaded(*ASYMMETRIC_OVERRIDES)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
     loops = link_loops(nominal_hover(scenario))
@@ -72,7 +72,7 @@ def test_the_loop_of_a_torque_contains_attitude_and_position_and_that_of_thrust_
 
 @pytest.mark.slow
 def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
-    scenario = loaded(*ASYMMETRIC, OBSERVER)
+    scenario = loaded(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
     multipliers = closed_loop(nominal_hover(scenario)).system.poles()
     loop = link_loop(scenario, "tau_y")
     poles = loop.with_feedback(np.eye(1)).poles()
@@ -83,14 +83,16 @@ def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
 @pytest.mark.slow
 def test_the_loop_becomes_unstable_at_the_delay_margin(loaded):
     """The loop is stable with the largest number of delay ticks below the margin, and unstable with one more."""
-    scenario = loaded(*ASYMMETRIC, OBSERVER)
+    scenario = loaded(*ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE)
     loop = link_loop(scenario, "tau_x")
     ticks = int(margins(loop).delay / loop.period)
     assert ticks >= 3
 
     def largest_pole(extra_ticks):
-        """Return the magnitude of the largest pole with additional ticks of delay."""
-        delayed = loaded(*ASYMMETRIC, OBSERVER, f"laboratory.command_link.delay_ticks={1 + extra_ticks}")
+        """Return the largest magnitude of a pole, with additional ticks of delay."""
+        delayed = loaded(
+            *ASYMMETRIC_OVERRIDES, OBSERVER_OVERRIDE, f"laboratory.command_link.delay_ticks={1 + extra_ticks}"
+        )
         return np.abs(closed_loop(nominal_hover(delayed)).system.poles()).max()
 
     assert largest_pole(ticks) < 1.0 < largest_pole(ticks + 1)
@@ -102,8 +104,8 @@ SENSITIVITY_LIMITS |= {"priced.yaml:indi@3": 3.015}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SENSITIVITY_LIMITS)
-def test_the_shipped_controllers_meet_their_limits(diagrams, name):
-    """The sensitivity peak and the delay margin are limited, on a lateral and on the vertical axis."""
+def test_the_shipped_controllers_meet_the_limits_on_sensitivity_and_delay(diagrams, name):
+    """Sensitivity peak and delay margin are within their limits, on a lateral axis and on the vertical axis."""
     layers = [diagrams / "controllers" / "designed" / name]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
     sensitivity, delay = SENSITIVITY_LIMITS[name], 0.05

@@ -1,4 +1,4 @@
-"""Tests of the margins of any control at the command link, by comparison with designs and with flights."""
+"""Tests of the margins of any controller at the command link, by comparison with designs and with flights."""
 
 import functools
 
@@ -36,14 +36,14 @@ def asymmetric_lqg(asymmetric):
 
 
 def grows(scenario, row, duration):
-    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
+    """Return whether a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = initial_response(closed_loop(scenario), {row: 1e-6}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
     return last > third
 
 
-def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
+def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
     """A design breaks the loop at the commanded acceleration, which is the link's signal for thrust and yaw."""
     scenario = laboratory()
     designed = design_cascade(scenario)
@@ -52,21 +52,21 @@ def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
         np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
 
 
-def test_loops_with_an_autopilot_are_the_position_loops(diagrams):
+def test_the_link_loops_of_a_scenario_with_an_autopilot_are_the_position_loops(diagrams):
     """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
     assert [*margins_by_signal] == [*AttitudeTarget._fields[:4]]
     assert margins_by_signal["yaw"] is None
-    # The fed-forward body rates depend only on the reference, so they do not affect the loops.
+    # The feedforward body rates depend only on the reference, so they do not affect the loops.
     np.testing.assert_allclose(margins_by_signal["pitch"], designed.loops["x"].margins, rtol=1e-3)
     np.testing.assert_allclose(margins_by_signal["roll"], designed.loops["y"].margins, rtol=1e-3)
 
 
 @pytest.mark.parametrize("replaced_part", ["control", "position_controller"])
 def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(laboratory, replaced_part):
-    """The gains of the control that the user's system replaces have no influence."""
+    """The gains of the replaced control have no influence."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
     own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
@@ -83,7 +83,7 @@ def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(labo
 
 
 def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
-    """With unit feedback, L has the poles of the whole loop that are controllable from its signal."""
+    """L with unit feedback has those poles of the whole loop that are controllable from its signal."""
     scenario = asymmetric_lqg
     poles = closed_loop(scenario).system.poles()
     for loop in link_loops(scenario).values():
@@ -93,7 +93,7 @@ def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
         assert all(np.abs(poles - pole).min() < 1e-5 for pole in slow)
 
 
-CONTROLLERS = ("lqg.yaml:lqg", "paper.yaml:pd")
+CONTROLLER_FILES = ("lqg.yaml:lqg", "paper.yaml:pd")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, m
         np.testing.assert_allclose(margins_by_signal[name], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", CONTROLLER_FILES)
 def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, controller):
     fast = fast_link_margins(laboratory(controller))
     exact = [*margins_of(controller).values()]
@@ -120,7 +120,7 @@ def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, control
 
 
 def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_second(laboratory):
-    """The crossover of the height is at 0.4 rad/s."""
+    """The height loop has its crossover at 0.4 rad/s."""
     scenario = laboratory("paper.yaml:pd", "control.position={k_p: [1.6, 1.6, 0.05], k_d: [1.9, 1.9, 0.4]}")
     exact = link_margins(scenario)["thrust"]
     fast = fast_link_margins(scenario)
@@ -129,7 +129,7 @@ def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_sec
     assert fast.delay[0] == pytest.approx(exact.delay, rel=2e-4)
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", CONTROLLER_FILES)
 def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_of, controller):
     margins_by_signal = margins_of(controller)
     ticks = int(min(margins.delay for margins in margins_by_signal.values()) / TICK)
@@ -151,7 +151,7 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
 def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margins_of, controller, signal, side):
     """Dividing a moment of inertia by a factor increases the gain by this factor.
 
-    No rigid body has such moments of inertia, so the scenario is changed after it has been loaded.
+    No rigid body has these moments of inertia, so the scenario is changed after its validation.
     """
     sign = 1.0 if side == "gain" else -1.0
     limit = 10.0 ** (sign * getattr(margins_of(controller)[signal], side) / 20.0)
@@ -168,7 +168,7 @@ def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margi
     assert diverges(limit * (1.0 + 0.02 * sign))
 
 
-def test_an_unstable_loop_has_no_margins_and_slow_cameras_no_link(laboratory):
+def test_margins_of_an_unstable_loop_and_of_slow_cameras_are_refused(laboratory):
     with pytest.raises(InputError, match="the loop of nominal is unstable in hover .its largest pole has magnitude 1"):
         link_margins(laboratory("lqg.yaml:lqg", "laboratory.command_link.delay_ticks=6"))
     with pytest.raises(InputError, match=r"motion_capture.period is 0.04 s, but must be at most"):

@@ -30,7 +30,7 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
-    """Return True if the loop is stable with its gain multiplied by `factor` and with additional ticks of delay."""
+    """Return whether the loop is stable with its gain multiplied by `factor` and with additional ticks of delay."""
     n = len(loop.A)
     A = np.zeros((n + more_delay, n + more_delay))
     A[:n, :n] = loop.A
@@ -45,10 +45,10 @@ def is_stable(loop, factor=1.0, more_delay=0):
     return np.abs(np.linalg.eigvals(A - factor * B @ C)).max() < 1.0
 
 
-CASES = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
+PD_GAINS = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
 
 
-@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+@pytest.mark.parametrize(("k_p", "k_d"), PD_GAINS)
 def test_the_closed_loop_becomes_unstable_at_the_gain_margin(k_p, k_d):
     loop = loop_of(k_p, k_d)
     factor = 10.0 ** (margins(loop).gain / 20.0)
@@ -56,9 +56,9 @@ def test_the_closed_loop_becomes_unstable_at_the_gain_margin(k_p, k_d):
     assert not is_stable(loop, 1.0001 * factor)
 
 
-@pytest.mark.parametrize(("k_p", "k_d"), CASES[:2])
+@pytest.mark.parametrize(("k_p", "k_d"), PD_GAINS[:2])
 def test_margins_match_python_control(k_p, k_d):
-    """python-control interpolates the same frequency response, since its polynomials in z have too few digits."""
+    """python-control gets the frequency response, since its polynomials in z lose too many digits."""
     import control
 
     loop = loop_of(k_p, k_d)
@@ -74,7 +74,10 @@ def test_margins_match_python_control(k_p, k_d):
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
-    """At the searched gains the margin is a whole number of ticks. Larger gains are unstable with this delay."""
+    """The test searches the gains for which the margin is a whole number of ticks.
+
+    Larger gains are unstable with this delay.
+    """
     low, high = 0.02, 50.0  # factors of the gains
     grid = frequencies(PERIOD)
     for _ in range(60):
@@ -89,7 +92,7 @@ def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
 
 
 def nearest_crossing(L):
-    """Return the smallest angle (degrees) between -1 and the crossings of the unit circle by a Nyquist curve."""
+    """Return the smallest angle (degrees) between -1 and a point where the Nyquist curve crosses the unit circle."""
     crossings = np.flatnonzero(np.diff(np.abs(L) > 1.0))
     return np.degrees(np.abs(np.angle(-L[crossings]))).min()
 
@@ -109,7 +112,7 @@ def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
 
 
 def test_a_real_positive_response_does_not_limit_the_gain():
-    """A resonance with the opposite sign is larger where its response is positive than where it is negative."""
+    """The response of a resonance with the opposite sign is larger where it is positive than where it is negative."""
     loop, _ = resonance(gain=-0.02, delay_ticks=2)
     factor = 10.0 ** (margins(loop).gain / 20.0)
     response = loop.response(np.exp(1j * frequencies(PERIOD) * PERIOD))[:, 0, 0]
@@ -119,7 +122,7 @@ def test_a_real_positive_response_does_not_limit_the_gain():
 
 
 def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
-    """The phase of a sharp resonance jumps by more than π within a step of the grid, where L is positive."""
+    """The phase of a sharp resonance jumps by more than π within one step of the grid, where L is positive."""
     loop, _ = resonance(gain=0.1, delay_ticks=10, frequency=20.0, damping=1e-5)
     grid = frequencies(PERIOD)
 
@@ -132,11 +135,11 @@ def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
 
 
 @pytest.mark.slow
-def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn():
+def test_the_delay_margin_of_a_resonance_with_more_than_a_turn_of_delay_is_the_rest_of_the_turn():
     """A resonance at 4 rad/s has a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay.
 
-    At both crossovers the phase is far below -180°. The delay margin is the delay to the next lower -180° crossing, not
-    to the nearest one. Closed loops confirm a margin of 0.497 s.
+    At both crossovers, the phase is far below -180°. The delay margin is the delay until the phase falls to the next
+    lower odd multiple of 180°, which need not be the nearest one. Closed loops confirm a margin of 0.497 s.
     """
     delay_ticks = 55
     loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
@@ -148,13 +151,13 @@ def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn(
     exact = margins(loop)
     assert exact.delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(exact.delay, rel=1e-3)
-    # For the phase margin, the phase may change in either direction, so the nearest -180° counts, which is above here.
+    # The phase margin limits changes in both directions, so the nearest -180° counts, which is above the phase here.
     assert exact.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
 
 
-@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+@pytest.mark.parametrize(("k_p", "k_d"), PD_GAINS)
 def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     import control
 
@@ -171,7 +174,7 @@ def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
     fine = np.linspace(grid[top - 1], grid[top + 1], 1001)
     assert exact.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
-    # The margins that the disk implies cannot be larger than the margins themselves.
+    # The gain and phase margins cannot be smaller than those that the disk guarantees.
     assert -20.0 * np.log10(low) <= exact.gain * (1.0 + 1e-6)
     assert np.degrees(2.0 * np.arctan(0.5 * exact.disk)) <= exact.phase * (1.0 + 1e-6)
 
@@ -189,7 +192,7 @@ def test_a_pole_may_cross_the_unit_circle_at_minus_one():
     assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
 
 
-@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+@pytest.mark.parametrize(("k_p", "k_d"), PD_GAINS)
 def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
     """L is evaluated by elimination at each frequency, and SciPy finds its crossings and maxima."""
     loop, exact = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
@@ -232,7 +235,7 @@ def second_order(frequency, damping):
 def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
     """The sensitivity S is (z - 1)² / (z² - t z + d), so |S|² is a quotient of quadratics in x = cos ω.
 
-    This quotient is largest at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
+    The maximum of this quotient is at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
     """
     loop, pole = second_order(frequency, damping)
 
@@ -266,13 +269,13 @@ def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
     best = scipy.optimize.minimize_scalar(
         minus_sensitivity, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
     )
-    # Rounding moves a pole by about 1e-15, which changes the height of its peak.
+    # Rounding moves the pole by about 1e-15, which changes the height of its peak.
     assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
 
 
 @pytest.mark.slow
-def test_the_gain_around_an_unstable_plant_has_a_lower_limit():
-    """With a pole at 2 1/s, the loop is unstable below the gain reduction margin, as closed loops confirm."""
+def test_the_loop_gain_of_an_unstable_plant_has_a_lower_limit():
+    """The plant has a pole at 2 1/s. Closed loops confirm that the loop is unstable below the gain reduction margin."""
     pole, h = np.exp(2.0 * PERIOD), PERIOD
     loop = SampledSystem(*(np.array([[x]]) for x in (pole, 1.0, 0.2, 0.0)), h, ("x",), ("u",), ("y",))
     factor = 10.0 ** (-margins(loop).gain_reduction / 20.0)
@@ -283,9 +286,9 @@ def test_the_gain_around_an_unstable_plant_has_a_lower_limit():
 
 
 @pytest.mark.slow
-def test_margins_of_many_loops_equal_those_of_each():
+def test_fast_margins_of_many_loops_equal_those_of_each_loop():
     grid = frequencies(PERIOD)
-    loops = [loop_of(*gains) for gains in CASES]
+    loops = [loop_of(*gains) for gains in PD_GAINS]
     responses = np.array([loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0] for loop in loops])
     fast = fast_margins(responses, grid)
     for i, loop in enumerate(loops):
@@ -313,7 +316,7 @@ def test_the_grid_ends_just_below_half_the_sampling_rate():
 
 
 def first_order(pole, gain, direct=0.0):
-    """Return gain / (z - pole) + direct."""
+    """Return the loop gain / (z - pole) + direct."""
     matrices = (np.array([[number]]) for number in (pole, 1.0, gain, direct))
     return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
 
@@ -328,14 +331,14 @@ def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_fr
 
 
 @pytest.mark.slow
-def test_a_loop_that_follows_at_all_frequencies_has_infinite_bandwidth():
+def test_a_loop_that_never_falls_below_minus_3_db_has_infinite_bandwidth():
     exact = margins(first_order(0.5, 0.0, direct=10.0))
     assert exact.bandwidth == np.inf
     assert exact.sensitivity == pytest.approx(1.0 / 11.0)
 
 
 def test_a_pole_may_cross_the_unit_circle_at_one_or_minus_one():
-    """For known gains f, 1 + f L is zero at z = 1 or at z = -1."""
+    """1 + f L is zero at z = 1 or at z = -1, for factors f in closed form."""
     for gain in (0.1, -0.1):
         exact, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
         # L(1) = 2 gain, L(-1) = -gain / 1.5.
@@ -369,7 +372,7 @@ def test_fast_margins_of_loops_without_crossings_are_infinite():
 @pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
 @pytest.mark.parametrize("steepness", [-7.0, 7.0])
 def test_fast_margins_are_exact_for_a_linear_logarithm_of_the_response(turns, steepness):
-    """At ω_c, L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns) has magnitude one and the given phase in turns."""
+    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns) has magnitude one and the phase `turns` at ω_c."""
     crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
     # The phase changes by two radians from one frequency to the next.
     assert 2.0 < abs(steepness) * np.log(grid[1] / grid[0]) < np.pi

@@ -112,7 +112,7 @@ def test_a_slung_load_swings_as_a_double_pendulum():
     ]
 
 
-def test_linear_models_leave_out_the_thrust_curve_and_the_battery():
+def test_linear_models_omit_the_thrust_curve_and_the_battery():
     parameters = QuadrotorParameters()
     before = Effects(thrust_curve=ThrustCurve(0.1, 1.0, 2.8), battery=Battery(12.6, 10.0, 1.0, 0.02, 0.7))
     trim = find_trim(parameters, effects=before)
@@ -125,25 +125,29 @@ def laboratory(diagrams):
     return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
 
 
-PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: {}, event: {}}}"
+PAYLOAD_OVERRIDE = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: {}, event: {}}}"
 
 
-def test_the_loop_at_rest_has_the_payload_of_the_beginning(laboratory):
+def test_a_scenario_at_rest_has_the_payload_from_the_beginning_of_the_flight(laboratory):
     for time, event, is_carried in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
-        resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
+        resting = at_rest(laboratory(PAYLOAD_OVERRIDE.format(time, event))).vehicle
         payload = resting.effect_parameters().payload
         assert (payload is not None) == is_carried
         if payload is not None:
             masses = [loaded_body(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
             assert masses == pytest.approx([0.73] * 4)
-    assert at_rest(laboratory(PAYLOAD.format(0.0, "dropped"))).vehicle.payload is None
+    assert at_rest(laboratory(PAYLOAD_OVERRIDE.format(0.0, "dropped"))).vehicle.payload is None
     battery = "vehicle.battery={voltage: 12, empty_voltage: 10, capacity: 1, resistance: 0, efficiency: 0.7}"
     assert at_rest(laboratory(battery)).vehicle.battery is None
 
 
 def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.01, 0.02, 0.03]}"
-    others = ["vehicle.ground_effect={rotor_radius: 0.1}", "vehicle.reaction_torque=true", PAYLOAD.format(1, "dropped")]
+    others = [
+        "vehicle.ground_effect={rotor_radius: 0.1}",
+        "vehicle.reaction_torque=true",
+        PAYLOAD_OVERRIDE.format(1, "dropped"),
+    ]
     vehicle = nominal_hover(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *others)).vehicle
     assert vehicle.body_drag.linear == (0.1, 0.2, 0.3)
     assert vehicle.body_drag.centre_of_pressure == (0.0, 0.0, 0.0)
@@ -151,7 +155,7 @@ def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     assert (vehicle.ground_effect, vehicle.reaction_torque, vehicle.payload) == (None, False, None)
 
 
-ALL_EFFECTS = [
+ALL_EFFECTS_OVERRIDES = [
     "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.001, 0.002, 0.01]}",
     "vehicle.rotor_aerodynamics={lift: 0.02, climb: 0.1, drag: 1e-4, inflow: 2e-4}",
     "vehicle.ground_effect={rotor_radius: 0.3, ground_height: 0.2}",
@@ -165,12 +169,12 @@ ALL_EFFECTS = [
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "load",
-    [PAYLOAD.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
+    [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
 def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load):
     wind = "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]}]"
-    loop = closed_loop(laboratory(*ALL_EFFECTS, load, wind))
+    loop = closed_loop(laboratory(*ALL_EFFECTS_OVERRIDES, load, wind))
     poles = loop.system.poles()
     slung = "slung_load" in load
     assert any(name.endswith("swing.roll") for name in loop.system.states) == slung
@@ -182,7 +186,7 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load
 @pytest.mark.parametrize("vehicle", ["nominal", "actual"])
 def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
     """The specific thrust in hover follows from the throttle by the nominal thrust curve."""
-    plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS[5:]), vehicle=vehicle)
+    plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES[5:]), vehicle=vehicle)
     if vehicle == "nominal":
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)
     else:
@@ -190,17 +194,17 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
         nominal = 4.0 * (0.1 + throttle + 2.8 * throttle**2)
         assert specific_thrust == pytest.approx(nominal / 0.68, rel=1e-9)
     assert len(plant.states) > 0
-    laboratory_plant(laboratory(*ALL_EFFECTS, PAYLOAD.format(1.0, "dropped")), vehicle=vehicle)
+    laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES, PAYLOAD_OVERRIDE.format(1.0, "dropped")), vehicle=vehicle)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "load",
-    [PAYLOAD.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
+    [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
 def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, load):
-    scenario = laboratory("duration=1.4", "metrics.start=0", *ALL_EFFECTS, load)
+    scenario = laboratory("duration=1.4", "metrics.start=0", *ALL_EFFECTS_OVERRIDES, load)
     # The other effects do not depend on the kind of load, so each is tested with one load only.
     fields = {
         "payload": ("body_drag.linear.0", "rotor_aerodynamics.climb", "payload.mass"),
@@ -224,4 +228,6 @@ def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, l
 
 def test_a_flight_depends_discontinuously_on_the_time_of_a_payload(laboratory):
     with pytest.raises(InputError, match="vehicle.payload.time: the flight depends on it discontinuously"):
-        flight_sensitivities(laboratory("duration=1", PAYLOAD.format(0.5, "dropped")), ["vehicle.payload.time"])
+        flight_sensitivities(
+            laboratory("duration=1", PAYLOAD_OVERRIDE.format(0.5, "dropped")), ["vehicle.payload.time"]
+        )

@@ -27,7 +27,7 @@ def test_close_poles_count_as_one_mode(poles, multiplicities):
 
 @pytest.mark.parametrize(("poles", "period"), [(-np.arange(1.0, 7.0), None), ([0.9, 0.5, 0.3, -0.6, -0.4, -0.2], 0.02)])
 def test_a_mode_names_its_main_states_in_descending_order(poles, period):
-    """Participation factors are products of the entries of right and left eigenvectors.
+    """The expected participation factors are products of the entries of right and left eigenvectors.
 
     Some eigenvalues are negative, because rounding makes their logarithms jump across the real axis.
     """

@@ -1,4 +1,4 @@
-"""Tests of the Jacobian of a period, by comparison with classical sampling and with differences."""
+"""Tests of a diagram's Jacobian over one period, by comparison with classical sampling and with differences."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
 
-IMPERFECTIONS = [
+IMPERFECT_OVERRIDES = [
     "route={kind: hover}",
     "vehicle.linear_drag=0.1",
     "vehicle.centre_of_mass=[0.0005, -0.0003]",
@@ -35,7 +35,7 @@ def hover(diagrams):
 def classical_response(frequency, *, delay_ticks, h=0.01):
     """Return the response from a commanded acceleration to value and rate of a double integrator with rotor lag.
 
-    The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old.
+    The input is held over ticks of 2h and delayed by whole ticks, and a frame is h old when it is read.
     Matrix exponentials give the exact result.
     """
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
@@ -58,7 +58,7 @@ def classical_response(frequency, *, delay_ticks, h=0.01):
 @pytest.mark.parametrize(
     ("torque", "inertia", "rows"), [("tau_x", 0.007, ("roll", "p")), ("thrust", 0.68, ("z", "v_z"))]
 )
-def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks, torque, inertia, rows):
+def test_the_model_of_an_ideal_laboratory_agrees_with_classical_sampling(hover, delay_ticks, torque, inertia, rows):
     plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}")).system
     plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
     for frequency in (0.3, 3.0, 30.0, 100.0):
@@ -67,7 +67,7 @@ def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks,
         np.testing.assert_allclose(response, classical_response(frequency, delay_ticks=delay_ticks), rtol=1e-4)
 
 
-@pytest.mark.parametrize("overrides", [[], IMPERFECTIONS])
+@pytest.mark.parametrize("overrides", [[], IMPERFECT_OVERRIDES])
 def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
@@ -79,7 +79,7 @@ def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
 
 
 def test_the_state_has_names_and_excludes_passive_systems(hover):
-    diagram = build_tracking_diagram(hover(*IMPERFECTIONS), record=True)
+    diagram = build_tracking_diagram(hover(*IMPERFECT_OVERRIDES), record=True)
     names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
@@ -89,7 +89,7 @@ def test_the_state_has_names_and_excludes_passive_systems(hover):
     assert not any(name.startswith(PASSIVE_SYSTEMS) for name in names)
 
 
-def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
+def test_vehicles_with_a_continuous_state_and_with_a_time_step_have_the_same_model(hover):
     """A vehicle with time steps and a vehicle that Drake integrates have the same slow poles."""
     poles_of_models = []
     for time_step in (0.01, 0.0):
@@ -103,7 +103,7 @@ def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
 
 
 class UserController(LeafSystem):
-    """Position controller without other scalar types, optionally with an abstract state."""
+    """Position controller for floats only, optionally with an abstract state."""
 
     def __init__(self, abstract=False):
         super().__init__()
@@ -134,7 +134,7 @@ def random_system(rng):
     return SampledSystem(A, rng.normal(size=(5, 2)), rng.normal(size=(3, 5)), rng.normal(size=(3, 2)), 0.02, *names)
 
 
-def test_system_algebra_matches_python_control():
+def test_operations_on_systems_match_python_control():
     rng = np.random.default_rng(1)
     system = random_system(rng)
     z = np.exp(1j * np.array([0.1, 0.7, 2.0]))
@@ -183,7 +183,7 @@ def test_unreachable_and_unobservable_states_are_left_out():
     assert small.states == ("a", "b")
     z = np.exp(1j * np.array([0.1, 1.0]))
     np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
-    # Units have no influence, because each entry is compared with the others in its row.
+    # Units have no influence, because each entry is compared with the other entries in its row.
     faint = replace(system, B=1e-14 * system.B, C=1e-14 * system.C)
     assert faint.connected().states == ("a", "b")
     rounding = replace(system, A=system.A + 1e-16 * np.ones((4, 4)))
@@ -205,7 +205,7 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return a diagram of two zero-order holds over 0.1 s, with two inputs and one input, and its context."""
+    """Return a diagram of two zero-order holds over 0.1 s, which have two inputs and one input, and its context."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
@@ -281,7 +281,7 @@ def test_a_scaled_input_has_another_name():
 
 
 def test_states_between_any_input_and_any_output_are_kept():
-    """The first state connects the first input and output, the second the others, and the third reaches no output."""
+    """State 1 connects input 1 to output 1, state 2 connects the other input and output, and state 3 no output."""
     B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     system = SampledSystem(
         np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
@@ -304,5 +304,5 @@ def test_a_system_has_no_response_at_its_poles():
         np.diag([0.5, 0.25]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
     )
     assert system.response(np.array([1.0])).item() == pytest.approx(1.0 / 0.5 + 1.0 / 0.75)
-    with pytest.raises(np.linalg.LinAlgError, match="a point is a pole"):
+    with pytest.raises(np.linalg.LinAlgError, match="one of the points is a pole of the system"):
         system.response(np.array([1.0, 0.25]))

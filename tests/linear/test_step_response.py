@@ -1,4 +1,4 @@
-"""Tests of releases: their number of ticks and their initial values."""
+"""Tests of responses to a release from a displacement: number of ticks and initial values."""
 
 import numpy as np
 import pytest

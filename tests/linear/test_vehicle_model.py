@@ -1,4 +1,4 @@
-"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and by differences."""
+"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and differences."""
 
 import math
 
@@ -23,11 +23,13 @@ from drake_quad.vehicle.quadrotor import KINEMATICS
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
-WITH_DRAG = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
+VEHICLE_WITH_DRAG = QuadrotorParameters(
+    linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002)
+)
 
 
 def hover_by_hand(c):
-    """Return A and B of eqs (1) to (5) with the rotors' lag in hover, for Table I and a linear drag c."""
+    """Return A and B in hover, from eqs (1) to (5) with rotor lag, for Table I and a linear drag c."""
     m, g, b, d, arm, lag = 0.68, 9.81, 4.13e-5, 8.5e-7, 0.17, 0.05
     inertia = (0.007, 0.007, 0.012)
     speed = math.sqrt(m * g / (4.0 * b))
@@ -55,7 +57,7 @@ def test_the_model_in_hover_matches_matrices_by_hand(drag):
     np.testing.assert_array_equal(system.C(), np.eye(12, 16))
 
 
-def test_the_model_of_an_x_in_hover_matches_matrices_by_hand():
+def test_the_model_of_an_x_layout_in_hover_matches_matrices_by_hand():
     """All four rotors roll and pitch the vehicle. Rotors 2 and 4 have the opposite yaw torque."""
     length, width, b, d, speed = 0.2, 0.3, 4.13e-5, 8.5e-7, math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
     parameters = QuadrotorParameters(rotors=Rotors.x(length=length, width=width))
@@ -70,14 +72,16 @@ def test_the_model_of_an_x_in_hover_matches_matrices_by_hand():
 
 @pytest.mark.parametrize("kinematics", ["exact", "small_angle"])
 def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
-    trim = find_trim(WITH_DRAG, velocity=(4.0, 2.0, -1.0), wind=(1.0, -2.0, 0.5), yaw=0.6, kinematics=kinematics)
-    system = affine_vehicle(trim, WITH_DRAG, kinematics=kinematics)
+    trim = find_trim(
+        VEHICLE_WITH_DRAG, velocity=(4.0, 2.0, -1.0), wind=(1.0, -2.0, 0.5), yaw=0.6, kinematics=kinematics
+    )
+    system = affine_vehicle(trim, VEHICLE_WITH_DRAG, kinematics=kinematics)
     point = np.concatenate([trim.state, trim.rotor_speed, trim.rotor_speed, trim.wind])
 
     def rates(x):
         state = VehicleState(State(*x[:12]), RotorSpeed(*x[12:16]))
         inputs = RotorSpeed(*x[16:20]), Wind(*x[20:]), None
-        slope = quadrotor_derivatives(state, *inputs, WITH_DRAG, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
+        slope = quadrotor_derivatives(state, *inputs, VEHICLE_WITH_DRAG, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
         return np.hstack([slope.body, slope.rotors])
 
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
@@ -90,12 +94,12 @@ def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
 
 
 def test_a_trim_leans_into_the_wind():
-    """The tilt is tan θ = D / m g.
+    """The tilt θ satisfies tan θ = D / (m g), with the drag D.
 
     The thrust balances drag and weight, and the torques balance the offset of the centre of mass.
     """
     wind = np.array([6.0, -3.0, 0.0])
-    trim = find_trim(WITH_DRAG, wind=tuple(wind))
+    trim = find_trim(VEHICLE_WITH_DRAG, wind=tuple(wind))
     speed = np.linalg.norm(wind)
     force = (0.1 + 0.01 * speed) * wind
     roll, pitch = trim.state[3:5]
@@ -117,7 +121,7 @@ def test_a_point_that_is_not_an_equilibrium_is_refused_with_its_acceleration():
     with pytest.raises(
         InputError, match=r"no steady flight at \(60, 0, 0\) m/s .* the smallest remaining acceleration is"
     ):
-        find_trim(WITH_DRAG, velocity=(60.0, 0.0, 0.0))
+        find_trim(VEHICLE_WITH_DRAG, velocity=(60.0, 0.0, 0.0))
 
 
 def test_names_are_passed_to_python_control():
@@ -180,12 +184,12 @@ def test_modes_are_named_by_their_participating_states():
         )
 
 
-HOVER_SPEED = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
+HOVER_SPEED = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))  # rad/s
 
 
 @pytest.mark.parametrize(("low", "high"), [(60.0, 0.9995 * HOVER_SPEED), (1.0005 * HOVER_SPEED, 300.0)])
 def test_rotors_that_are_slightly_too_slow_or_too_fast_cannot_trim_the_vehicle(low, high):
-    """There is no equilibrium, because the remaining acceleration is a thousandth of g."""
+    """The rotor limits leave an acceleration of a thousandth of g, so there is no equilibrium."""
     parameters = QuadrotorParameters(min_rotor_speed=low, max_rotor_speed=high)
     with pytest.raises(
         InputError, match=rf"rotors between {low:g} and {high:g} rad/s; .* acceleration is 0\.0098\d? m/s²"
@@ -209,7 +213,9 @@ def test_operating_points_are_found_up_to_a_tilt_of_80_degrees(tilt, exists):
 
 
 def test_a_trim_has_the_requested_position_and_yaw():
-    trim = find_trim(WITH_DRAG, position=(1.0, -2.0, 3.0), velocity=(0.5, 0.25, -0.125), wind=(0.1, 0.2, 0.3), yaw=0.6)
+    trim = find_trim(
+        VEHICLE_WITH_DRAG, position=(1.0, -2.0, 3.0), velocity=(0.5, 0.25, -0.125), wind=(0.1, 0.2, 0.3), yaw=0.6
+    )
     np.testing.assert_array_equal(trim.state[[0, 1, 2, 5]], [1.0, -2.0, 3.0, 0.6])
     np.testing.assert_array_equal(trim.state[6:], [0.5, 0.25, -0.125, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(trim.wind, [0.1, 0.2, 0.3])
@@ -219,7 +225,7 @@ def test_a_trim_has_the_requested_position_and_yaw():
     np.testing.assert_array_equal(at_rest.wind, np.zeros(3))
 
 
-def test_a_linear_model_tolerates_rates_up_to_a_millionth():
+def test_a_linear_model_requires_state_derivatives_below_a_millionth():
     parameters = QuadrotorParameters()
     hover = find_trim(parameters)
     for speed, refused in ((0.9e-6, False), (1.1e-6, True)):
@@ -232,7 +238,7 @@ def test_a_linear_model_tolerates_rates_up_to_a_millionth():
             linear_vehicle(hover._replace(state=state), parameters)
 
 
-def test_rows_have_the_names_of_their_signals():
+def test_inputs_and_outputs_are_named_after_their_signals():
     assert STATES[:4] == ("x", "y", "z", "roll")
     assert STATES[11:] == ("r", *(f"rotor_speed.rotor_{number}" for number in (1, 2, 3, 4)))
     assert INPUTS[3:5] == ("rotor_speed_command.rotor_4", "wind.x")

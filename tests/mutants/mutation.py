@@ -1,8 +1,8 @@
-"""Mutants of a Python source text: each is the text with one small change that a test should detect.
+"""Mutants of a Python source text. A mutant is the text with one small change that a test should detect.
 
-The changes are chosen for formulas. In addition to the usual changes, an addend or a factor is removed, a clamp is
-removed, a sine is replaced by a cosine, and neighbours are exchanged (arguments, elements of a tuple, targets of an
-assignment).
+The changes are chosen for formulas. There are four changes in addition to the usual ones: removal of an addend or
+factor, removal of a clamp, replacement of a sine with a cosine, and exchange of neighbours (arguments, elements of a
+tuple, targets of an assignment).
 
 Some changes are omitted, because either no test or every test detects them:
 
@@ -28,12 +28,12 @@ class Mutant(NamedTuple):
         line: number of the line at which the change begins, from 1 on.
         lines: lines of the enclosing statement without its body. A default value of a parameter has the lines of the
             whole function.
-        declared: whether the changed code runs when the module is imported.
+        declared: True if the changed code runs when the module is imported.
         kind: kind of the change, such as "operator".
         before: original lines, joined into one.
-        after: changed lines, joined into one.
-        place: index of the first replaced byte, and of the byte after the last one.
-        code: replacement of these bytes.
+        after: the same lines after the change, joined into one.
+        place: indices of the first replaced byte, and of the byte after the last replaced byte.
+        code: text that replaces these bytes.
     """
 
     line: int
@@ -51,21 +51,21 @@ class Mutant(NamedTuple):
         return (text.encode()[:begin] + self.code.encode() + text.encode()[end:]).decode()
 
 
-_ARITHMETIC = {
+_ARITHMETIC_REPLACEMENTS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
     ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult,
 }  # fmt: skip
-_OPPOSITES = {
+_OPPOSITE_COMPARISONS = {
     ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
-_BOUNDARIES = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
+_BOUNDARY_COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 COUNTERPARTS = {
     name: other
     for pair in ("sin cos", "minimum maximum", "min max", "argmin argmax", "any all", "floor ceil", "zeros ones")
     for name, other in (pair.split(), pair.split()[::-1])
 }
-# Functions that a mutant replaces by one of their arguments.
+# Functions whose call a mutant replaces with one of its arguments.
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrap_angle", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Functions whose result does not depend on the order of their arguments.
@@ -73,25 +73,25 @@ _SYMMETRIC = {
     *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
     "NewType", "swapaxes", "array_equal",
 }  # fmt: skip
-# Functions that return a new array, which is the same for the same arguments.
-_MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
+# Functions that return a new array, whose values depend only on the arguments.
+_ARRAY_CONSTRUCTORS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
 
 # Arguments that affect the checks of zip or SciPy, but not the results.
-_GUARDS = {"strict", "check_finite", "overwrite_b"}
+_CHECK_ARGUMENTS = {"strict", "check_finite", "overwrite_b"}
 # Arguments of Matplotlib that affect the appearance of a figure, but not its contents.
-_APPEARANCE = {
+_APPEARANCE_ARGUMENTS = {
     "alpha", "annotation_clip", "bbox_to_anchor", "borderaxespad", "capsize", "clip_on", "columnspacing", "dpi",
     "edgecolor", "facecolor", "figsize", "fontsize", "fraction", "height_ratios", "labelpad", "linewidth", "linewidths",
     "lw", "markeredgewidth", "markersize", "ncols", "pad", "rasterized", "shrink", "w_pad",
     "width_ratios", "xytext", "zoom", "zorder",
 }  # fmt: skip
 # Functions that change only the appearance of a figure.
-_STYLING = {
+_STYLING_FUNCTIONS = {
     "align_ylabels", "grid", "new_figure", "set_axisbelow", "set_solid_capstyle", "tick_params",
 }  # fmt: skip
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
-_SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
+_SKIPPED_NODES = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
 _COMPOUND_EXPRESSIONS = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
 _BINDING_EXPRESSIONS = (*_COMPOUND_EXPRESSIONS, ast.Attribute, ast.Subscript, ast.Starred)
 
@@ -136,7 +136,7 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
         if _is_declaration_of_names(node) or (isinstance(node, ast.Expr) and _is_styling(node.value)):
             continue
         yield node, parent, lines, declared
-        if isinstance(node, _SKIPPED) or _is_styling(node):
+        if isinstance(node, _SKIPPED_NODES) or _is_styling(node):
             continue
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
@@ -152,15 +152,19 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
 def _is_styling(node: ast.AST) -> bool:
     """Return whether a node affects only the appearance of a figure."""
     if isinstance(node, ast.keyword):
-        return node.arg in _APPEARANCE
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and _name(node) in _STYLING
+        return node.arg in _APPEARANCE_ARGUMENTS
+    return (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute | ast.Name)
+        and _name(node) in _STYLING_FUNCTIONS
+    )
 
 
 def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
-    """Return whether a part of a node is an option of appearance, or the distance of a label from its point."""
+    """Return whether a part of a node affects only appearance, such as the distance of a label from its point."""
     if isinstance(node, ast.Dict) and field == "values":
         key = node.keys[place]
-        return isinstance(key, ast.Constant) and key.value in _APPEARANCE
+        return isinstance(key, ast.Constant) and key.value in _APPEARANCE_ARGUMENTS
     return isinstance(node, ast.Call) and field == "args" and _name(node) == "annotate" and place == 2
 
 
@@ -170,13 +174,13 @@ def _name(call: ast.Call) -> str:
 
 
 def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
-    """Return whether a node is -1 in a call of reshape, for which NumPy also accepts other negative numbers."""
+    """Return whether a node is -1 in a call of reshape, where NumPy accepts any negative number."""
     called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
     return called and isinstance(node, ast.UnaryOp)
 
 
 def _is_declaration_of_names(node: ast.AST) -> bool:
-    """Return whether a node is `__all__`, a block for type checkers, or an alias of a type."""
+    """Return whether a node is `__all__`, a block for type checkers, or a type alias."""
     if isinstance(node, ast.If):
         return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
     if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
@@ -190,26 +194,26 @@ def _is_declaration_of_names(node: ast.AST) -> bool:
 
 
 def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
-    """Yield the kind of each change of a node, and the changed node."""
+    """Yield each change of a node: the kind of change, and the changed node."""
     if getattr(parent, "test", None) is node and not isinstance(node, ast.Compare | ast.BoolOp):
         yield "condition", ast.UnaryOp(ast.Not(), node)
     match node:
-        case ast.BinOp(left, operator, right) if type(operator) in _ARITHMETIC:
-            yield "operator", ast.BinOp(left, _ARITHMETIC[type(operator)](), right)
+        case ast.BinOp(left, operator, right) if type(operator) in _ARITHMETIC_REPLACEMENTS:
+            yield "operator", ast.BinOp(left, _ARITHMETIC_REPLACEMENTS[type(operator)](), right)
             yield "operand", left
             yield "operand", right
         case ast.AugAssign(target, operator, value):
-            if type(operator) in _ARITHMETIC:
-                yield "operator", ast.AugAssign(target, _ARITHMETIC[type(operator)](), value)
+            if type(operator) in _ARITHMETIC_REPLACEMENTS:
+                yield "operator", ast.AugAssign(target, _ARITHMETIC_REPLACEMENTS[type(operator)](), value)
             yield "statement", ast.Pass()
         case ast.UnaryOp(ast.USub(), operand):
             yield "sign", operand
         case ast.Compare(left, [operator], [right]):
-            yield "condition", ast.Compare(left, [_OPPOSITES[type(operator)]()], [right])
-            if type(operator) in _BOUNDARIES and (_is_whole(left) or _is_whole(right)):
-                yield "boundary", ast.Compare(left, [_BOUNDARIES[type(operator)]()], [right])
+            yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(operator)]()], [right])
+            if type(operator) in _BOUNDARY_COMPARISONS and (_is_whole(left) or _is_whole(right)):
+                yield "boundary", ast.Compare(left, [_BOUNDARY_COMPARISONS[type(operator)]()], [right])
         case ast.Compare(left, [first, *others], rights):
-            yield "condition", ast.Compare(left, [_OPPOSITES[type(first)](), *others], rights)
+            yield "condition", ast.Compare(left, [_OPPOSITE_COMPARISONS[type(first)](), *others], rights)
         case ast.BoolOp(operator, values):
             yield "condition", ast.BoolOp(ast.Or() if isinstance(operator, ast.And) else ast.And(), values)
         case ast.Constant(int()) if _is_a_guard_or_a_count(parent):
@@ -238,7 +242,7 @@ def _changes_of_call(
     node: ast.Call, function: ast.expr, arguments: list[ast.expr], keywords: list[ast.keyword]
 ) -> Iterator[tuple[str, ast.AST]]:
     name = _name(node)
-    if name in _STYLING:
+    if name in _STYLING_FUNCTIONS:
         return
     if name in COUNTERPARTS:
         other = COUNTERPARTS[name]
@@ -254,31 +258,31 @@ def _changes_of_call(
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
-    significant = [keyword for keyword in keywords if keyword.arg not in _GUARDS | _APPEARANCE]
-    others = [keyword for keyword in keywords if keyword.arg in _GUARDS | _APPEARANCE]
+    significant = [keyword for keyword in keywords if keyword.arg not in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
+    others = [keyword for keyword in keywords if keyword.arg in _CHECK_ARGUMENTS | _APPEARANCE_ARGUMENTS]
     for values in _swapped([keyword.value for keyword in significant]):
         exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(significant, values, strict=True)]
         yield "order", ast.Call(function, arguments, exchanged + others)
 
 
 def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
-    """Yield copies of a list in each of which two neighbours of the same type are exchanged."""
+    """Yield copies of a list, each with two neighbouring items of the same type exchanged."""
     for i, (first, second) in enumerate(pairwise(nodes)):
         if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):
             yield [*nodes[:i], second, first, *nodes[i + 2 :]]
 
 
 def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Return whether an integer in a node is an option of a check, a number of samples, or a private constant."""
+    """Return whether an integer in a node is an option for a check, a number of samples, or a private constant."""
     if isinstance(parent, ast.keyword):
-        return parent.arg in _GUARDS
+        return parent.arg in _CHECK_ARGUMENTS
     if isinstance(parent, ast.Call):
         return isinstance(parent.func, ast.Attribute) and parent.func.attr == "linspace"
     return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")
 
 
 def _is_a_choice(parent: ast.AST) -> bool:
-    """Return whether the elements of a node have no order, as alternatives of a comparison or an isinstance call."""
+    """Return whether the order of a node's elements is irrelevant, as in a comparison with alternatives."""
     return isinstance(parent, ast.Compare) or (
         isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
     )
@@ -289,7 +293,7 @@ def _have_equal_initial_values(node: ast.AST, parent: ast.AST) -> bool:
     if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
         return False
     first, *others = parent.value.elts
-    new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
+    new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _ARRAY_CONSTRUCTORS
     empty = ast.unparse(first) in ("[]", "{}")
     return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 

@@ -4,7 +4,7 @@ Each mutant is the source with one small change. A mutant that no test kills rev
 
 The run has two parts. First, every test runs once, and its duration and the lines that it runs are recorded. (The
 lines of a formula run when it is compiled to machine code.) Then, for each mutant, the tests that run its line are run
-until one of them fails. Tests in the file of the same name run first, the others in order of their duration. Each
+until one of them fails. Tests in the file of the same name run first, then all others in order of their duration. Each
 mutant is tested in its own process, which is forked from a process that has imported all libraries, but not this
 project. A test that takes more than ten times its recorded CPU time plus 10 s counts as failed.
 
@@ -33,23 +33,25 @@ from tqdm import tqdm
 
 OUTPUT = ROOT / "out" / "mutants"
 SURVIVORS = Path(__file__).with_name("survivors.yaml")
-MIN_SCORE = 0.95
-# Name under which modules that belong to no folder of drake_quad/ are reported.
-MODULES = "(modules)"
-# These files are not mutated, because their code runs in other processes, where a mutant has no effect.
+MIN_SCORE = 0.95  # smallest fraction of killed mutants that passes
+# Package name in the report for modules directly in drake_quad/.
+TOP_LEVEL_MODULES = "(modules)"
+# Files that are not mutated, because their code runs in other processes, where a mutant has no effect.
 EXCLUDED_FILES = ("studies/cluster.py",)
-# Folders whose code and tests need an optional library. They are not mutated if the library is not installed.
-OPTIONAL = {"gym/stable_baselines3/": "stable_baselines3"}
-# These tests are not run: their code runs in other processes, or they test the documentation.
+# Folders whose code and tests need an optional library, with its name. They are not mutated if it is not installed.
+OPTIONAL_LIBRARIES = {"gym/stable_baselines3/": "stable_baselines3"}
+# Tests that are not run, because their code runs in other processes, or because they test the documentation.
 EXCLUDED_TESTS = tuple(f"tests/{name}" for name in ("test_docs.py", "studies/test_cluster.py", "mutants/"))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--number", default="40", help="number of mutants of each package, drawn evenly from its lines, or 'all'"
+        "--number",
+        default="40",
+        help="number of mutants of each package, which are drawn evenly from its lines; or 'all'",
     )
-    parser.add_argument("--seed", type=int, default=0, help="random seed of the draw")
+    parser.add_argument("--seed", type=int, default=0, help="random seed for drawing the mutants")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument(
         "--only", nargs="+", default=[""], help="mutate only files whose path in drake_quad/ begins with one of these"
@@ -58,7 +60,7 @@ def main() -> int:
         "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these"
     )
     parser.add_argument(
-        "--seconds", type=float, default=40.0, help="limit of the total recorded CPU time of the tests of one mutant, s"
+        "--seconds", type=float, default=40.0, help="limit on the total recorded CPU time of one mutant's tests, s"
     )
     arguments = parser.parse_args()
     if sys.version_info < (3, 12):
@@ -72,7 +74,7 @@ def main() -> int:
         print(f"--only: no path of a file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
         return 2
     tests = recorded_tests(arguments.processes, arguments.tests)
-    # The unchanged sources must pass; otherwise, a failure could have another cause than the mutant.
+    # Tests must pass with the unchanged sources. Otherwise, a failure could have another cause than the mutant.
     unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
         (kill, file, mutant, worth_running(tests, file, mutant, arguments.seconds))
@@ -94,26 +96,28 @@ def main() -> int:
 
 
 def package_of(file: str) -> str:
-    """Return the folder in drake_quad/ to which a file belongs, or `MODULES`."""
+    """Return the folder in drake_quad/ to which a file belongs, or `TOP_LEVEL_MODULES`."""
     _, package, *inside = Path(file).parts
-    return package if inside else MODULES
+    return package if inside else TOP_LEVEL_MODULES
 
 
 def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
     """Draw mutants of each package, and return pairs of a file and a mutant.
 
-    A second mutant of a line is only drawn after one mutant of every line of its package. Packages alternate.
+    A line gets a second mutant only after every line of its package has one. Packages alternate.
 
     Args:
         number: number of mutants of each package, or "all".
         seed: seed of the draw.
-        only: prefixes of the paths in drake_quad/ of the files that are mutated.
+        only: only files whose path in drake_quad/ begins with one of these prefixes are mutated.
     """
     generator = random.Random(seed)
     by_line: dict[str, dict[tuple[str, int], list[tuple[str, Mutant]]]] = defaultdict(lambda: defaultdict(list))
-    missing = [folder for folder, library in OPTIONAL.items() if importlib.util.find_spec(library) is None]
+    missing = [folder for folder, library in OPTIONAL_LIBRARIES.items() if importlib.util.find_spec(library) is None]
     for folder in missing:
-        print(f"drake_quad/{folder}: not mutated, because {OPTIONAL[folder]} is not installed", file=sys.stderr)
+        print(
+            f"drake_quad/{folder}: not mutated, because {OPTIONAL_LIBRARIES[folder]} is not installed", file=sys.stderr
+        )
     for path in sorted(Path("drake_quad").rglob("*.py")):
         inside = str(path.relative_to("drake_quad"))
         if inside.startswith(tuple(only)) and not inside.startswith((*EXCLUDED_FILES, *missing)):
@@ -135,7 +139,7 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
 
 
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
-    """Return the durations (s) of the tests that may kill a mutant, in the order in which to run them.
+    """Return the tests that may kill a mutant, in the order in which to run them, with their durations (s).
 
     Tests that run the mutant's line come first. The other tests of the same test files follow, because lines that a
     fixture of the module runs are recorded for only one of the tests that share it. If no test runs the line, it runs
@@ -143,14 +147,14 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: fl
     file or that test its package.
 
     Args:
-        tests: record of each test.
+        tests: records of all tests, by name.
         file: path of the source that the mutant changes.
-        mutant: change of that source.
+        mutant: mutant of this source.
         seconds: limit of the total CPU time of the tests, s. Tests that would exceed it are omitted.
     """
     folder = Path(file).parent.relative_to("drake_quad")
     mirrored = str(Path("tests") / folder / f"test_{Path(file).name}")
-    package = "tests/test_" if package_of(file) == MODULES else f"tests/{package_of(file)}/"
+    package = "tests/test_" if package_of(file) == TOP_LEVEL_MODULES else f"tests/{package_of(file)}/"
     runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
     if mutant.declared or not runners:
         near = {name for name, test in tests.items() if file in test.lines or name.startswith(package)}
@@ -175,7 +179,7 @@ def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
 
     Args:
         processes: number of test files that run at the same time.
-        only: prefixes of the paths in tests/ of the test files that are run.
+        only: only test files whose path in tests/ begins with one of these prefixes are run.
     """
     kept = OUTPUT / "tests.json"
     known = json.loads(kept.read_text()) if kept.exists() else {}

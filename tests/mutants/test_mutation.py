@@ -60,7 +60,7 @@ def changes(line, before=""):
         ("a = axes.annotate(text, place, (-6, 4))", {"a = axes.annotate(place, text, (-6, 4))"}),
     ],
 )
-def test_a_line_has_these_mutants(line, expected):
+def test_mutants_of_a_line_are_the_expected_ones(line, expected):
     assert changes(line) == expected
 
 

@@ -1,4 +1,4 @@
-"""Tests that the lines that each test runs are recorded. Without them, every mutant would survive."""
+"""Tests that the source lines that each test runs are recorded, including those of compiled formulas."""
 
 import subprocess
 import sys

@@ -32,14 +32,14 @@ RUNNING_TESTS = ROOT / "out" / "mutants" / "running"
 # Cache of the machine code of formulas. Its keys depend on the formulas, so mutants of formulas have their own machine
 # code. Mutants of the compiler itself do not use the cache.
 MACHINE_CODE = ROOT / "out" / "mutants" / "machine_code"
-COMPILER = ("drake_quad/framework/", "drake_quad/compilation/")
-THIRD_PARTY = (
+COMPILER_FOLDERS = ("drake_quad/framework/", "drake_quad/compilation/")
+PRELOADED_LIBRARIES = (
     "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d",
     "llvmlite.binding", "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize",
     "scipy.signal", "scipy.stats",
 )  # fmt: skip
-MIN_CPU_LIMIT = 10.0  # s, smallest limit of the CPU time of a test
-MAX_DURATION = 600.0  # s, limit for a mutant; processes that wait for each other use no CPU time
+MIN_CPU_LIMIT = 10.0  # s, smallest CPU time limit of a test
+MAX_DURATION = 600.0  # s, time limit for a mutant; it ends deadlocks, which use no CPU time
 
 
 class Test(NamedTuple):
@@ -63,7 +63,7 @@ def prepare() -> None:
     RUNNING_TESTS.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(MACHINE_CODE, ignore_errors=True)
     os.environ["DRAKE_QUAD_CACHE"] = str(MACHINE_CODE)
-    for name in THIRD_PARTY:
+    for name in PRELOADED_LIBRARIES:
         importlib.import_module(name)
     settings.register_profile(
         "mutants",
@@ -94,7 +94,7 @@ class Plugin:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         self.lines.clear()
         if self.chosen is None:
-            # Without cached machine code, every test runs the lines of its formulas and of the generator of LLVM code.
+            # No machine code is cached, so every test runs the lines of its formulas and of the LLVM code generator.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
             sys.modules["drake_quad.framework.machine_code"]._GENERATOR = None
             sys.monitoring.restart_events()
@@ -153,7 +153,7 @@ def record_tests(file: str) -> tuple[dict[str, Test], list[str]]:
 def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
     """Run tests on a mutant until one of them fails."""
     path, text = str(ROOT / file), mutant.applied(Path(file).read_text())
-    if file.startswith(COMPILER):
+    if file.startswith(COMPILER_FOLDERS):
         os.environ["DRAKE_QUAD_CACHE"] = ""
     code_of = SourceFileLoader.get_code
 

@@ -1,1 +1,1 @@
-"""Controllers of flight-controller firmware, from the parameters of a vehicle."""
+"""Conversion of a vehicle's firmware parameters to controllers of the scenario language."""

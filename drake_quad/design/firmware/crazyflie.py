@@ -1,9 +1,10 @@
 """The PID controller of the Crazyflie's firmware in the scenario language.
 
-The firmware commands angles in degrees and rotors in units of 1/65535 of their largest thrust, which it keeps constant
-by battery compensation. One unit of its roll and pitch output changes each rotor by half a unit, and one unit of its
-yaw output by one unit (`powerDistributionLegacy`). Gains of scenarios have SI units. The conversion therefore needs the
-nominal vehicle: positions of the rotors, their ratio of drag to thrust, mass and moments of inertia.
+The firmware commands angles in degrees, and rotor thrusts in units of 1/65535 of the largest thrust. Battery
+compensation keeps the largest thrust constant. One unit of its roll and pitch output changes each rotor by half a unit,
+and one unit of its yaw output by one unit (`powerDistributionLegacy`). The gains of a scenario have SI units. The
+conversion therefore needs the nominal vehicle's rotor positions, the rotors' ratio of drag to thrust, the mass and the
+moments of inertia.
 """
 
 import math
@@ -12,27 +13,27 @@ from typing import Any
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Largest thrust of a rotor with standard propellers, N (platform_defaults_cf2.h, THRUST_MAX).
+# Largest rotor thrust with standard propellers, N (platform_defaults_cf2.h, THRUST_MAX).
 MAX_THRUST = 0.12
-# Periods of the loops of position and velocity, and of attitude and body rate, s (stabilizer_types.h).
+# Period of the position and velocity loops, and period of the attitude and body rate loops, s (stabilizer_types.h).
 POSITION_PERIOD = 0.01
 ATTITUDE_PERIOD = 0.002
-_MAX_UNITS = 65535.0
-# Thrust in units for an output of 1 of the velocity loop along Z.
+_MAX_ROTOR_COMMAND = 65535.0  # command units
+# Thrust, in command units, that the velocity loop along Z commands per unit of its output.
 _THRUST_SCALE = 1000.0
-# Factor by which the outputs of the position loop may exceed the largest velocity.
+# Largest output of the position loop, relative to the parameter for the largest velocity.
 _VELOCITY_LIMIT_FACTOR = 1.1
 # Smallest limit on the velocity along Z, m/s.
-_MIN_CLIMB = 0.5
-# Limits on integrals of the error, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
+_MIN_CLIMB_LIMIT = 0.5
+# Limits on the error integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
 _INTEGRAL_LIMIT = 5000.0
 _ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)
 _RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)
-# Largest output of the rate loop, in units.
-_MAX_OUTPUT = 32767.0
-# Largest output of the velocity loop along Z, in thousands of units.
+# Largest output of the body rate loop, in command units.
+_MAX_RATE_LOOP_OUTPUT = 32767.0
+# Largest output of the velocity loop along Z, in thousands of command units.
 _MAX_THRUST_CHANGE = 32.767
-# Bandwidth of the filters of position and velocity derivatives, Hz.
+# Cutoff frequency of the derivative filters in the position and velocity loops, Hz.
 _DERIVATIVE_CUTOFF = 20.0
 _DEGREE = math.pi / 180.0
 _POSITION_AXES = ("x", "y", "z")
@@ -42,14 +43,14 @@ _ANGLES = ("roll", "pitch", "yaw")
 def crazyflie_layer(
     values: Mapping[str, float], nominal: QuadrotorParameters, max_thrust: float = MAX_THRUST
 ) -> dict[str, Any]:
-    """Return a layer of a scenario with the firmware's controller.
+    """Return a scenario layer with the firmware's controller.
 
     Args:
         values: parameters of the firmware, by name.
         nominal: parameters of the nominal vehicle.
-        max_thrust: largest thrust of a rotor, which corresponds to 65535 units, N.
+        max_thrust: largest rotor thrust, which corresponds to 65535 units, N.
     """
-    unit = max_thrust / _MAX_UNITS
+    unit = max_thrust / _MAX_ROTOR_COMMAND
     per_velocity = _THRUST_SCALE * 4.0 * unit / nominal.mass
     weight = nominal.mass * nominal.gravity
     scales = [_DEGREE, _DEGREE, per_velocity]
@@ -61,7 +62,7 @@ def crazyflie_layer(
     )
     fastest = [values[f"posCtlPid.{axis}VelMax"] for axis in "xyz"]
     position["limit"] = [
-        _VELOCITY_LIMIT_FACTOR * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB))
+        _VELOCITY_LIMIT_FACTOR * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB_LIMIT))
     ]
     velocity_gains = _gains(values, "velCtlPid.v{axis}K{term}", _POSITION_AXES)
     velocity = _loop(velocity_gains, scales, (_INTEGRAL_LIMIT,) * 3, (_DERIVATIVE_CUTOFF,) * 3)
@@ -78,7 +79,7 @@ def crazyflie_layer(
                 "kind": "tilt",
                 "hover_thrust": values["posCtlPid.thrustBase"] * 4.0 * unit / weight,
                 "min_thrust": values["posCtlPid.thrustMin"] * 4.0 * unit / weight,
-                "max_thrust": _MAX_UNITS * 4.0 * unit / weight,
+                "max_thrust": _MAX_ROTOR_COMMAND * 4.0 * unit / weight,
             },
         },
         "laboratory": {
@@ -91,11 +92,11 @@ def crazyflie_layer(
 
 
 def output_scales(nominal: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
-    """Return the angular accelerations about x, y, z per unit of the outputs of roll, pitch and yaw, rad/s².
+    """Return the angular accelerations about x, y, z that one unit of the roll, pitch and yaw outputs causes, rad/s².
 
     Args:
         nominal: parameters of the nominal vehicle.
-        unit: thrust of a rotor per unit of its command, N.
+        unit: rotor thrust per command unit, N.
     """
     rotors, inertia = nominal.rotors, nominal.inertia
     roll = sum(0.5 * abs(rotor.y) * unit for rotor in rotors)
@@ -118,7 +119,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: 
     rate_gains = _gains(values, "pid_rate.{axis}_k{term}", _ANGLES)
     scales = [each / _DEGREE for each in per_output]
     rate = _loop(rate_gains, scales, [limit * _DEGREE for limit in _RATE_INTEGRAL_LIMITS], rate_cutoffs)
-    rate["limit"] = [_MAX_OUTPUT * each for each in per_output]
+    rate["limit"] = [_MAX_RATE_LOOP_OUTPUT * each for each in per_output]
     return {
         "kind": "attitude",
         "period": ATTITUDE_PERIOD,
@@ -131,7 +132,7 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: 
 
 
 def _gains(values: Mapping[str, float], pattern: str, axes: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return the gains on three axes, by term, from parameters whose names match a pattern, ignoring case."""
+    """Return the gains on three axes, by term, from the parameters whose names match a pattern; case is ignored."""
     known = {name.lower(): value for name, value in values.items()}
     terms = ("p", "i", "d", "ff")
     return {term: [known[pattern.format(axis=axis, term=term).lower()] for axis in axes] for term in terms}
@@ -143,19 +144,19 @@ def _loop(
     integral_limits: Any,
     cutoffs: Any,
 ) -> dict[str, Any]:
-    """Return the fields of a PID, including the fields of every term with a nonzero gain.
+    """Return the fields of a PID: k_p, and the fields of each other term that has a nonzero gain.
 
     Args:
-        gains: gains of the firmware.
-        scales: scenario units per unit of the firmware's output.
-        integral_limits: largest integrals of the error, in the unit of the error times s.
-        cutoffs: cutoff frequencies of the derivatives' filters, Hz; None without filters.
+        gains: firmware gains on the three axes, by term.
+        scales: scenario units per unit of the firmware's output, for each axis.
+        integral_limits: largest integral of the error on each axis, in the unit of the error times s.
+        cutoffs: cutoff frequencies of the derivative filters, Hz; None without filters.
     """
     scaled = {term: [gain * scale for gain, scale in zip(each, scales, strict=True)] for term, each in gains.items()}
     loop: dict[str, Any] = {"k_p": scaled["p"]}
     if any(scaled["i"]):
         loop["k_i"] = scaled["i"]
-        # An axis without a gain also needs a limit.
+        # An axis whose gain is zero also needs a limit.
         limits = zip(scaled["i"], integral_limits, strict=True)
         loop["integral_limit"] = [gain * limit or limit for gain, limit in limits]
         loop["integration"] = "backward_euler"

@@ -1,4 +1,4 @@
-"""Layer of a scenario with the controller of a firmware."""
+"""Scenario layer with the controller of a flight-controller firmware."""
 
 from typing import Any
 
@@ -14,20 +14,20 @@ FIRMWARE: dict[Firmware, str] = {
 }
 """Description of the controller of each firmware."""
 
-_DIGITS = 8  # number of significant digits of written gains
+_NUM_DIGITS = 8  # number of significant digits to which numbers in the layer are rounded
 
 
 def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:
-    """Return the layer with the controller of a firmware on the nominal vehicle of a scenario."""
+    """Return a layer with the firmware's controller, converted for the nominal vehicle of a scenario."""
     nominal = nominal_parameters(scenario)
     make = px4_layer if parameters.firmware == "px4" else crazyflie_layer
     return _rounded(make(parameters.values, nominal))
 
 
 def _rounded(value: Any) -> Any:
-    """Return the value with numbers rounded to eight digits, more than the single precision of a firmware."""
+    """Round all numbers in a value to eight digits, which is more than the single precision of a firmware."""
     if isinstance(value, dict):
         return {name: _rounded(each) for name, each in value.items()}
     if isinstance(value, list):
         return [_rounded(each) for each in value]
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+    return float(f"{value:.{_NUM_DIGITS}g}") if isinstance(value, float) else value

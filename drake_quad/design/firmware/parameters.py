@@ -1,4 +1,4 @@
-"""Parameter files of flight controllers, as tools of PX4 and of the Crazyflie write them."""
+"""Parameter files of flight controllers, in the formats that PX4 and Crazyflie tools write."""
 
 import functools
 import math
@@ -23,11 +23,11 @@ _PARAMETER_GROUPS = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_ra
 
 
 class FirmwareParameters(NamedTuple):
-    """Parameters of the controllers of a vehicle.
+    """Controller parameters of a vehicle, read from its firmware.
 
     Attributes:
         firmware: firmware of the vehicle.
-        values: values of all parameters of the controllers, by name.
+        values: values of all controller parameters, by name.
         missing: names of the parameters that the file does not contain; their values are the firmware's defaults.
     """
 
@@ -37,15 +37,15 @@ class FirmwareParameters(NamedTuple):
 
 
 def defaults_of(firmware: Firmware) -> FirmwareParameters:
-    """Return the defaults of a firmware."""
+    """Return the default parameters of a firmware."""
     return FirmwareParameters(firmware, {name: each.default for name, each in _declared(firmware).items()}, ())
 
 
 def read_parameters(path: Path) -> FirmwareParameters:
-    """Read the parameters of a vehicle.
+    """Read a vehicle's controller parameters from a file.
 
-    The file is a ULog or a parameter file of QGroundControl (PX4), a YAML file of the Crazyflie's client or of cflib,
-    or a text of lines with a name and a number.
+    PX4 parameters are in a ULog or a parameter file of QGroundControl. Crazyflie parameters are in a YAML file of its
+    client or of cflib. Both may also be in a text file whose lines contain a name and a number.
 
     Raises:
         InputError: if the file cannot be read, or contains no parameter of either firmware.
@@ -69,13 +69,13 @@ def read_parameters(path: Path) -> FirmwareParameters:
 
 
 class _Declaration(NamedTuple):
-    """Declaration of a parameter of a firmware.
+    """Declaration of a firmware parameter.
 
     Attributes:
         default: default value.
         min: smallest value.
         max: largest value.
-        unit: phrase on the unit for the message about a value that is out of range; empty if no unit is likely.
+        unit: description of the unit, for the message about a value that is out of range; may be empty.
     """
 
     default: float
@@ -84,7 +84,7 @@ class _Declaration(NamedTuple):
     unit: str = ""
 
     def flaw(self, value: float) -> str:
-        """Return the demand that a value does not meet, which follows "must"; empty if it meets all."""
+        """Return the condition that a value violates, as a phrase that follows "must"; empty if the value is valid."""
         if self.min <= value <= self.max and math.isfinite(value):
             return ""
         demand = "be finite and not negative" if not self.unit else f"be between {self.min:g} and {self.max:g}"
@@ -101,7 +101,7 @@ def _declared(firmware: str) -> dict[str, _Declaration]:
 
 
 def _in_text(path: Path, data: bytes) -> dict[str, float]:
-    """Return the numbers in a YAML file of cflib, or in lines of text, by name."""
+    """Return the parameters in a YAML file of cflib or in lines of text, by name."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:

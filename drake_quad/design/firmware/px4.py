@@ -1,9 +1,9 @@
 """PX4's multicopter controllers in the scenario language.
 
-PX4 commands thrust and torques between 0 and 1. It assumes that a rotor's thrust is proportional to its command, with
-the weight at MPC_THR_HOVER, and normalises torques by its mixer (`ControlAllocationPseudoInverse`). Gains of scenarios
-have SI units. The conversion therefore needs the nominal vehicle: positions of the rotors, their ratio of drag to
-thrust, mass and moments of inertia.
+PX4 normalises thrust and torques. It assumes that thrust is proportional to its command, and that the command
+MPC_THR_HOVER supports the weight. Its mixer (`ControlAllocationPseudoInverse`) determines the unit of the torques. The
+gains of a scenario have SI units. The conversion therefore needs the nominal vehicle's rotor positions, the rotors'
+ratio of drag to thrust, the mass and the moments of inertia.
 """
 
 import math
@@ -13,21 +13,21 @@ from typing import Any
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.px4_units import torque_units
 
-# Limit on the horizontal integrals of the velocity loop, m/s². PX4 limits them by anti-windup only, so that this value
-# is never reached.
-_NO_LIMIT = 1000.0
-# Body rate error at which the rate loop stops integrating (rate_control.cpp), rad/s.
-_INTEGRAL_FADE = math.radians(400.0)
+# Limit on the velocity loop's horizontal integrals, m/s². It is never reached, since PX4 limits these integrals only by
+# anti-windup.
+_UNREACHED_INTEGRAL_LIMIT = 1000.0
+# Body rate error above which the rate loop stops integrating (rate_control.cpp), rad/s.
+_INTEGRAL_FADE_ERROR = math.radians(400.0)
 _AXES = ("ROLL", "PITCH", "YAW")
 _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
-# Longest period of the fastest loop on board, s. All periods are 20 ms divided by powers of two.
-_LINK_PERIOD = 0.02
+# Longest period of the fastest loop on board, s. All loop periods are 20 ms divided by a power of two.
+_MAX_LOOP_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
 
 
 def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
-    """Return a layer of a scenario with PX4's controllers.
+    """Return a scenario layer with PX4's controllers.
 
     Args:
         values: parameters of PX4, by name.
@@ -40,7 +40,10 @@ def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict
     velocity: dict[str, Any] = {"k_p": level_and_up("MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")}
     integral = level_and_up("MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
     if any(integral):
-        velocity |= {"k_i": integral, "integral_limit": [_NO_LIMIT, _NO_LIMIT, _GRAVITY]}
+        velocity |= {
+            "k_i": integral,
+            "integral_limit": [_UNREACHED_INTEGRAL_LIMIT, _UNREACHED_INTEGRAL_LIMIT, _GRAVITY],
+        }
     derivative = level_and_up("MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
     if any(derivative):
         velocity["k_d"] = derivative
@@ -72,12 +75,14 @@ def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict
 
 
 def gyroscope_period(values: Mapping[str, float]) -> float:
-    """Return the period of the loops on board, s.
+    """Return the period of PX4's control loops, s.
 
     The period is 1 / IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
     """
-    halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
-    return _LINK_PERIOD / 2.0 ** max(0, halvings)
+    halvings = (
+        round(math.log2(_MAX_LOOP_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
+    )
+    return _MAX_LOOP_PERIOD / 2.0 ** max(0, halvings)
 
 
 def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
@@ -91,12 +96,12 @@ def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dic
     terms: dict[str, Any] = {}
     if any(rates("I")):
         limits = [values[name] * scale for name, scale in zip(_INTEGRAL_LIMITS, scales, strict=True)]
-        terms |= {"k_i": rates("I"), "integral_limit": limits, "integral_fade": _INTEGRAL_FADE}
+        terms |= {"k_i": rates("I"), "integral_limit": limits, "integral_fade": _INTEGRAL_FADE_ERROR}
     if any(rates("D")):
         terms["k_d"] = rates("D")
         if values["IMU_DGYRO_CUTOFF"] > 0.0:
             terms |= {"derivative_bandwidth": [math.tau * values["IMU_DGYRO_CUTOFF"]] * 3, "derivative_order": 1}
-    # The gain K is not part of the feed-forward.
+    # The parameters *_K scale the P, I and D terms, but not the feed-forward.
     feed_forward = [values[f"MC_{axis}RATE_FF"] * scale for axis, scale in zip(_AXES, scales, strict=True)]
     if any(feed_forward):
         terms["k_ff"] = feed_forward
