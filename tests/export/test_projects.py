@@ -280,6 +280,21 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
 
 @needs_compilers
 @pytest.mark.slow
+def test_the_ros2_project_holds_its_first_place_until_a_reference_arrives(tmp_path):
+    _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
+    library = ros2_library(project)
+    first, later = (np.array([*place, 0.2, 0.1, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0]) for place in np.eye(3)[:2])
+    place, held = np.array([*first[:3], *[0.0] * 6, first[5], 0.0]), np.zeros(8)
+    for measured in (first, later):
+        odometry = ros2_inputs(measured, place, None)[:13].copy()
+        library.send_odometry(odometry.ctypes.data_as(ctypes.c_void_p))
+        library.tick(ctypes.c_uint64(0))
+    library.read(held.ctypes.data_as(ctypes.c_void_p))
+    np.testing.assert_allclose(call(library, 0.0, ros2_inputs(later, place, None)), held, rtol=1e-6)
+
+
+@needs_compilers
+@pytest.mark.slow
 def test_the_python_project_flies_with_the_bits_of_the_exported_code(tmp_path):
     scenario, project = exported(tmp_path, "python", ["figure_eight", SHORT], "double")
     subprocess.run(["make", "--silent"], cwd=project, check=True)

@@ -30,20 +30,9 @@ extern "C" void tick(uint64_t microseconds)
     stub_timer();
 }
 
-// Inputs: position, velocity in the body frame, quaternion w x y z, body rates; position, velocity, acceleration,
-// quaternion and yaw rate of the reference. Command: wrench, or quaternion and thrust.
-extern "C" void step(uint64_t microseconds, const double *inputs, double *command)
+// Read the latest command: wrench, or quaternion and thrust.
+extern "C" void read(double *command)
 {
-    stub_now = 1e-6 * double(microseconds);
-    send_odometry(inputs);
-    const double *r = inputs + 13;
-    trajectory_msgs::msg::MultiDOFJointTrajectoryPoint point;
-    point.transforms = {{{r[0], r[1], r[2]}, {r[10], r[11], r[12], r[9]}}};
-    point.velocities = {{{r[3], r[4], r[5]}, {0, 0, r[13]}}};
-    point.accelerations = {{{r[6], r[7], r[8]}, {}}};
-    using Point = trajectory_msgs::msg::MultiDOFJointTrajectoryPoint;
-    stub_callback<Point>(std::make_shared<const Point>(point));
-    stub_timer();
     const auto &wrench = stub_published<geometry_msgs::msg::WrenchStamped>.wrench;
     const auto &target = stub_published<mavros_msgs::msg::AttitudeTarget>;
 #if COMMANDS_ATTITUDE
@@ -56,4 +45,21 @@ extern "C" void step(uint64_t microseconds, const double *inputs, double *comman
 #endif
     for (double value : values)
         *command++ = value;
+}
+
+// Inputs: position, velocity in the body frame, quaternion w x y z, body rates; position, velocity, acceleration,
+// quaternion and yaw rate of the reference.
+extern "C" void step(uint64_t microseconds, const double *inputs, double *command)
+{
+    stub_now = 1e-6 * double(microseconds);
+    send_odometry(inputs);
+    const double *r = inputs + 13;
+    trajectory_msgs::msg::MultiDOFJointTrajectoryPoint point;
+    point.transforms = {{{r[0], r[1], r[2]}, {r[10], r[11], r[12], r[9]}}};
+    point.velocities = {{{r[3], r[4], r[5]}, {0, 0, r[13]}}};
+    point.accelerations = {{{r[6], r[7], r[8]}, {}}};
+    using Point = trajectory_msgs::msg::MultiDOFJointTrajectoryPoint;
+    stub_callback<Point>(std::make_shared<const Point>(point));
+    stub_timer();
+    read(command);
 }
