@@ -289,7 +289,7 @@ def test_the_ros2_project_holds_its_first_place_until_a_reference_arrives(tmp_pa
         odometry = ros2_inputs(measured, place, None)[:13].copy()
         library.send_odometry(odometry.ctypes.data_as(ctypes.c_void_p))
         library.tick(ctypes.c_uint64(0))
-    library.read(held.ctypes.data_as(ctypes.c_void_p))
+    library.read_command(held.ctypes.data_as(ctypes.c_void_p))
     np.testing.assert_allclose(call(library, 0.0, ros2_inputs(later, place, None)), held, rtol=1e-6)
 
 

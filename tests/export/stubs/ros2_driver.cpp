@@ -31,7 +31,7 @@ extern "C" void tick(uint64_t microseconds)
 }
 
 // Read the latest command: wrench, or quaternion and thrust.
-extern "C" void read(double *command)
+extern "C" void read_command(double *command)
 {
     const auto &wrench = stub_published<geometry_msgs::msg::WrenchStamped>.wrench;
     const auto &target = stub_published<mavros_msgs::msg::AttitudeTarget>;
@@ -61,5 +61,5 @@ extern "C" void step(uint64_t microseconds, const double *inputs, double *comman
     using Point = trajectory_msgs::msg::MultiDOFJointTrajectoryPoint;
     stub_callback<Point>(std::make_shared<const Point>(point));
     stub_timer();
-    read(command);
+    read_command(command);
 }
