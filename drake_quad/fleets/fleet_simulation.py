@@ -73,7 +73,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
 
 
 class WiredSimulation(FleetSimulation):
@@ -106,7 +106,7 @@ class WiredSimulation(FleetSimulation):
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
         return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
 
 
@@ -161,20 +161,20 @@ class CompiledSimulation(FleetSimulation):
         return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
         signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
         num_ticks = len(next(iter(signals.values())))
         return self._compiled.tick * np.arange(num_ticks), signals
 
     def _part_of(self, context: Context) -> Context:
-        """Return the context of the compiled system within a context of the diagram."""
+        """Return the compiled system's context, given a context of the diagram that contains this system."""
         return self._compiled.GetMyMutableContextFromRoot(context)
 
 
 def simulate_fleet(
     batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
-    """Return the simulation of a fleet.
+    """Create the simulation of a fleet.
 
     Args:
         batch: samples that the fleet flies.

@@ -227,7 +227,7 @@ def _read_metrics(path: Path, kind: type[Metrics]) -> Metrics:
 
 
 def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
-    """Return the arrays from which `_plan_of` restores a plan exactly, by name."""
+    """Return the named arrays from which `_plan_of` restores a plan exactly."""
     arrays = {
         **{f"path.{name}": values for name, values in plan.path._asdict().items()},
         **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},

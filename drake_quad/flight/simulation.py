@@ -152,7 +152,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | N
 
 
 def _is_compiled_by_default(scenario: Scenario) -> bool:
-    """Return whether the vehicle has no continuous state, which only Drake's integrators can simulate."""
+    """Return True unless the vehicle has a continuous state, which only Drake's integrators can simulate."""
     return scenario.vehicle.time_step > 0.0
 
 
@@ -190,7 +190,7 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
     """Return the value of a metric of a recorded flight.
 
     Raises:
-        InputError: if it is not a number, or outside the range that its definition states.
+        InputError: if the value is not a number, or outside the range that the metric's definition states.
     """
     if not isinstance(value, int | float | np.number):
         raise InputError(f"the metric {name} must be a number, but its function returned {short_repr(value)}")
@@ -201,7 +201,7 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
 def fly_with_metrics(
     fleet: StudyFleet, batch: Batch, progress: Callable[[float, float], None] | None = None
 ) -> Metrics:
-    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, also those of recorded flights."""
+    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those that need a recorded flight."""
     metrics = fleet.fly_batch(batch, progress=progress)
     if not recorded_metrics_of(type(metrics)):
         return metrics

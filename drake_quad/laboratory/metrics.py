@@ -126,7 +126,8 @@ class Display(NamedTuple):
 
     Attributes:
         unit: unit that is printed.
-        size: size of the printed unit in the unit of the metric, for example 0.01 for a length that is printed in cm.
+        size: size of the printed unit, expressed in the metric's unit; for example 0.01 if a length in m is printed in
+            cm.
         digits: number of digits after the decimal point, for one flight.
     """
 
@@ -178,7 +179,7 @@ class Metric(NamedTuple):
 
     @property
     def infinities_with_crash(self) -> tuple[str, str]:
-        """Texts for negative and positive infinity if a crash is the only reason for an infinite value."""
+        """Texts that replace negative and positive infinity if only a crash can cause an infinite value."""
         return ("crash", "∞") if self.larger_is_better else ("-∞", "crash")
 
 
@@ -402,7 +403,7 @@ def check_range(name: str, metric: Metric, values: Any) -> None:
     """Check that the values of a metric, a number or (N,) numbers, are in the range that its definition states.
 
     Raises:
-        InputError: if a value is not.
+        InputError: if a value is outside this range.
     """
     low, high = _LIMITS[metric.value_range]
     wrong = (values < low - _ROUNDING_TOLERANCE) | (values > high + _ROUNDING_TOLERANCE)
@@ -422,8 +423,8 @@ def compute_metrics(
         crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
-        connected: function that returns whether a signal, given its name, is known; by default all signals are. A
-            metric is NaN if a signal on which it depends is not.
+        connected: function that returns True if the signal of a given name is available; by default all signals are
+            available. A metric is NaN if it depends on an unavailable signal.
 
     Raises:
         InputError: if a metric is outside the range that its definition states.

@@ -58,8 +58,8 @@ def stream_numbers(
 
     Args:
         states: initial states of each stream, one for each period.
-        kinds: number of rows of each stream, True for normal numbers or False for uniform ones, and number of ticks in
-            a period.
+        kinds: for each stream, the number of rows, True for normal numbers or False for uniform ones, and the number of
+            ticks in a period.
         ticks: tick of each stream.
     """
     return tuple(
@@ -99,7 +99,7 @@ class NoiseSource(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        noise_period: length of the periods with noise of different samples, s.
+        noise_period: length of a period, s. In successive periods, a vehicle has the noise of different samples.
         parameters: samples of the vehicles.
 
     Raises:

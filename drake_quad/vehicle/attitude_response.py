@@ -51,7 +51,7 @@ ATTITUDE_RESPONSE_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect",
 
 
 class NaturalFrequencies(NamedTuple):
-    """Natural frequency of the response of each angle."""
+    """Natural frequency of each angle's response."""
 
     roll: AngleRate
     pitch: AngleRate
@@ -59,7 +59,7 @@ class NaturalFrequencies(NamedTuple):
 
 
 class DampingRatios(NamedTuple):
-    """Damping ratio of the response of each angle."""
+    """Damping ratio of each angle's response."""
 
     roll: Number
     pitch: Number

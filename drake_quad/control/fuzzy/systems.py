@@ -21,12 +21,12 @@ PerNetworkAxis = tuple[Rows, ...]
 
 
 def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
-    """Return the layout of a number of rows on each axis of a network."""
+    """Return the layout of a signal that has the same number of rows for each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
 
 
 def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
-    """Return the layout of the antecedents of a network on each of its axes."""
+    """Return the layout of a network's antecedents, one axis after another."""
     return layout_of(tuple[Antecedents, ...], antecedents)
 
 

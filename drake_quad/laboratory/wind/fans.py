@@ -52,7 +52,8 @@ class Jet(NamedTuple):
         direction: direction of the jet.
         exit_speed: exit speed U₀.
         diameter: diameter D of the outlet.
-        turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
+        turbulence: turbulence intensity, which is the standard deviation of the velocity on each axis, divided by the
+            mean speed.
     """
 
     outlet: Outlet
@@ -70,7 +71,8 @@ class Jet(NamedTuple):
             direction: direction of the jet, a vector of any length.
             flow: volume flow Q, m³/s.
             diameter: diameter D of the outlet, m.
-            turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
+            turbulence: turbulence intensity, which is the standard deviation of the velocity on each axis, divided by
+                the mean speed.
         """
         length = np.sqrt(sum(part * part for part in direction))
         unit = Direction._make(part / length for part in direction)
