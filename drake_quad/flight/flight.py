@@ -36,7 +36,7 @@ METRICS = "metrics.csv"
 # Names of the arrays in `flight.npz` that are not signals: whether the diagram was compiled, the obstacle that the
 # vehicle hit, the cause of the crash, and the arrays of the plan.
 _COMPILED_KEY = "compiled"
-_TOUCHED_KEY = "touched"
+_OBSTACLE_KEY = "touched"
 _CAUSE_KEY = "cause"
 _PLAN_PREFIX = "plan."
 
@@ -170,7 +170,7 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
-            words = {_TOUCHED_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
+            words = {_OBSTACLE_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
             arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
@@ -203,7 +203,9 @@ def read_flight(path: Path | str) -> Flight:
             arrays = read_arrays(file)
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED_KEY, False))
-        obstacle_hit, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
+        obstacle_hit, cause = (
+            str(arrays.pop(name)) if name in arrays else None for name in (_OBSTACLE_KEY, _CAUSE_KEY)
+        )
         plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:

@@ -204,7 +204,7 @@ def _median(value: Any) -> float:
 
 
 def _deviation(value: Any) -> float:
-    """Return half the width of the central 68.3 % interval, which is the standard deviation of a normal distribution."""
+    """Return half the width of the central 68.3 % interval; a normal distribution has this standard deviation."""
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))

@@ -23,13 +23,13 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 # Target accuracy and largest step (s) of the integrator for a continuous state.
-_ACCURACY = 1e-8
-_MAX_STEP = 0.1
+_INTEGRATOR_ACCURACY = 1e-8
+_MAX_INTEGRATOR_STEP = 0.1
 # Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
 # flight takes 15 seconds.
-_MIN_STEP = 1e-5
+_MIN_INTEGRATOR_STEP = 1e-5
 # Part of the message of Drake's exception if the integration requires a smaller step.
-_STEP_ERROR = "smaller than minimum allowed"
+_STEP_ERROR_TEXT = "smaller than minimum allowed"
 
 
 def simulate(
@@ -89,21 +89,21 @@ def simulate(
     simulation = simulate_fleet(batch, plan, user_systems=user_systems, record=True, compiled=compiled)
     simulator = simulation.simulator
     # The integrator simulates a continuous state. A vehicle with a time step does not use it.
-    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
-    integrator.set_target_accuracy(_ACCURACY)
-    integrator.set_requested_minimum_step_size(_MIN_STEP)
+    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_INTEGRATOR_STEP)
+    integrator.set_target_accuracy(_INTEGRATOR_ACCURACY)
+    integrator.set_requested_minimum_step_size(_MIN_INTEGRATOR_STEP)
     if prepare is not None:
         prepare(simulator)
     try:
         simulation.fly(end if until is None else until, progress=progress)
     except RuntimeError as error:
-        if _STEP_ERROR not in str(error):
+        if _STEP_ERROR_TEXT not in str(error):
             raise
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on the continuous state changes too fast: its integration"
-            f" needs steps shorter than {_MIN_STEP:g} s, for example near the singularity at a pitch of 90 degrees;"
-            " set vehicle.time_step to a positive number"
+            f" needs steps shorter than {_MIN_INTEGRATOR_STEP:g} s, for example near the singularity at a pitch of 90"
+            " degrees; set vehicle.time_step to a positive number"
         ) from None
     return flights_of(batch, plan, simulation, user_systems)[0]
 
@@ -201,7 +201,7 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
 def fly_with_metrics(
     fleet: StudyFleet, batch: Batch, progress: Callable[[float, float], None] | None = None
 ) -> Metrics:
-    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those that need a recorded flight."""
+    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those of recorded flights."""
     metrics = fleet.fly_batch(batch, progress=progress)
     if not recorded_metrics_of(type(metrics)):
         return metrics

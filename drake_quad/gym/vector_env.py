@@ -32,7 +32,7 @@ from drake_quad.signals import SIGNALS
 
 # Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
-_MONITOR = "monitor"  # name of the flight monitor in the diagram
+_MONITOR_NAME = "monitor"  # name of the flight monitor in the diagram
 StepResult = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """Observations, rewards, terminations, truncations and infos of a step."""
 
@@ -138,7 +138,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *self._signals)))
         self._fleet = ClockedFleet(
-            diagram, tick=self._tick, num_ticks=self._num_ticks, outputs=outputs, monitor=_MONITOR
+            diagram, tick=self._tick, num_ticks=self._num_ticks, outputs=outputs, monitor=_MONITOR_NAME
         )
         self._episodes = Episodes(self.scenario, self.plan, num_envs, outputs=outputs)
         self._reward, self._terminates = reward, terminates

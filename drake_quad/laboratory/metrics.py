@@ -32,7 +32,7 @@ from drake_quad.signals import Acceleration, Quantity, Reference, Row, State, Wr
 ValueRange = Literal["real", "nonnegative", "fraction"]
 """Numbers that a metric or a signal can be: all real numbers, those from 0 on, or those from 0 to 1."""
 
-_LIMITS: dict[ValueRange, tuple[float, float]] = {
+_LIMITS_OF_RANGES: dict[ValueRange, tuple[float, float]] = {
     "real": (-math.inf, math.inf),
     "nonnegative": (0.0, math.inf),
     "fraction": (0.0, 1.0),
@@ -183,7 +183,7 @@ class Metric(NamedTuple):
         return ("crash", "∞") if self.larger_is_better else ("-∞", "crash")
 
 
-_ZEROS = PerAxis(0.0, 0.0, 0.0)
+_ZERO_ON_EACH_AXIS = PerAxis(0.0, 0.0, 0.0)
 
 
 class ErrorSums(NamedTuple):
@@ -195,7 +195,7 @@ class ErrorSums(NamedTuple):
     """
 
     peak: Row = 0.0
-    squares: PerAxis = _ZEROS
+    squares: PerAxis = _ZERO_ON_EACH_AXIS
 
 
 def add_error(sums: ErrorSums, state: State, reference: Reference) -> ErrorSums:
@@ -215,9 +215,9 @@ class CommandSums(NamedTuple):
         last: u of the previous tick, m/s².
     """
 
-    effort: PerAxis = _ZEROS
-    variation: PerAxis = _ZEROS
-    last: PerAxis = _ZEROS
+    effort: PerAxis = _ZERO_ON_EACH_AXIS
+    variation: PerAxis = _ZERO_ON_EACH_AXIS
+    last: PerAxis = _ZERO_ON_EACH_AXIS
 
 
 def add_command(sums: CommandSums, acceleration_command: Acceleration, ticks: Row) -> CommandSums:
@@ -245,9 +245,9 @@ def add_shortfall(sums: SaturationSums, shortfall: Wrench) -> SaturationSums:
     return SaturationSums(sums.saturated + where(complete, 0.0, 1.0))
 
 
-_ERROR = _accumulator(ErrorSums(), add_error)
-_COMMAND = _accumulator(CommandSums(), add_command)
-_SHORTFALL = _accumulator(SaturationSums(), add_shortfall)
+_ERROR_ACCUMULATOR = _accumulator(ErrorSums(), add_error)
+_COMMAND_ACCUMULATOR = _accumulator(CommandSums(), add_command)
+_SATURATION_ACCUMULATOR = _accumulator(SaturationSums(), add_shortfall)
 CENTIMETRES = Display("cm", 0.01, 2)
 """Format of metrics in m."""
 
@@ -258,7 +258,7 @@ def _rms(axis: str) -> Metric:
     def value(sums: ErrorSums, ticks: Any, _: float) -> Any:
         return np.sqrt(getattr(sums.squares, axis) / ticks)
 
-    return Metric("m", f"RMSE on {axis.upper()}", _ERROR, value, CENTIMETRES, value_range="nonnegative")
+    return Metric("m", f"RMSE on {axis.upper()}", _ERROR_ACCUMULATOR, value, CENTIMETRES, value_range="nonnegative")
 
 
 def _effort(axis: str) -> Metric:
@@ -268,7 +268,7 @@ def _effort(axis: str) -> Metric:
         return getattr(sums.effort, axis) / ticks
 
     label, display = f"control effort on {axis.upper()}", Display("m²/s⁴", 1.0, 4)
-    return Metric("m²/s⁴", label, _COMMAND, value, display, value_range="nonnegative")
+    return Metric("m²/s⁴", label, _COMMAND_ACCUMULATOR, value, display, value_range="nonnegative")
 
 
 def _variation(axis: str) -> Metric:
@@ -278,7 +278,7 @@ def _variation(axis: str) -> Metric:
         return getattr(sums.variation, axis) / (np.where(ticks > 1.0, ticks - 1.0, np.nan) * period)
 
     label = f"total variation of the command on {axis.upper()}"
-    return Metric("m/s³", label, _COMMAND, value, value_range="nonnegative")
+    return Metric("m/s³", label, _COMMAND_ACCUMULATOR, value, value_range="nonnegative")
 
 
 def _total_rms(sums: ErrorSums, ticks: Any, _: float) -> Any:
@@ -289,17 +289,17 @@ def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
     return np.sqrt(sums.peak * np.where(ticks > 0.0, 1.0, np.nan))
 
 
-_SATURATION = Metric(
+_SATURATION_METRIC = Metric(
     "1",
     "ticks with saturated rotors",
-    _SHORTFALL,
+    _SATURATION_ACCUMULATOR,
     lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),
     differentiable=False,
     value_range="fraction",
 )
-_RMSE = Metric("m", "RMSE", _ERROR, _total_rms, CENTIMETRES, value_range="nonnegative")
-_PEAK = Metric("m", "peak error", _ERROR, _peak, CENTIMETRES, value_range="nonnegative")
+_RMSE_METRIC = Metric("m", "RMSE", _ERROR_ACCUMULATOR, _total_rms, CENTIMETRES, value_range="nonnegative")
+_PEAK_METRIC = Metric("m", "peak error", _ERROR_ACCUMULATOR, _peak, CENTIMETRES, value_range="nonnegative")
 
 
 class Metrics(NamedTuple):
@@ -325,18 +325,18 @@ class Metrics(NamedTuple):
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
-    rmse: Annotated[Any, _RMSE]
+    rmse: Annotated[Any, _RMSE_METRIC]
     rmse_x: Annotated[Any, _rms("x")]
     rmse_y: Annotated[Any, _rms("y")]
     rmse_z: Annotated[Any, _rms("z")]
-    peak_error: Annotated[Any, _PEAK]
+    peak_error: Annotated[Any, _PEAK_METRIC]
     effort_x: Annotated[Any, _effort("x")]
     effort_y: Annotated[Any, _effort("y")]
     effort_z: Annotated[Any, _effort("z")]
     variation_x: Annotated[Any, _variation("x")]
     variation_y: Annotated[Any, _variation("y")]
     variation_z: Annotated[Any, _variation("z")]
-    saturated_fraction: Annotated[Any, _SATURATION]
+    saturated_fraction: Annotated[Any, _SATURATION_METRIC]
     crash_time: Annotated[Any, Quantity("s")]
 
     @property
@@ -358,8 +358,8 @@ class Metrics(NamedTuple):
         return type(self)(*values)
 
 
-_HINTS = get_type_hints(Metrics, include_extras=True)
-_DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
+_ANNOTATIONS = get_type_hints(Metrics, include_extras=True)
+_DEFINITIONS = {name: definition for name, hint in _ANNOTATIONS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
 """Definition of each metric that every flight has, without the crash time."""
 
@@ -405,7 +405,7 @@ def check_range(name: str, metric: Metric, values: Any) -> None:
     Raises:
         InputError: if a value is outside this range.
     """
-    low, high = _LIMITS[metric.value_range]
+    low, high = _LIMITS_OF_RANGES[metric.value_range]
     wrong = (values < low - _ROUNDING_TOLERANCE) | (values > high + _ROUNDING_TOLERANCE)
     if np.any(wrong):
         value, *_ = np.ravel(values)[np.ravel(wrong)]

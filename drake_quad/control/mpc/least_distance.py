@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-# Tolerance on the violation of rows, relative to the largest violation at the origin, and on the signs of multipliers,
-# relative to the largest multiplier.
+# Tolerance on violations, relative to the largest violation at the origin. The same tolerance applies to negative
+# multipliers, relative to the largest multiplier.
 _TOLERANCE = 1e-9
 
 

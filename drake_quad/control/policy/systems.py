@@ -23,7 +23,7 @@ from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
 
 # Input ports of the subsystems that become input ports of the diagram.
-_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
+_EXPORTED_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
 def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
@@ -214,7 +214,7 @@ def build_policy_control(
         systems.append(thrust_vectoring)
     if attitude is not None:
         systems.append(builder.AddNamedSystem("attitude", attitude))
-    connect_inputs(builder, systems, sources, exported=_INPUTS)
+    connect_inputs(builder, systems, sources, exported=_EXPORTED_INPUTS)
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:
