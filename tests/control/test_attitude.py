@@ -10,11 +10,11 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import State, Torque
 
 INERTIA = (0.007, 0.008, 0.012)
-NUMBERS = AttitudeParameters(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
+PARAMETERS = AttitudeParameters(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
 
 
 def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0.0), rate_command=(0.0, 0.0, 0.0)):
-    controller = AttitudeController(parameters=NUMBERS)
+    controller = AttitudeController(parameters=PARAMETERS)
     context = controller.CreateDefaultContext()
     measurement = State(0.0, 0.0, 0.0, *attitude, 0.0, 0.0, 0.0, *rates)
     controller.GetInputPort("measurement").FixValue(context, measurement)
@@ -24,7 +24,7 @@ def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0
 
 
 def test_commanded_angular_accelerations_are_added():
-    controller = AttitudeController(parameters=NUMBERS)
+    controller = AttitudeController(parameters=PARAMETERS)
     context = controller.CreateDefaultContext()
     for name, size in (("measurement", 12), ("attitude_command", 3), ("body_rate_command", 3)):
         controller.GetInputPort(name).FixValue(context, [0.0] * size)

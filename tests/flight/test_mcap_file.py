@@ -64,7 +64,7 @@ def messages(path):
     return contents, schemas
 
 
-def test_each_signal_and_each_display_has_a_topic(messages, flights):
+def test_each_signal_and_each_foxglove_display_has_a_topic(messages, flights):
     contents, _ = messages
     for name, flight in flights.items():
         topics = {f"/{name}/{each}" for each in ("tf", "reference", *(f"signals/{signal}" for signal in flight))}

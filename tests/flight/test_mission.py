@@ -75,7 +75,7 @@ def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_v
         ("hover", ["vehicle.slung_load={mass: 0.05, length: 0.5}"], "swing"),
     ],
 )
-def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, overrides, distinct_port):
+def test_the_docstring_of_the_laboratory_lists_its_ports_and_their_rows(name, overrides, distinct_port):
     text = build_laboratory_diagram.__doc__
     rows = {}
     for names, number in re.findall(r"(`[^()]+) \((\d+)\s+rows?[):,]", text):
@@ -115,7 +115,7 @@ def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_r
     assert plant.A()[fields.index("v_y"), fields.index("roll")] == pytest.approx(-gravity)
 
 
-def test_distributions_are_refused():
+def test_diagrams_of_scenarios_with_distributions_are_refused():
     uncertain = load_scenario("hover", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     for build in (build_laboratory_diagram, build_vehicle, build_tracking_diagram):
         with pytest.raises(InputError, match=r"vehicle\.mass"):

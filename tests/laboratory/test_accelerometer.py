@@ -73,7 +73,7 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
     return np.sqrt(0.25 * thrust_per_weight * parameters.mass * parameters.gravity / rotor.thrust_factor)
 
 
-def test_at_rest_the_reading_is_g_upwards():
+def test_the_reading_at_rest_is_g_upwards():
     """In hover, the reading is g along z. At rest in any attitude, it is g Z expressed in B."""
     hover = np.zeros((12, 2))
     measurements, _ = readings(
@@ -87,7 +87,7 @@ def test_at_rest_the_reading_is_g_upwards():
         np.testing.assert_allclose(force, rotation.inv().apply([0.0, 0.0, GRAVITY]), atol=1e-12)
 
 
-def test_in_free_fall_the_reading_is_the_centripetal_acceleration():
+def test_the_reading_in_free_fall_is_the_centripetal_acceleration():
     """A body without thrust rotates. The reading is 0 at the centre of mass and ω × (ω × r) at the position r."""
     state = np.zeros((12, 2))
     state[3:6], state[6:9] = [[0.3], [-0.4], [1.0]], [[1.0], [2.0], [3.0]]
@@ -103,7 +103,7 @@ def test_in_free_fall_the_reading_is_the_centripetal_acceleration():
     )
 
 
-def test_in_a_coordinated_turn_the_reading_is_the_thrust():
+def test_the_reading_in_a_coordinated_turn_is_the_thrust_divided_by_mass():
     """At the roll φ, the speed v and the yaw rate -g tan φ / v, the reading is g / cos φ along z at the centre of mass.
 
     No torque acts on the vehicle, so it flies an exact circle of the radius v² / (g tan φ).
@@ -192,7 +192,7 @@ class Altitude(NamedTuple):
 
 
 class AltimeterParameters(NamedTuple):
-    """Numbers of an exact altimeter."""
+    """Parameters of an altimeter without errors."""
 
     latency_samples: Number = 0.0
 

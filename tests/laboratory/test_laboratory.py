@@ -128,7 +128,7 @@ JET = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
 TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
 
-def test_by_default_the_laboratory_is_ideal():
+def test_the_laboratory_is_ideal_by_default():
     assert LinkParameters() == (0.0, 0.0, Wrench(0.0, 0.0, 0.0, 0.0))
     assert CameraParameters() == record_like(CameraParameters, models.Laboratory().motion_capture)
     assert Surroundings() == ((), 0.0)
@@ -140,13 +140,13 @@ def test_by_default_the_laboratory_is_ideal():
     assert TurbulenceParameters(TURBULENCE).heading == 0.0
 
 
-def test_default_crash_limits_agree_with_a_scenario():
+def test_default_crash_limits_agree_with_the_defaults_of_a_scenario():
     crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
     assert CrashLimits()._asdict() == pytest.approx(crash)
 
 
 @pytest.mark.slow
-def test_before_a_simulation_begins_measurements_and_wind_are_zero():
+def test_measurements_and_wind_are_zero_before_a_simulation_begins():
     """Only the initialization events take the first samples."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (

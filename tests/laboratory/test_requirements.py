@@ -66,7 +66,7 @@ def rtamt(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_robustness_equals_that_of_rtamt(seed, rtamt):
+def test_robustness_agrees_with_the_library_rtamt(seed, rtamt):
     wind = walks(seed)
     x = below("x", 1.0)
     cases = {

@@ -70,7 +70,7 @@ def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, 
 
 
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, parameters, structure):
+def test_the_acceleration_of_a_continuous_state_is_the_derivative_of_its_velocity(kind, parameters, structure):
     """The output agrees with one small step of Euler's method."""
     vehicle = kind(time_step=0.0, parameters=parameters, **structure)
     context = fix_inputs(vehicle, vehicle.CreateDefaultContext())
@@ -106,7 +106,7 @@ def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, parameters, time_s
     assert np.abs(flying_acceleration).max() > 0.5
 
 
-def test_angular_acceleration_is_the_derivative_of_equation_2():
+def test_angular_acceleration_is_the_derivative_of_eq_2():
     rng = np.random.default_rng(0)
     angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, 3))
 

@@ -115,6 +115,6 @@ def test_vehicles_of_a_fleet_have_individual_faults():
         np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
 
 
-def test_without_faults_all_factors_are_one():
+def test_all_speed_factors_are_one_without_faults():
     assert RotorFaults() == (0.0, np.inf, (1.0, 1.0, 1.0, 1.0))
     assert speed_factors(RotorFaults(), 100.0) == (1.0, 1.0, 1.0, 1.0)

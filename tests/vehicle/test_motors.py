@@ -32,7 +32,7 @@ RISING_CURVES = [
     ThrustCurve(0.0, 4.0, -1.9),
 ]
 # Eschmann, Albani and Loianno (arXiv 2404.07837) identified this curve. It falls before it rises.
-CRAZYFLIE = ThrustCurve(0.0227, -0.0119, 0.1284)
+CRAZYFLIE_THRUST_CURVE = ThrustCurve(0.0227, -0.0119, 0.1284)
 
 
 @pytest.mark.parametrize("curve", RISING_CURVES)
@@ -45,8 +45,8 @@ def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
 
 
 def test_the_throttle_is_on_the_rising_branch_of_a_curve_that_falls_at_first():
-    throttle = throttle_for(0.05, CRAZYFLIE)
-    root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE[::-1], u) - 0.05, 0.1, 1.0)
+    throttle = throttle_for(0.05, CRAZYFLIE_THRUST_CURVE)
+    root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE_THRUST_CURVE[::-1], u) - 0.05, 0.1, 1.0)
     assert throttle == pytest.approx(root, rel=1e-12)
 
 
@@ -112,7 +112,7 @@ def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
 
 
 @pytest.mark.parametrize("paired", [False, True])
-def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
+def test_the_system_throttle_allocation_agrees_with_its_formula(asymmetric_vehicle, paired):
     model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING_CURVES[0])
     system = ThrottleAllocation(paired=paired, parameters=model)
     context = system.CreateDefaultContext()

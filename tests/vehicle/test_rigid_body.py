@@ -16,7 +16,7 @@ def moments_of_bodies():
     return (squares.sum(axis=(1, 2))[:, None] - squares.sum(axis=1)) * 0.05
 
 
-def test_moments_of_inertia_of_any_body_are_possible(moments_of_bodies):
+def test_moments_of_inertia_of_any_rigid_body_are_accepted(moments_of_bodies):
     assert all(explain_invalid_inertia(moments) == "" for moments in moments_of_bodies.tolist())
     # The moments of flat bodies and rods satisfy the conditions up to rounding errors.
     np.testing.assert_allclose(nearest_rigid_inertia(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)

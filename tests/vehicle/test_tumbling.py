@@ -213,7 +213,7 @@ def jacobian(vehicle, function):
     return ExtractGradient(function(converted, context))
 
 
-def test_derivatives_are_finite_where_the_nose_points_straight_up():
+def test_derivatives_are_finite_at_a_pitch_of_90_degrees():
     """The derivatives of roll and yaw are not defined at this attitude, but must not be NaN."""
     angles = InitializeAutoDiff(np.array([0.3, -0.5 * math.pi, 0.7]))[:, 0]
     gradient = ExtractGradient(np.array(BodyAxes.of(*angles).angles()))
@@ -301,7 +301,7 @@ def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates(
     assert degrees_apart(states[-1:, 3:6], rotation) < 1e-3
 
 
-LOAD = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
 
 
 @pytest.mark.slow
@@ -315,13 +315,13 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     rods = [rod_of(swing) for swing in swings]
     initial_rods = np.array([rod.direction for rod in rods]), np.array([rod.rate for rod in rods])
     position, rotation, velocity, _, load_position, load_velocity = flown(
-        asymmetric_vehicle, tumbles, 1.0, LOAD, initial_rods
+        asymmetric_vehicle, tumbles, 1.0, SLUNG_LOAD, initial_rods
     )
-    directions, rates = (load_position - position) / LOAD.length, (load_velocity - velocity) / LOAD.length
+    directions, rates = (load_position - position) / SLUNG_LOAD.length, (load_velocity - velocity) / SLUNG_LOAD.length
     assert np.abs(directions[:, 0]).max() > 0.9
     errors = []
     for step in TIME_STEPS[:3]:
-        states, swings_after = final_states_and_swings(asymmetric_vehicle, tumbles, step, 1.0, LOAD, swings)
+        states, swings_after = final_states_and_swings(asymmetric_vehicle, tumbles, step, 1.0, SLUNG_LOAD, swings)
         final_rods = [rod_of(swing) for swing in swings_after]
         errors.append(np.abs(np.array([rod.direction for rod in final_rods]) - directions).max())
         assert degrees_apart(states[:, 3:6], rotation).max() < 1e-3

@@ -84,7 +84,7 @@ def upper_triangles(P):
 
 
 def random_firing(rng, n):
-    """Return random firing strengths (9, n)."""
+    """Return random normalised firing strengths (9, n)."""
     return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
@@ -162,7 +162,7 @@ def test_the_sampled_law_converges_to_the_differential_equations():
 
 
 @pytest.mark.parametrize("initial", [1.0, 1e6])
-def test_a_tick_with_constant_inputs_is_exact(initial):
+def test_one_long_tick_with_constant_inputs_equals_many_short_ticks(initial):
     """One tick of 0.64 s gives the same result as 64 ticks of 0.01 s."""
     rng = np.random.default_rng(5)
     firing, surface = random_firing(rng, 4), rng.normal(size=4)
@@ -207,7 +207,7 @@ def test_the_gradient_law_has_a_constant_covariance():
     np.testing.assert_allclose(learner.weights, -H * 2.5 * firing * surface)
 
 
-def test_the_sign_law_changes_the_correction_by_its_slope():
+def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
     rng = np.random.default_rng(4)
     law = SignLaw(rate=0.5, initial_slope=0.2)
     command = np.array([0.3, -0.4, 0.0])

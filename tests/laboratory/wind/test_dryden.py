@@ -143,7 +143,7 @@ def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
             assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
 
 
-def test_intensities_are_15_30_and_45_knots():
+def test_turbulence_levels_are_winds_of_15_30_and_45_knots():
     expected = {"light": 7.71667, "moderate": 15.43333, "severe": 23.15}
     assert pytest.approx(expected, rel=1e-5) == WIND_AT_20_FEET
 

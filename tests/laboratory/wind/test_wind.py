@@ -189,7 +189,7 @@ WITHOUT_TURBULENCE = ["duration=6", "laboratory.wind.0.turbulence=0", "laborator
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
+def test_a_user_defined_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
     fans = load_scenario(diagrams / "laboratory.yaml:low_wind", WITHOUT_TURBULENCE)
     without_fans = load_scenario(diagrams / "laboratory.yaml:low_wind", [*WITHOUT_TURBULENCE[:1], "laboratory.wind=[]"])
     flights = [simulate(fans), simulate(without_fans, wind=UserJets(jets(fans.laboratory.wind)))]
@@ -199,7 +199,7 @@ def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_is_added_to_the_scenario_s_wind_in_single_flights_and_fleets(diagrams):
+def test_a_user_defined_wind_is_added_to_the_scenario_wind_in_single_flights_and_fleets(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
