@@ -118,7 +118,7 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
 
 
 def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
+    """Return the scenario with a hover as its route and with metrics that begin at `SETTLING_TIME`."""
     hovering = in_hover(scenario)
     # Fleets need a time step. The shortest period of the scenario is compatible with all other periods, and RK4 is
     # accurate enough with it.

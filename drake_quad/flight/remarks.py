@@ -235,7 +235,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
 
 
 def _inactive_settings(flight: _PlannedFlight) -> list[str]:
-    """Return a remark on the settings that have no effect for each reason."""
+    """Return one remark for each reason why settings have no effect; it lists these settings."""
     paths: dict[str, list[str]] = {}
     inactive: list[str] = []
     for path, mapping in mappings_in(flight.scenario):

@@ -433,12 +433,14 @@ def _checked_metrics(names: Iterable[str], kind: type[Metrics], diagram: Any) ->
         metric = lookup(definitions_of(kind), name, "metric")
         if metric.accumulator is None:
             raise InputError(
-                f"the metric {name} is computed from a recorded flight, so it is not known during the flight and cannot"
-                " be a term of the reward"
+                f"the metric {name} is computed from a recorded flight, so it is not available during the flight and"
+                " cannot be a term of the reward"
             )
         missing = [signal for signal in metric.signals if not diagram.HasOutputPort(signal)]
         if missing:
-            raise InputError(f"the metric {name} is not known in this environment, which has no {join_names(missing)}")
+            raise InputError(
+                f"the metric {name} is not available in this environment, which has no {join_names(missing)}"
+            )
     return tuple(names)
 
 

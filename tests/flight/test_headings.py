@@ -96,7 +96,7 @@ def rotated(states, angle):
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
     """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
 
-    Of controllers that differ only in their gains, one is flown.
+    If several controllers differ only in their gains, only one of them is flown.
     """
     for controller in covering({name: features_of(name) for name in shipped_controllers()}):
         expected = states_of_flight(controller, 0.0)

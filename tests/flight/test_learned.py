@@ -26,7 +26,7 @@ def simulated_flight(asymmetric, *overrides):
 @pytest.mark.slow
 @pytest.mark.parametrize("settings", [[FEW_RULES], [FEW_RULES, ADAPTIVE_SETS]])
 def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric, tmp_path, settings):
-    """Each axis and each vehicle of a fleet starts with exactly these parameters. A saved scenario contains them."""
+    """Each axis and each vehicle of a fleet starts with the saved parameters. A saved scenario contains them."""
     first = simulated_flight(asymmetric, *settings)
     file = save_network(first, tmp_path / "deeper" / "learned.yaml")
     again = asymmetric("pd_t2fnn", *SHORT_FLIGHT, *settings, f"control.network.learned={file}")

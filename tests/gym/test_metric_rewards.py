@@ -116,12 +116,12 @@ def test_metrics_of_recorded_flights_are_computed_if_actions_are_recorded():
         ),
         (
             lambda: task({"last_height": {}}, record=True, metrics=["last_height"]),
-            "the metric last_height is computed from a recorded flight, so it is not known during the flight",
+            "the metric last_height is computed from a recorded flight, so it is not available during the flight",
         ),
         (lambda: task(metrics=["largest_tild"]), "there is no metric called 'largest_tild'; did you mean largest_tilt"),
         (
             lambda: task(reward=TrackingReward(metrics={"effort_x": -1.0})),
-            "the metric effort_x is not known in this environment, which has no acceleration_command",
+            "the metric effort_x is not available in this environment, which has no acceleration_command",
         ),
         (lambda: task(metrics="rmse"), "metrics is 'rmse', but must be a list of names"),
         (lambda: TrackingReward(metrics={"rmse": np.nan}), "metrics.rmse is nan, but must be a finite number"),

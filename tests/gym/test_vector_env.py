@@ -495,7 +495,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorEnv("hover").step([0.0, 0.0, 1j]), "must be an array of real numbers"),
         (lambda: flown_with(reward=lambda step: 1j * step.time), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(terminates=lambda step: ["", "x"]), r"terminates must return 2 numbers, but returned \["),
-        (lambda: envs_of(2, action=5), "action is 5, but must be the name of a kind of action, or a mapping of fields"),
+        (lambda: envs_of(2, action=5), "action is 5, but must be the name of an action type, or a mapping of fields"),
         (lambda: envs_of(2, action=["rates"]), r"action is \['rates'\], but must be the name"),
         (lambda: envs_of(2, observation=5), "control.observation is 5, but must be a mapping"),
         (lambda: envs_of(2, signals="wind"), "signals is 'wind', but must be a list of names"),

@@ -80,7 +80,7 @@ class Drone:
         return self.vehicle.EvalTimeDerivatives(self.context).CopyToVector()
 
     def additional_terms(self, sample):
-        """Return, by a description, the terms that the package adds to the accelerations of body and rotors."""
+        """Return the terms that the package adds to the accelerations of body and rotors, keyed by descriptions."""
         speeds, commands = np.array(sample["speeds"]), np.array(sample["commands"])
         (k_0, k_1, _), (c_0, c_1, _) = self.numbers["rpm2thrust"], self.numbers["rpm2torque"]
         force, drag = k_0 + k_1 * speeds / RAD_S_PER_RPM, c_0 + c_1 * speeds / RAD_S_PER_RPM

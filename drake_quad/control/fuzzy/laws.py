@@ -26,7 +26,7 @@ Rows = tuple[Row, ...]
 
 
 class LearningLaw(Protocol):
-    """Interface of all learning laws, which are records of rows.
+    """Interface of all learning laws. A law is a record of rows.
 
     A law learns from one of two signals: s_p of eq (15) in m/s, or the feedback τ_c in m/s². The units of gains are
     documented for s_p; those of `SignLaw` are documented for τ_c.

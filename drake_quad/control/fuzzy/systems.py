@@ -31,7 +31,7 @@ def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
 
 
 class Lead(NamedTuple):
-    """Lead time: a correction is applied this time before the vehicle reaches the position for which it was learned."""
+    """Time by which a correction is applied before the vehicle reaches the position for which it was learned."""
 
     time: Time
 

@@ -184,7 +184,7 @@ def _combined(
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slack: SharedSlack | None = None,
 ) -> Constraint:
-    """Return a constraint on the sum of a response over several axes, weighted by the coefficients."""
+    """Return a constraint on the sum of the responses of several axes, weighted by coefficients."""
     free, forced = (
         np.hstack([coefficient * part for coefficient in coefficients]) for part in (response.free, response.forced)
     )

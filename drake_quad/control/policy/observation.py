@@ -42,7 +42,7 @@ class Observables(NamedTuple):
     attitude: BodyAxes
 
     def in_frame(self, x: Row, y: Row, z: Row) -> Vector:
-        """Return a vector in W along the axes of the frame."""
+        """Return the components, along the axes of the frame, of a vector in W."""
         return Vector(x, y, z) if self.axes is None else self.axes.in_body(Vector(x, y, z))
 
 

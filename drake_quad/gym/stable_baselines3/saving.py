@@ -38,7 +38,7 @@ def save_trained(model: Any, path: Path | str) -> Path:
     """
     envs = model.get_env()
     if envs is None:
-        raise InputError("the model has no environment, which defines its observations; load the model with env=...")
+        raise InputError("the model has no environment, so its observations are not defined; load it with env=...")
     normalizer, env = _unwrapped(envs)
     layers, normalization = _layers_of(model.policy), _normalization(normalizer)
     size = layers[0].weights.shape[1]
