@@ -56,7 +56,7 @@ class Flight(Mapping[str, np.ndarray]):
         metrics: metrics of the flight; NaN for a metric that is not defined.
         compiled: True if a compiled diagram was simulated, False if the original diagram was.
         obstacle_hit: name of the obstacle that the vehicle hit; None otherwise.
-        cause: sentence on the first value that was NaN or infinite, if the crash was due to it.
+        cause: sentence that names the first NaN or infinite value, if this value caused the crash.
     """
 
     scenario: Scenario

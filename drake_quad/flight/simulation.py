@@ -28,7 +28,7 @@ _MAX_INTEGRATOR_STEP = 0.1
 # Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
 # flight takes 15 seconds.
 _MIN_INTEGRATOR_STEP = 1e-5
-# Part of the message of Drake's exception if the integration requires a smaller step.
+# Text in Drake's exception if the integration requires a smaller step.
 _STEP_ERROR_TEXT = "smaller than minimum allowed"
 
 

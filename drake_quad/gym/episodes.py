@@ -67,7 +67,7 @@ class Episodes:
         # A ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
         self._ready = InitialValues._make(np.empty((*shape, rows.shape[1])) for rows in first)
         self.seeds, self.samples = np.zeros(num_vehicles, dtype=np.int64), np.full(num_vehicles, -1)
-        # Index of the first sample of each vehicle that has not been computed.
+        # For each vehicle, the index of the first sample whose initial values have not been computed.
         self._next = np.zeros(num_vehicles, dtype=np.int64)
 
     def seed(self, vehicles: np.ndarray, seeds: np.ndarray) -> None:

@@ -82,7 +82,7 @@ class FreeBall(NamedTuple):
     radius: Row = 0.0
 
 
-# Upper bound on the rounding error of a distance, m.
+# Upper bound on the rounding error of a computed distance, m.
 _DISTANCE_TOLERANCE = 1e-6
 
 
@@ -155,8 +155,8 @@ def monitor_step(
         window: metric window.
         period: duration of a tick, s.
         accumulators: accumulators of the metrics.
-        names: names of further signals that the accumulators read.
-        others: these signals.
+        names: names of the further signals that the accumulators read.
+        others: values of these further signals.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total: Row = 0.0

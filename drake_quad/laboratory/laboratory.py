@@ -11,7 +11,7 @@ tick every 20 ms, and a link delay of one tick:
 A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after this frame first
 appears in the frame at 20 ms. No control tick uses that frame, so the change first affects a control tick through the
 frame at 30 ms, and the rotor commands 50 ms after the change. Each frame of latency adds 10 ms, and each tick of delay
-adds 20 ms. The lag of the rotors is additional.
+adds 20 ms. The lag of the rotors adds to these times.
 
 An autopilot on board is between the link and the allocation. It measures the state of the vehicle directly, at its own
 ticks, so neither the cameras nor the link delay the loops of the autopilot.

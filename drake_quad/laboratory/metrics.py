@@ -37,7 +37,7 @@ _LIMITS_OF_RANGES: dict[ValueRange, tuple[float, float]] = {
     "nonnegative": (0.0, math.inf),
     "fraction": (0.0, 1.0),
 }
-_ROUNDING_TOLERANCE = 1e-9  # values beyond the limits by less than this are attributed to rounding
+_ROUNDING_TOLERANCE = 1e-9  # a value beyond its limits by less than this is attributed to rounding
 
 TIME_ARGUMENTS = ("ticks", "time", "period")
 """Arguments of an accumulator that are not signals: number of earlier ticks, time (s), and duration of a tick (s)."""
@@ -143,9 +143,9 @@ class Metric(NamedTuple):
         unit: unit; "1" for a dimensionless metric.
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
-        value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
-            ticks, which is NaN instead of 0, and the duration of a tick, s. For a metric of a recorded flight, it
-            returns the metric of a flight.
+        value: function that returns the (N,) values of the metric. Its arguments are the record of the sums with (N,)
+            rows, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric of
+            a recorded flight, the function returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
         value_range: range of the metric. Intervals do not extend beyond it, and only metrics that cannot be negative
@@ -384,7 +384,7 @@ def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
 
 
 def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
-    """Return the different accumulators of the metrics of a class from `metrics_type`."""
+    """Return the accumulators of the metrics of a class from `metrics_type`, without duplicates."""
     accumulators = (metric.accumulator for metric in definitions_of(kind).values())
     return tuple(dict.fromkeys(each for each in accumulators if each is not None))
 

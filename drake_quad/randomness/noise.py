@@ -39,7 +39,7 @@ class Stream(NamedTuple):
     Attributes:
         name: name of the stream, which is unique among the streams of its kind.
         kind: purpose of the random numbers.
-        num_rows: number of random numbers at each tick.
+        num_rows: number of random numbers at each tick, for one vehicle.
         distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
         period: period of the ticks, s.
     """

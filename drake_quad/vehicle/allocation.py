@@ -76,7 +76,7 @@ class _Square(NamedTuple):
 
     Attributes:
         thrust: change per newton of thrust; positive.
-        tilt: change from a fraction of 0 to a fraction of 1 of the commanded roll and pitch torque.
+        tilt: change caused by the whole commanded roll and pitch torque.
         yaw: change per newton metre of yaw torque.
     """
 
@@ -244,13 +244,13 @@ def _without_rounding(coefficient: Row, size: Row) -> Row:
 
 
 def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the smallest and the largest weighted sum of squared speeds that each lie between two limits."""
+    """Return the smallest and the largest weighted sum of squared speeds, each of which lies between two limits."""
     up, down = sum(maximum(weight, 0.0) for weight in weights), sum(minimum(weight, 0.0) for weight in weights)
     return up * low + down * high, up * high + down * low
 
 
 def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum after subtracting the contribution of yaw torque, between zero and `yaw`."""
+    """Return the limits of a sum without its contribution from yaw torque, which is between zero and `yaw`."""
     return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 

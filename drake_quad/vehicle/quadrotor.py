@@ -47,7 +47,7 @@ class HoverPose(NamedTuple):
 
 
 class InitialMotion(NamedTuple):
-    """Motion of a vehicle at time 0, and the speeds of its rotors as multiples of their speeds in hover."""
+    """Motion of a vehicle at time 0, and its rotor speeds as multiples of the rotor speeds in hover."""
 
     roll: Angle = 0.0
     pitch: Angle = 0.0
@@ -103,13 +103,13 @@ def initial_state(
 def load_of_vehicle(
     charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, effects: Effects
 ) -> BatteryLoad:
-    """Return the load of the battery of a vehicle."""
+    """Return the voltage and the current of a vehicle's battery."""
     assert effects.battery is not None
     return load_of_rotors(charge, speed, parameters, effects.battery)
 
 
 def load_of_state(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
-    """Return the load of the battery of a vehicle with a continuous state."""
+    """Return the voltage and the current of the battery of a vehicle with a continuous state."""
     assert state.charge is not None
     return load_of_vehicle(state.charge, state.rotors, parameters, effects)
 
@@ -164,9 +164,8 @@ class Quadrotor(FleetSystem):
     the end of a step uses the inputs that were held over the step.
 
     Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
-    `swing`, and a `battery` adds the state and output `charge`
-    and the output `battery`. With a `thrust_curve` the commands are throttles, and the input
-    `throttle_command` replaces `rotor_speed_command`.
+    `swing`. A `battery` adds the state and output `charge`, and the output `battery`. With a `thrust_curve` the
+    commands are throttles, and the input `throttle_command` replaces `rotor_speed_command`.
 
     The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
     effects also `effects`. The scalar type Expression supports neither faults nor the effects `spin_down` and

@@ -229,7 +229,7 @@ def stepping_acceleration(
 
 
 def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
-    """Return `stopped` for vehicles that have crashed and `flying` for others; None means that no vehicle crashes."""
+    """Return `stopped` for vehicles that have crashed and `flying` for others; `flying` if `crashed` is None."""
     return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
 
 

@@ -77,14 +77,14 @@ def estimates(law, disturbances, accelerations, *, start=0.0):
 
 
 RNG = np.random.default_rng(0)
-ACCELERATIONS = RNG.normal(size=60)
+MODELLED_ACCELERATIONS = RNG.normal(size=60)
 
 
 def test_l1_agrees_with_the_published_continuous_time_law():
     """SciPy integrates the state predictor. As in the papers, the adaptation acts only at the ticks."""
     a_s, bandwidth, disturbances = 7.0, 3.0, RNG.normal(size=60)
     sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
-    for a, d in zip(ACCELERATIONS, disturbances, strict=True):
+    for a, d in zip(MODELLED_ACCELERATIONS, disturbances, strict=True):
 
         def slope(_, state, a=a, d=d, sigma=sigma):
             v, v_hat = state
@@ -95,12 +95,16 @@ def test_l1_agrees_with_the_published_continuous_time_law():
         sigma = -math.exp(-a_s * H) * (v_hat - v) / ((math.exp(-a_s * H) - 1.0) / -a_s)
         filtered += (1.0 - math.exp(-bandwidth * H)) * (sigma - filtered)
         expected.append(filtered)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), disturbances, ACCELERATIONS), expected, atol=1e-8)
+    np.testing.assert_allclose(
+        estimates(AdaptiveLaw(a_s, bandwidth), disturbances, MODELLED_ACCELERATIONS), expected, atol=1e-8
+    )
 
 
 def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance():
     disturbances = RNG.normal(size=60)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), disturbances, ACCELERATIONS), disturbances, atol=1e-6)
+    np.testing.assert_allclose(
+        estimates(AdaptiveLaw(1e-9, 1e9), disturbances, MODELLED_ACCELERATIONS), disturbances, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
@@ -127,7 +131,7 @@ def test_indi_filters_the_acceleration_difference_with_a_butterworth_filter():
         scipy.signal.cont2discrete(model, H, method="zoh"), np.append(disturbances, 0.0)
     )
     np.testing.assert_allclose(
-        estimates(IncrementalLaw(bandwidth), disturbances, ACCELERATIONS), expected.ravel()[1:], atol=1e-9
+        estimates(IncrementalLaw(bandwidth), disturbances, MODELLED_ACCELERATIONS), expected.ravel()[1:], atol=1e-9
     )
 
 

@@ -192,7 +192,7 @@ def test_the_first_velocity_has_priority_if_the_sum_exceeds_the_largest_speed():
 
 
 def test_tilt_commands_are_relative_to_the_heading():
-    """A vehicle that faces Y and is 0.1 m behind its reference along X rolls to the right."""
+    """A vehicle that faces Y, and whose reference is 0.1 m ahead along X, rolls to the right."""
     tilting = CascadeParameters(
         PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
         PidLoopGains(PerAxis(0.4, 0.5, 5.0)),

@@ -46,7 +46,7 @@ def root_mean_square(metrics):
 @pytest.mark.slow
 @pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
 def test_the_predicted_error_agrees_with_independent_flights(layer):
-    """The error on each axis agrees to 10 % with later flights with different random numbers."""
+    """The error on each axis agrees to 10 % with later flights that use different random numbers."""
     error = hover_error(in_laboratory(layer))
     fleet = StudyFleet(hovering(layer, 40, 80), plan_route(hovering(layer, 40, 80)), 128)
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), axis_errors(error), rtol=0.1)

@@ -12,7 +12,7 @@ from drake_quad.flight.simulation import simulate_samples
 
 # RMS errors of measured positions over six laps, cm (O'Connell et al., Science Robotics 7(66), eabm6597, 2022).
 MEASURED_RMSE_CM = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
-SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which do not count
+SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which are not evaluated
 
 
 def measured_rmse(flight):

@@ -86,7 +86,7 @@ def test_rendered_frames_show_the_vehicle_at_its_position():
     hanging, climbing = envs.render()
     changed = (hanging != climbing).any(axis=2)
     assert 50 < changed.sum() < 5000
-    # The climbing vehicle is drawn higher. At the position of its rotors, the other frame is grey or white.
+    # The climbing vehicle is drawn higher. The frame of the other vehicle is grey or white at these pixels.
     blue = [frame[..., 2].astype(int) - frame[..., 0] > 60 for frame in (hanging, climbing)]
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10

@@ -16,7 +16,7 @@ from drake_quad.signals import Attitude, State, VehicleAcceleration
 from drake_quad.vehicle.attitude_response import AttitudeResponseQuadrotor
 from drake_quad.vehicle.quadrotor import Quadrotor
 
-TIME_STEP = 1e-4
+VEHICLE_TIME_STEP = 1e-4
 MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
 INPUT_VALUES = {
     "rotor_speed_command": [222.0, 190.0, 236.0, 205.0],
@@ -53,18 +53,18 @@ def motion_and_acceleration_of(system, context):
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
 def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, parameters, structure):
     """The output agrees with central differences over steps of 0.1 ms, from 1 s on."""
-    vehicle = kind(time_step=TIME_STEP, parameters=parameters, **structure)
+    vehicle = kind(time_step=VEHICLE_TIME_STEP, parameters=parameters, **structure)
     simulator = Simulator(vehicle)
     context = fix_inputs(vehicle, simulator.get_mutable_context())
     context.SetTime(1.0)
     simulator.Initialize()
     motions, accelerations = [], []
     for step in range(10, 43):
-        simulator.AdvanceTo(1.0 + (step + 0.5) * TIME_STEP)
+        simulator.AdvanceTo(1.0 + (step + 0.5) * VEHICLE_TIME_STEP)
         motion, acceleration = motion_and_acceleration_of(vehicle, context)
         motions.append(motion)
         accelerations.append(acceleration)
-    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * TIME_STEP)
+    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * VEHICLE_TIME_STEP)
     assert np.abs(rates).min(axis=0).max() > 0.1
     np.testing.assert_allclose(np.array(accelerations)[1:-1], rates, rtol=0.0, atol=2e-5 * np.abs(rates).max())
 

@@ -46,7 +46,7 @@ EFFECTS = {
 }
 
 
-class Sample:
+class RandomFlightState:
     """Random vehicle state, command and wind."""
 
     def __init__(self, rng):
@@ -58,7 +58,7 @@ class Sample:
 
 def samples(count, seed):
     rng = np.random.default_rng(seed)
-    return [Sample(rng) for _ in range(count)]
+    return [RandomFlightState(rng) for _ in range(count)]
 
 
 def derivative_of(vehicle, context, sample, *more_states):

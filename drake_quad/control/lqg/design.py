@@ -15,7 +15,7 @@ class AxisLoop(NamedTuple):
     Attributes:
         A: system matrix of x⁺ = A x + B u over a frame, row by row.
         B: input matrix, a single column.
-        L: gain of the filter, a column for each measured quantity.
+        L: gain of the filter, with a column for each measured quantity.
         K: gain of the regulator.
         K_pending: gains on the commands in transit, the oldest first.
         outer: divisor k that converts gains in K to gains of an outer loop; see `axis_loop`.

@@ -22,7 +22,7 @@ from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
 
-# Input ports of the subsystems that become input ports of the diagram.
+# Input ports of the subsystems that the diagram exports.
 _EXPORTED_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
@@ -76,7 +76,7 @@ class Observation(FleetSystem):
         num_ahead: number of future times at which the reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
-        parameters: parameters of the vehicle.
+        parameters: parameters of the observation.
     """
 
     def declare(
@@ -191,7 +191,7 @@ def build_policy_control(
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # The given actions are an output of the diagram, like the actions of a policy.
+        # The diagram also outputs the given actions, as it outputs the actions of a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:

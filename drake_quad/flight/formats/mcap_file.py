@@ -49,7 +49,7 @@ _ERROR_LEVEL = 4
 # RGB colours of the vehicles and their paths, in the order of the flights. Plots use the same colours (palette of Okabe
 # and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
-_REFERENCE_COLOR = (0.5, 0.5, 0.5)  # RGB of the reference, and of all arms except for the first
+_REFERENCE_COLOR = (0.5, 0.5, 0.5)  # RGB colour of the reference, and of all arms except the first one
 
 
 class Message(NamedTuple):

@@ -11,13 +11,13 @@ from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
 from drake_quad.control.fuzzy.systems import LearningParameters, WeightLearning
 
-H = 0.02  # s, step of the learning law
+TICK = 0.02  # s, period of a learning step
 
 
 class Learner:
     """System that learns on X from a given signal, with the same law for n vehicles."""
 
-    def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
+    def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=TICK):
         # With a slope λ of zero, the learning signal s_p is the rate of the error.
         parameters = LearningParameters(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
@@ -101,9 +101,9 @@ def test_a_tick_of_the_covariance_law_matches_the_matrix_equations(n, size):
     learner.learn(firing, signal)
     g = np.einsum("nij,jn->in", P, firing)
     c = np.einsum("in,in->n", firing, g)
-    expected = P - (H / (1.0 + H * c))[:, None, None] * np.einsum("in,jn->nij", g, g)
+    expected = P - (TICK / (1.0 + TICK * c))[:, None, None] * np.einsum("in,jn->nij", g, g)
     np.testing.assert_allclose(learner.P, expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(H * c) / c, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(TICK * c) / c, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_the_covariance_stays_positive_definite_and_decreases(initial, n):
     for _ in range(400):
         firing = random_firing(rng, n)
         learner.learn(firing, rng.normal(size=n))
-        information += H * np.einsum("in,jn->nij", firing, firing)
+        information += TICK * np.einsum("in,jn->nij", firing, firing)
         P = learner.P
         assert np.linalg.eigvalsh(P).min() > 0.0
         assert np.linalg.eigvalsh(before - P).min() > -1e-12 * initial
@@ -204,7 +204,7 @@ def test_the_gradient_law_has_a_constant_covariance():
     firing, surface = random_firing(rng, 3), rng.normal(size=3)
     learner = Learner(GradientLaw(2.5), n=3)
     learner.learn(firing, surface)
-    np.testing.assert_allclose(learner.weights, -H * 2.5 * firing * surface)
+    np.testing.assert_allclose(learner.weights, -TICK * 2.5 * firing * surface)
 
 
 def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
@@ -215,8 +215,8 @@ def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
     firing = random_firing(rng, 3)
     learner.learn(firing, command)
     # The correction changes at the rate α against the sign of the command, for any firing strengths.
-    np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * H, 0.2 * H, 0.0], atol=1e-15)
-    np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * H * np.abs(command))
+    np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * TICK, 0.2 * TICK, 0.0], atol=1e-15)
+    np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * TICK * np.abs(command))
 
 
 def test_learning_stays_within_its_limits():
@@ -233,7 +233,7 @@ def test_learning_stays_within_its_limits():
     assert weights.min() == -0.6
     np.testing.assert_array_equal(weights_after(GradientLaw(1.0), LearningLimits(deadzone=0.1), [0.09, -0.09]), 0.5)
     np.testing.assert_allclose(
-        weights_after(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H)
+        weights_after(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * TICK)
     )
 
 
