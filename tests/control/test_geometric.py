@@ -24,7 +24,7 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 
-INERTIA = np.array([0.0065, 0.0085, 0.0126])
+INERTIA = np.array([0.0065, 0.0085, 0.0126])  # kg m²
 
 
 def test_the_geometric_law_equals_the_pd_near_the_commanded_attitude():
@@ -98,7 +98,7 @@ def test_the_geometric_law_does_not_depend_on_full_turns_of_the_attitude():
     assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) > 0.0 > roll_torque(attitude_law, 2.0 * math.pi - 0.3)
 
 
-HOVER_POSITION = (0.3, -0.2, 30.0)
+HOVER_POSITION = (0.3, -0.2, 30.0)  # m
 RECOVERY_SCENARIO = """
 recovery:
   route: {kind: hover, position: [0.3, -0.2, 30.0], duration: 30.0}

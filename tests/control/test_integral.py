@@ -11,7 +11,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError
 
 H = 0.02  # s, control tick
-K_I = np.array([0.3, 0.5, 2.0])
+K_I = np.array([0.3, 0.5, 2.0])  # 1/s³
 
 
 def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forward_euler"):

@@ -20,7 +20,7 @@ from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Referenc
 
 G = 9.81  # m/s²
 MASS = 0.0325  # kg
-INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])
+INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])  # kg m²
 # These limits are never reached, so the law is the published one.
 VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
 GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)

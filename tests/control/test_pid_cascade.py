@@ -34,12 +34,12 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 MASS = 1.3  # kg
 GRAVITY = 9.80665  # m/s²
 HOVER_THRUST = 0.45  # normalised thrust in hover
-WEIGHT = MASS * GRAVITY
+WEIGHT = MASS * GRAVITY  # N
 PERIOD = 0.01  # s, control period
-K_P_POSITION = np.array([0.95, 0.95, 1.0])
-K_P = np.array([1.8, 1.8, 4.0])
-K_I = np.array([0.4, 0.4, 2.0])
-K_D = np.array([0.2, 0.2, 0.1])
+K_P_POSITION = np.array([0.95, 0.95, 1.0])  # 1/s
+K_P = np.array([1.8, 1.8, 4.0])  # 1/s, velocity loop
+K_I = np.array([0.4, 0.4, 2.0])  # 1/s², velocity loop
+K_D = np.array([0.2, 0.2, 0.1])  # dimensionless, velocity loop
 MAX_HORIZONTAL_UP_DOWN_SPEEDS = (2.0, 1.0, 0.7)  # m/s: horizontal, up, down
 MAX_TILT = 0.6  # rad
 THRUST_LIMITS = (0.12, 0.9)  # normalised

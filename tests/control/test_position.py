@@ -14,8 +14,8 @@ from drake_quad.control.position import PdGains, ProportionalDerivative, build_p
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Reference, State
 
-K_P = np.array([1.0, 2.0, 3.0])
-K_D = np.array([0.5, 0.6, 0.7])
+K_P = np.array([1.0, 2.0, 3.0])  # 1/s²
+K_D = np.array([0.5, 0.6, 0.7])  # 1/s
 MEASUREMENT = State(*np.arange(12.0) / 10.0)
 REFERENCE = Reference(*np.arange(11.0)[::-1] / 3.0)
 POSITION_ERROR = np.subtract([REFERENCE.x, REFERENCE.y, REFERENCE.z], [MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z])

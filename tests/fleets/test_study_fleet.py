@@ -229,7 +229,7 @@ def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
         assert fleet.fly([sample]).rmse[0] == pytest.approx(single.rmse, rel=1e-9)
 
 
-def test_too_many_samples_or_none_are_refused(scenario):
+def test_a_batch_with_too_many_or_no_samples_is_refused(scenario):
     fleet = StudyFleet(scenario(), plan_route(scenario()), 2)
     for samples in ([], [0, 1, 2]):
         with pytest.raises(ValueError, match="cannot fly"):

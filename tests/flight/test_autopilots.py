@@ -75,7 +75,7 @@ def test_a_later_batch_has_the_same_results_as_a_first_batch(scenario, kind):
 
 
 @for_each_autopilot
-def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
+def test_a_flight_with_an_autopilot_starts_in_hover_at_any_heading(scenario, kind):
     """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""
     still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
     route = "route={kind: hover, position: [1, 2, 1], yaw: 2.5, duration: 0.05}"

@@ -83,7 +83,7 @@ def test_a_flight_that_crashed_is_read_back(diagrams, tmp_path):
     assert flight.metrics.crashed
 
 
-def test_the_route_of_a_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
+def test_the_route_of_a_saved_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
     """Files of earlier versions contain no plan."""
     flight.save(tmp_path)
     with np.load(folder / "flight.npz") as loaded:

@@ -130,6 +130,6 @@ def test_random_sources_of_drake_can_replace_the_noise_of_a_sample():
     assert "NoiseSource" not in names
 
 
-def test_a_random_vehicle_is_refused_with_the_function_that_draws_it():
+def test_the_message_about_a_random_vehicle_names_the_function_that_draws_it():
     with pytest.raises(InputError, match=r"is a distribution, .* draw_sample\(scenario, 0\) in Python"):
         build_vehicle(load_scenario("robustness"))

@@ -15,9 +15,9 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-K_P = np.array([1.2, 0.9, 4.0])
-K_D = np.array([1.5, 1.3, 3.1])
-ACTION_LIMIT = np.array([4.0, 5.0, 6.0])
+K_P = np.array([1.2, 0.9, 4.0])  # 1/s²
+K_D = np.array([1.5, 1.3, 3.1])  # 1/s
+ACTION_LIMIT = np.array([4.0, 5.0, 6.0])  # m/s²
 
 
 def with_policy(scenario, arrays, folder, **control):

@@ -31,7 +31,7 @@ GRAVITY = 9.7  # m/s²
 SYMMETRIC_VEHICLE = QuadrotorParameters(
     inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0
 )
-SENSOR_POSITION = np.array([0.11, -0.07, 0.05])
+SENSOR_POSITION = np.array([0.11, -0.07, 0.05])  # m
 
 
 def readings(parameters, state, speeds, duration=0.2, position=(0.0, 0.0, 0.0)):

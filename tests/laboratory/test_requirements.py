@@ -12,8 +12,8 @@ from drake_quad.laboratory.derived_signals import RowOf
 from drake_quad.laboratory.requirements import Bound, Combination, always, eventually, holds_until, robustness
 from drake_quad.signals import Wind
 
-PERIOD = 0.25
-TIME = PERIOD * np.arange(40)
+PERIOD = 0.25  # s
+TIME = PERIOD * np.arange(40)  # s
 WINDOW = (TIME >= 2.0) & (TIME <= 6.0)
 
 

@@ -16,7 +16,7 @@ from drake_quad.signals import Attitude, State, VehicleAcceleration
 from drake_quad.vehicle.attitude_response import AttitudeResponseQuadrotor
 from drake_quad.vehicle.quadrotor import Quadrotor
 
-VEHICLE_TIME_STEP = 1e-4
+VEHICLE_TIME_STEP = 1e-4  # s
 MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
 INPUT_VALUES = {
     "rotor_speed_command": [222.0, 190.0, 236.0, 205.0],

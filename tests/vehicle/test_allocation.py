@@ -19,8 +19,8 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 
 PAPER_VEHICLE = QuadrotorParameters()
 ROTORS = RotorModel.of(PAPER_VEHICLE)
-MAX_THRUST = 4.0 * 4.13e-5 * 300.0**2
-MIN_THRUST = 4.0 * 4.13e-5 * 60.0**2
+MAX_THRUST = 4.0 * 4.13e-5 * 300.0**2  # N
+MIN_THRUST = 4.0 * 4.13e-5 * 60.0**2  # N
 
 wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)

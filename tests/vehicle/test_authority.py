@@ -15,7 +15,7 @@ def layout_of(positions, turns=ALTERNATING_DIRECTIONS, drag_factors=(8.5e-7,) * 
     )
 
 
-SQUARE_POSITIONS = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))
+SQUARE_POSITIONS = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))  # m
 
 
 @pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])

@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
-ROTOR_SPEED_COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
+ROTOR_SPEED_COMMAND = np.array([200.0, 215.0, 205.0, 198.0])  # rad/s
 ASYMMETRIC_VEHICLE = QuadrotorParameters(
     mass=0.7,
     inertia=Inertia(0.0071, 0.0079, 0.0131),

@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
 
-TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)
+TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)  # s
 
 
 def final_states_and_swings(parameters, tumbles, time_step, duration, load=None, swings=None):

@@ -219,7 +219,7 @@ def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
     np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * TICK * np.abs(command))
 
 
-def test_learning_stays_within_its_limits():
+def test_weights_stay_within_the_learning_limits():
     rng = np.random.default_rng(6)
     firing = random_firing(rng, 2)
 
@@ -276,7 +276,7 @@ def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
     assert 0 < np.sum(np.abs(fleet.weights) == 0.4) < fleet.weights.size
 
 
-def test_laws_have_unit_gains_and_no_limits_by_default():
+def test_learning_laws_have_unit_gains_and_no_limits_by_default():
     """By default gains are one, and there are no limits."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

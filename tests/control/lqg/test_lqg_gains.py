@@ -59,7 +59,7 @@ def test_noise_of_fast_decaying_modes_is_stationary():
 
 
 @for_each_model
-def test_coloured_noises_have_their_deviation_and_time_constant(model):
+def test_coloured_noise_has_the_given_deviation_and_time_constant(model):
     """The autocorrelations of first and second order are exp(-τ/T) and (1 + τ/T) exp(-τ/T)."""
     names = [*model.kind._fields]
     noisy = [i for i, name in enumerate(names) if name in ("first", "second", "second_rate", "bias")]
@@ -107,7 +107,7 @@ def test_the_kalman_gain_gives_the_smallest_error_variance():
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_commands_on_the_link_act_after_the_delay(delay):
+def test_commands_in_transit_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = discretise(model.A, model.B, TICK)
     whole = augment_with_delay(A, B, delay)

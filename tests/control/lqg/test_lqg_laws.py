@@ -107,7 +107,7 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
     assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
 
 
-def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
+def test_a_known_acceleration_changes_the_estimated_motion_but_not_the_estimated_disturbance():
     before, sent, known = running_filter(TorqueChain), sent_commands(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
         estimator_step(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)

@@ -32,7 +32,7 @@ TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)
 NUM_TICKS = 7  # ticks of the horizon
 NUM_INSTANTS = 12  # times in the preview
 HORIZON_START = 3  # index of the preview time at which the horizon begins
-COMMAND_WEIGHTS = {"lateral": 2e-6, "vertical": 3e-4}
+COMMAND_WEIGHTS = {"lateral": 2e-6, "vertical": 3e-4}  # weights of the squared commands
 AUTOPILOT_COMMAND_WEIGHT = 2e-3
 THRUST_PARAMETERS = ThrustParameters(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
 TORQUE_PARAMETERS = TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
@@ -44,8 +44,8 @@ MODELS = {
     "height": vertical_model(0.04, MODELLED_DISTURBANCES._replace(bias=None)),
 }
 CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
-TILT_WEIGHT = 8.0
-CORRECTION = np.array([0.1, -0.2, 0.15])
+TILT_WEIGHT = 8.0  # weight of the squared tilt slack
+CORRECTION = np.array([0.1, -0.2, 0.15])  # m/s²
 
 
 def horizon_of(kind, corridor=CORRIDOR):
@@ -106,7 +106,7 @@ def excess(values):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
-def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
+def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states(kind):
     """Each limit applies at its tick, and the slack variables add their cost."""
     horizon = horizon_of(kind)
     axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
@@ -201,7 +201,7 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
-def test_vertical_commands_solve_the_problem_in_explicit_states(height):
+def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(height):
     horizon = horizon_of("torques")
     axis, r = ExplicitAxis(MODELS["height"], COMMAND_WEIGHTS["vertical"]), horizon.preview.reference
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])

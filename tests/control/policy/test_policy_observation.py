@@ -18,7 +18,7 @@ from drake_quad.signals import Reference, RotorSpeed, State, Wind
 
 STATE = State(0.3, -0.2, 1.1, 0.4, -0.3, 0.7, 0.5, 0.6, -0.4, 1.1, -1.2, 1.3)
 REFERENCE = Reference(0.5, 0.1, 1.4, 0.2, -0.1, 0.3, 0.11, 0.12, 0.13, 0.9, 0.05)
-REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)
+REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)  # m, two future reference positions
 ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)
 WIND = Wind(1.0, 2.0, -3.0)
 ACTION = (0.1, -0.2, 0.3)

@@ -76,7 +76,7 @@ def test_the_momentum_flux_is_constant_far_away_and_close_to_the_exit_value_in_t
     assert max(near_shares) < 1.01
 
 
-def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
+def test_the_core_of_a_jet_has_the_exit_speed_and_joins_the_far_jet_smoothly():
     for diameters in (0.5, 3.0, 5.8):
         assert speed(diameters * D) == JET.exit_speed
     for across in (0.1, 0.3, 0.6):
@@ -92,7 +92,7 @@ def test_the_air_behind_the_outlet_is_at_rest(along):
         assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_variances_and_rates_of_several_jets_add_up():
+def test_turbulence_variances_and_decay_rates_of_several_jets_add_up():
     state = state_at(4.0, 0.3)
     other = JET._replace(outlet=Outlet(1.0, 1.0, 2.0), turbulence=0.4)
     (speed_1, width_1), (speed_2, width_2) = jet_speed(state, JET), jet_speed(state, other)

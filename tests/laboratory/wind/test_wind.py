@@ -131,7 +131,7 @@ def test_sources_of_wind_add_up(diagrams):
     np.testing.assert_allclose(flight["wind"][-1], [2.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_turbulence_follows_the_steady_wind_by_default(diagrams):
+def test_turbulence_has_the_speed_and_heading_of_the_steady_wind_by_default(diagrams):
     steady = "{kind: steady, velocity: [0, 6, 0]}"
     winds = []
     for dryden in ("{kind: dryden}", f"{{kind: dryden, airspeed: 6, heading: {math.pi / 2}}}"):
