@@ -218,7 +218,7 @@ def detect_contact(
 def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
     """Return the distance of a point in W from the nearest solid, m, and the number of this solid.
 
-    Solids are numbered from 1 on. Without solids, the distance is infinite and the number is 0.
+    Solids are numbered from 1 on. The distance is infinite and the number is 0 if there are no solids.
     """
     smallest: Row = math.inf
     number: Row = 0.0

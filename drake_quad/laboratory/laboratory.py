@@ -51,10 +51,11 @@ def build_laboratory(
     """Build the diagram `laboratory` around a vehicle.
 
     The command link transmits the wrench to the allocation on board, which commands the rotor speeds. The vehicle flies
-    in the wind, and motion capture measures the state of the vehicle. For motors that are commanded by throttles, the
-    output `throttle_command` replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds
-    `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench, and the
-    wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the sensor.
+    in the wind, and motion capture measures the state of the vehicle. The output `throttle_command` replaces
+    `rotor_speed_command` for motors that are commanded by throttles. A slung load adds the output `swing`, and a
+    battery adds `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench,
+    and the wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the
+    sensor.
 
     .. pydrake_system::
 

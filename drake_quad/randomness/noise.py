@@ -92,9 +92,9 @@ class NoiseSource(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all streams, under their names. At any time, its value is the value of the nearest
-    tick, since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream
-    and the tick. The only parameter of the context is `streams`.
+    The output packs the rows of all streams, under their names. Its value at any time is the value of the nearest tick,
+    since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream and
+    the tick. The only parameter of the context is `streams`.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -186,7 +186,7 @@ def export_streams(
 def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples) -> None:
     """Connect random input ports to noise sources, which are added to the builder.
 
-    For a single vehicle, one source named `noise` serves all ports. For a fleet, every port has its own source, since
+    One source named `noise` serves all ports of a single vehicle. Every port of a fleet has its own source, since
     additional calls take less time than splitting an output with many rows.
 
     Args:

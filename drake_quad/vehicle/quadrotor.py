@@ -209,8 +209,8 @@ class Quadrotor(FleetSystem):
         effect_parameters = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
-        # Only faults and a payload depend on time. Without them, the equations must not contain the time, so that they
-        # support Expression.
+        # Only faults and a payload depend on time. The equations of a vehicle without both must not contain the time,
+        # so that they support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
         arguments = *inputs, vehicle, faults, effect_parameters, time
         motion = KINEMATICS[kinematics]

@@ -161,8 +161,8 @@ def step_of_flight(
     moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
     step = runge_kutta_step(moving, derivative, time_step)
     moving, sixth = step.end, time_step / 6.0
-    # The derivative of the position is the velocity, which is itself a state. For the position, the method therefore
-    # reduces to a weighted mean of the velocities at the stages.
+    # The derivative of the position is the velocity, which is itself a state. The method therefore computes the change
+    # of position from a weighted mean of the velocities at the stages.
     motion_1, motion_2, motion_3, motion_4 = (stage.motion for stage in step.stages)
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)

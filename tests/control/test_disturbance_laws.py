@@ -109,7 +109,7 @@ def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance()
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
 def test_l1_compensates_the_disturbance_after_a_low_pass_filter(frequency):
-    """For fast ticks and a slow predictor, u = -C(s) d with C(i Ω) = ω / (i Ω + ω)."""
+    """The command is u = -C(s) d with C(i Ω) = ω / (i Ω + ω) for fast ticks and a slow predictor."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
@@ -136,7 +136,7 @@ def test_indi_filters_the_acceleration_difference_with_a_butterworth_filter():
 
 
 def test_indi_is_an_incremental_pi_on_a_linear_plant():
-    """With a fast filter and a plant without lag, INDI is Δu = K h e / h - Δv / h for any disturbance.
+    """INDI is Δu = K h e / h - Δv / h for any disturbance if the filter is fast and the plant has no lag.
 
     This is the result of P. Acquatella B., W. van Ekeren and Q. P. Chu, "PI(D) tuning for flight control systems via
     INDI", IFAC 2017.

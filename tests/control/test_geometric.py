@@ -28,7 +28,7 @@ INERTIA = np.array([0.0065, 0.0085, 0.0126])  # kg m²
 
 
 def test_the_geometric_law_equals_the_pd_near_the_commanded_attitude():
-    """At level attitude both laws have the same derivatives with respect to attitude, rates, and all commands."""
+    """Both laws have the same derivatives with respect to attitude, rates and all commands at level attitude."""
     parameters = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 
     def derivatives(law):
@@ -177,7 +177,7 @@ def test_the_integral_is_subtracted_from_the_torque():
 
 
 def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
-    """With a PD, the body tilts until the torque balances the offset. An integral makes it level again."""
+    """The body tilts under a PD until the torque balances the offset. An integral makes the body level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
     roll_errors = np.empty(2)

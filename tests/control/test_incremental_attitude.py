@@ -60,7 +60,7 @@ def test_a_constant_torque_deflects_a_pd_but_not_indi():
 
 
 def test_the_indi_torque_without_a_disturbance_equals_the_pd_torque():
-    """At the first tick, with zero rates, the estimated disturbance is zero."""
+    """The estimated disturbance is zero at the first tick if all rates are zero."""
     measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     desired = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
     memory = (PARAMETERS.law.at_rest(0.0),) * 3

@@ -162,7 +162,7 @@ def simulated_flight(**overrides):
         },
         "duration": 1.2,
         "vehicle.centre_of_mass": [0.0004, -0.0003],
-        # With the slow rotors of the data sheet, the loop oscillates and diverges.
+        # The loop oscillates and diverges if the rotors are as slow as in the data sheet.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
         # The propellers of log145 have this thrust factor.

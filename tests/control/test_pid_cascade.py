@@ -248,7 +248,7 @@ def test_flights_of_cascades_agree_compiled_uncompiled_and_in_fleets(scenario, l
 
 @pytest.mark.slow
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
-    """The integral of the velocity loop balances the trim force F. Without it, the error is F / (m k_1 k_2)."""
+    """The integral of the velocity loop balances the trim force F. The error is F / (m k_1 k_2) without an integral."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}

@@ -48,7 +48,7 @@ def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
 
 
 def test_accelerations_due_to_tilt_and_thrust_are_not_estimated_as_disturbances():
-    """For 1 and 1.5 times the known acceleration a, the estimates are zero and 0.5 a."""
+    """The estimate is zero for the known acceleration a, and 0.5 a for 1.5 times this acceleration."""
     attitude = (0.1, 0.2, 0.3)
     first, last = (
         Acceleration(0.4, -0.3, 0.2),

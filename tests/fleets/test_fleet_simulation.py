@@ -31,7 +31,7 @@ def simulation_of(scenario, samples, compiled, factors=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_reset_fleet_has_the_flights_of_a_new_fleet(scenario, compiled):
-    """In a compiled diagram, other code computes the initial wind after a reset, so its last bit may differ."""
+    """Other code computes the initial wind after a reset of a compiled diagram, so its last bit may differ."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):
@@ -52,7 +52,7 @@ def test_a_reset_fleet_has_the_flights_of_a_new_fleet(scenario, compiled):
 
 
 def test_integrator_steps_of_a_continuous_fleet_end_at_the_rotor_failures_of_its_current_batch(diagrams):
-    """Before and after the failure, all steps equal the steps of a new fleet to the last bit."""
+    """All steps before and after the failure equal the steps of a new fleet to the last bit."""
     failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
     overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
     continuous = load_scenario(diagrams / "hover.yaml", overrides)

@@ -77,8 +77,8 @@ ESTIMATORS = [
 def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
     """The scenarios contain every kind of system, and vary every parameter that may differ between samples.
 
-    Uncompiled results are equal to the last bit. In a compiled diagram, other code computes the first frame and the
-    initial wind after a reset, and rounds the last bit of some samples differently.
+    Uncompiled results are equal to the last bit. Other code computes the first frame and the initial wind after a reset
+    of a compiled diagram, and rounds the last bit of some samples differently.
     """
     study = scenario(*overrides, controller=controller)
     wired, compiled = (

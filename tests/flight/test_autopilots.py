@@ -173,7 +173,7 @@ def test_signals_are_exported_from_the_subsystems_that_compute_them(diagrams):
 
 @pytest.mark.slow
 def test_attitude_control_on_board_reduces_the_error_in_the_figure_eight(diagrams):
-    """On board, the loop has no link delay, so higher PD gains reduce the error to a quarter."""
+    """The loop on board has no link delay, so higher PD gains reduce the error to a quarter."""
     ground_scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"]
     )

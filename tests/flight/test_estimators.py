@@ -41,7 +41,7 @@ def settled(diagrams):
 
 @pytest.mark.slow
 def test_steady_wind_causes_no_error_under_indi_and_a_known_fraction_of_the_pd_error_under_l1(settled):
-    """At rest the command compensates the disturbance, and a PD alone has the error u / k_P for the command u.
+    """The command u at rest compensates the disturbance, and the error under a PD alone is u / k_P.
 
     With the adaptation rate a and the tick h, the error under L1 is 1 - exp(-a h) times this error.
     """
@@ -75,7 +75,7 @@ def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_gro
 
 @pytest.mark.slow
 def test_the_compensated_disturbance_is_limited(settled):
-    """The PD has to compensate the disturbance beyond the limit."""
+    """The PD compensates the part of the disturbance that exceeds the limit."""
     parameters = f"{PD_GAINS}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
     error, disturbance, command = settled(f"{{kind: indi, {parameters}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)

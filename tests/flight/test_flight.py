@@ -195,7 +195,7 @@ def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
     a, b = simulate(fixed), simulate(other)
     assert np.abs(a["state"] - b["state"]).max() > 1e-3
-    # Without filters and dropouts, the noise is the difference of measurement and state.
+    # The noise is the difference of measurement and state if there are no filters and no dropouts.
     overrides = [
         "duration=2",
         f"laboratory.wind=[{DRYDEN_WIND}]",

@@ -128,7 +128,7 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     scenario = in_laboratory("designed/laboratory.yaml:pd", *noiseless, wind)
     error = hover_error(scenario)
     np.testing.assert_allclose(axis_errors(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
-    # Lost packets differ between hovers. Without noise, they affect only the settling of the vehicle.
+    # Lost packets differ between hovers. They affect only the settling of the vehicle if there is no noise.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 

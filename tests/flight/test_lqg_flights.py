@@ -134,7 +134,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
     np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_fraction) * acceleration, atol=0.03)
-    # At rest, the total command does not depend on the fraction that is in the correction.
+    # The total command at rest does not depend on the fraction of it that the correction contributes.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
     if correction_fraction == learned_fraction:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)

@@ -107,7 +107,7 @@ def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_r
     context.SetContinuousState([*state, *speeds])
     rates = State(*vehicle.EvalTimeDerivatives(context).CopyToVector()[:12])
     assert rates.v_z == pytest.approx(0.21 * gravity)
-    # In the linear model of a hover, the tilted thrust accelerates the vehicle by g per radian of pitch.
+    # The tilted thrust accelerates the vehicle by g per radian of pitch in the linear model of a hover.
     context.SetContinuousState([*state, *np.full(4, hover)])
     plant = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
     fields = State._fields

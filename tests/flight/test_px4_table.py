@@ -51,7 +51,7 @@ def test_signals_of_a_px4_table_are_read_back_unchanged(flight, record):
 
 
 def test_column_names_and_axes_follow_px4(flight):
-    """In PX4's axes, down and yaw to the right are positive. Times are whole microseconds."""
+    """Down and yaw to the right are positive in PX4's axes. Times are whole microseconds."""
     columns, state = px4_columns(flight), flight.record("state")
     assert columns["timestamp"].dtype == np.int64
     np.testing.assert_array_equal(columns["timestamp"][:3], [0, 20_000, 40_000])

@@ -35,7 +35,7 @@ def row_of_page(root, name):
 
 @pytest.mark.slow
 def test_simulated_errors_of_neural_fly_agree_with_the_real_flights(diagrams, root):
-    """In all winds, RMS errors agree to 20 % with the real flights, and with the page of real flights."""
+    """RMS errors in all winds agree to 20 % with the real flights, and with the page on real flights."""
     rmse = {name: predicted_rmse(diagrams, name) for name in MEASURED_RMSE_CM}
     assert rmse == pytest.approx(MEASURED_RMSE_CM, rel=0.2)
     assert row_of_page(root, "flown") == [*MEASURED_RMSE_CM.values()]

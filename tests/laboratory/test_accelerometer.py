@@ -26,8 +26,8 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
 GRAVITY = 9.7  # m/s²
-# With equal moments of inertia and rotors without inertia, no gyroscopic torque turns the vehicle. Idle rotors do not
-# turn.
+# No gyroscopic torque turns this vehicle, since its moments of inertia are equal and its rotors have no inertia. Idle
+# rotors do not turn.
 SYMMETRIC_VEHICLE = QuadrotorParameters(
     inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0
 )
@@ -74,7 +74,7 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
 
 
 def test_the_reading_at_rest_is_g_upwards():
-    """In hover, the reading is g along z. At rest in any attitude, it is g Z expressed in B."""
+    """The reading is g along z in hover. It is g Z expressed in B at rest in any attitude."""
     hover = np.zeros((12, 2))
     measurements, _ = readings(
         SYMMETRIC_VEHICLE, hover, np.full((4, 2), hovering_speed(SYMMETRIC_VEHICLE)), position=SENSOR_POSITION
@@ -104,7 +104,7 @@ def test_the_reading_in_free_fall_is_the_centripetal_acceleration():
 
 
 def test_the_reading_in_a_coordinated_turn_is_the_thrust_divided_by_mass():
-    """At the roll φ, the speed v and the yaw rate -g tan φ / v, the reading is g / cos φ along z at the centre of mass.
+    """The vehicle has the roll φ, the speed v and the yaw rate -g tan φ / v, so the reading is g / cos φ along z.
 
     No torque acts on the vehicle, so it flies an exact circle of the radius v² / (g tan φ).
     """
@@ -131,7 +131,7 @@ def test_the_reading_in_a_coordinated_turn_is_the_thrust_divided_by_mass():
 
 
 def test_the_reading_follows_the_motion_of_the_sensor():
-    """For motions p(t), R(t), the reading at r agrees with second differences of R' (d²/dt² (p + R r) + g Z)."""
+    """The reading at r agrees with second differences in R' (d²/dt² (p + R r) + g Z) for motions p(t), R(t)."""
     rng = np.random.default_rng(3)
     path, angle_path = rng.uniform(-1.0, 1.0, (2, 3, 4))
 
@@ -202,7 +202,7 @@ ALTIMETER = SensorLaw(Altitude, lambda config, noise, state: Altitude(state.z), 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_a_reading_arrives_a_whole_number_of_periods_after_its_sample(latency):
-    """Before the first arrival, the output is the initial reading."""
+    """The output is the initial reading until the first reading arrives."""
     state = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(state))

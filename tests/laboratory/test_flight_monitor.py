@@ -233,7 +233,7 @@ def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """At the beginning, no ball around the vehicle is known to be free of solids."""
+    """No ball around the vehicle is known to be free of solids at the beginning."""
     for start in ((0.4, 0.0), (0.0, 0.9)):
         inputs = inputs_at_rest(x=start[0], y=start[1])
         solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
@@ -266,7 +266,7 @@ def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
 def test_skipping_distance_computations_misses_no_collision(num_vehicles):
-    """Vehicles are slow, fast or jumping. For comparison, all distances are computed at every tick."""
+    """Vehicles are slow, fast or jumping. The reference solution computes all distances at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = convex_hull(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])

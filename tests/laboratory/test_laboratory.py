@@ -63,7 +63,7 @@ def test_motion_capture_holds_each_frame_for_a_period():
 def test_the_command_link_delays_by_whole_ticks(delay):
     link = CommandLink(period=0.02, longest_delay=delay, parameters=LinkParameters(delay, initial=INITIAL_WRENCH))
     time, value = recorded_output(link, "wrench", 4, 0.3)
-    # At a tick, the recorder reads the output before the link receives the command of that tick.
+    # The recorder reads the output at a tick before the link receives the command of this tick.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)

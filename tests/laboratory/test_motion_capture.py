@@ -148,7 +148,7 @@ def test_angle_differences_are_converted_at_the_middle_frame():
     "body_rates", [(0.0, 6.0, 0.0), (0.0, 6.0, 0.05), (1.0, -5.0, 0.4), (8.0, 0.0, 0.0), (3.0, 4.0, 7.0)]
 )
 def test_body_rates_are_correct_for_a_body_that_turns_over(body_rates, misaligned):
-    """At constant rates, the body passes pitches of ±90° and rolls of ±180°, where angles jump."""
+    """The body turns at constant rates and passes pitches of ±90° and rolls of ±180°, where angles jump."""
     times = H * np.arange(210)
     initial_rotation = Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
     rotations = initial_rotation * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, body_rates))
@@ -224,7 +224,7 @@ def test_measurements_are_delayed_by_a_whole_number_of_frames():
 
 @pytest.mark.parametrize("bandwidth", [None, 50.0])
 def test_the_output_is_the_initial_frame_until_the_first_frame_arrives(bandwidth):
-    """Without a filter, the initial frame contains velocity and body rates. With a filter, these are zero."""
+    """The initial frame contains velocity and body rates if there is no filter. Both are zero if there is a filter."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
     parameters = CameraParameters(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
     camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, parameters=parameters)

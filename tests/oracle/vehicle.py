@@ -203,8 +203,8 @@ class SmallAngleVehicle(Vehicle):
 def allocate(wrench, nominal, priority):
     """Return the rotor speeds for a wrench, and the part of the wrench that the limits of the rotors do not allow.
 
-    The unknowns are thrust, fraction of roll and pitch torque, and yaw torque. For both priorities, the solution is at
-    a corner of the planes of the limits, so all corners are tried.
+    The unknowns are thrust, fraction of roll and pitch torque, and yaw torque. The solution for both priorities is at a
+    corner where planes of the limits intersect, so all corners are tried.
 
     Args:
         wrench: thrust (N) and three torques (N m).

@@ -34,7 +34,7 @@ with_both_priorities = pytest.mark.parametrize("priority", get_args(Priority))
 @given(rotor_speed=rotor_speeds)
 def test_allocation_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     speeds, shortfall = allocate(rotor_action(rotor_speed, PAPER_VEHICLE).wrench, ROTORS)
-    # At the limits themselves, rounding can cause a very small saturation.
+    # Rounding can cause a very small saturation at the limits themselves.
     np.testing.assert_allclose(speeds, rotor_speed, rtol=1e-9)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
@@ -259,7 +259,7 @@ def test_the_output_is_split_into_rotor_speed_commands_and_shortfall():
 
 
 def test_a_demand_that_fits_just_below_a_limit_is_met():
-    """At 0.5 rad²/s² below the maximum of the squared speed, a demand of 0.1 rad²/s² fits."""
+    """A demand of 0.1 rad²/s² fits if the squared speed is 0.5 rad²/s² below its maximum."""
     level, roll = 300.0**2 - 0.5, 0.1
     wrench = Wrench(4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
     speeds, shortfall = allocate(wrench, ROTORS)
@@ -270,7 +270,7 @@ def test_a_demand_that_fits_just_below_a_limit_is_met():
 @with_both_allocations
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
-    """At 0.1 rad²/s² below the maximum of the squared speed, a fifth of a demand of 0.5 rad²/s² fits."""
+    """A fifth of a demand of 0.5 rad²/s² fits if the squared speed is 0.1 rad²/s² below its maximum."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
     speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")

@@ -66,7 +66,7 @@ def lag_response(omega, zeta, target, start, end):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
-    """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target have no effect."""
+    """The yaw turns from 3 rad to -3 rad in the shorter direction. Thrust and rates of the target have no effect."""
     vehicle = attitude_response_vehicle(start=HoverPose(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = context_after(vehicle, end, TARGET._replace(yaw=-3.0))
@@ -175,7 +175,7 @@ def test_a_crashed_vehicle_with_an_attitude_response_stops():
 
 
 def test_battery_sag_reduces_the_rotor_speeds():
-    """After one second, the rotors turn at 90 % of the commanded speed."""
+    """The rotors turn at 90 % of the commanded speed after one second."""
     vehicle = attitude_response_vehicle(faulty=True, faults=RotorFaults(battery_sag=0.1))
     context = context_after(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)

@@ -75,7 +75,7 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
 
 @pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
 def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
-    """In a plus with arms of 0.2 m, if rotors 2 and 4 are e forward, rotor 1 has (0.2 - e) / 0.8 of the thrust."""
+    """Rotor 1 of a plus with arms of 0.2 m has (0.2 - e) / 0.8 of the thrust if rotors 2 and 4 are e forward."""
     e = 0.2 - 0.8 * (0.5 * fraction)
     flaw = explain_infeasible_hover(
         layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0
@@ -87,7 +87,7 @@ def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fracti
 
 
 def test_three_rotors_with_the_same_direction_cannot_hover():
-    """Without yaw torque, the fourth rotor and the rotor opposite to it each carry half of the weight."""
+    """The fourth rotor and the rotor opposite to it would each carry half of the weight if the yaw torque is zero."""
     rotors = layout_of(SQUARE_POSITIONS, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"

@@ -61,7 +61,7 @@ def expected_wrench(target, state, parameters, noise=((0.0,) * 3, (0.0,) * 3)):
 
 
 def test_the_wrench_agrees_with_two_proportional_loops():
-    """From a yaw of -3.1 rad to one of 3.0 rad, the shorter rotation is -0.18 rad."""
+    """The shorter rotation from a yaw of -3.1 rad to a yaw of 3.0 rad is -0.18 rad."""
     np.testing.assert_allclose(
         wrench_of(None, AUTOPILOT_PARAMETERS), expected_wrench(TARGET, STATE, AUTOPILOT_PARAMETERS), rtol=1e-13
     )
@@ -133,7 +133,7 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
 
 
 def test_an_attitude_estimator_that_neglects_drag_mistakes_drag_for_tilt():
-    """At a constant velocity, the error follows the neglected drag with a first-order lag."""
+    """The error follows the neglected drag with a first-order lag while the velocity is constant."""
     drag, period = NeglectedDrag(0.04, 0.5), 0.002
     error = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)
@@ -144,7 +144,7 @@ def test_an_attitude_estimator_that_neglects_drag_mistakes_drag_for_tilt():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
 def test_the_estimated_thrust_direction_has_the_error_of_the_estimator_along_x_and_y(yaw):
-    """For small angles and any yaw, the error of the thrust direction along X and Y is the error of the estimator."""
+    """The thrust direction has the error of the estimator along X and Y for small angles and any yaw."""
 
     def direction(attitude):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
@@ -193,7 +193,7 @@ def test_target_and_state_are_sampled_at_ticks_and_the_wrench_is_constant_betwee
 
 @pytest.mark.slow
 def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
-    """In equilibrium, k_attitude (φ_r - φ) is the bias, apart from the effect of ω × I ω."""
+    """The bias equals k_attitude (φ_r - φ) in equilibrium, apart from the effect of ω × I ω."""
     bias = np.array([0.02, -0.03, 0.01])
     flight = simulate(
         load_scenario(

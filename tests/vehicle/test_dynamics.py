@@ -56,7 +56,7 @@ def parameters_without_drag(asymmetric_vehicle):
 
 
 def test_accelerations_agree_with_the_quadrotor_plant_of_drake(parameters_without_drag):
-    """In this plant, the rotors are equal and the centre of mass is in their middle."""
+    """The rotors of Drake's plant are equal, and its centre of mass is in their middle."""
     b, d, arm = 4.15e-5, 1.1e-6, 0.165
     rotors = Rotors.plus(length=2.0 * arm, width=2.0 * arm, thrust_factor=b, drag_factor=d)
     parameters = parameters_without_drag._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
@@ -156,7 +156,7 @@ def test_rotors_in_a_plus_agree_with_eqs_4_and_5():
 
 
 def test_the_total_angular_momentum_of_body_and_rotors_is_constant(parameters_without_drag):
-    """For rotors with constant speed and without thrust, R_WB (I w + J_r w_r z) is constant."""
+    """The vector R_WB (I w + J_r w_r z) is constant if the rotors have constant speed and no thrust."""
     parameters = parameters_without_drag._replace(rotor_inertia=1e-3)
     residual = rotor_action(RotorSpeed(100.0, 300.0, 120.0, 280.0), parameters).residual
     assert residual == 360.0

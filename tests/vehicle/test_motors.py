@@ -60,7 +60,7 @@ def test_throttles_command_rotor_speeds_by_the_thrust_curve():
 
 
 def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
-    """If the model of the autopilot is exact, rotors that follow the throttles produce the wrench."""
+    """Rotors that follow the throttles produce the wrench if the model of the autopilot is exact."""
     b = 4.1e-5
     rotors = asymmetric_vehicle.rotors.with_thrust_factors(b, b, b, b)
     parameters = asymmetric_vehicle._replace(rotors=rotors, centre_of_mass=CentreOfMass())
@@ -156,7 +156,7 @@ def test_rotors_speed_up_and_slow_down_with_different_time_constants(time_step):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_body_and_rotors_conserve_angular_momentum(time_step):
-    """Without rotor drag, the sum of the angular momenta of body and rotors about z is constant."""
+    """The sum of the angular momenta of body and rotors about z is constant if the rotors have no drag."""
     rotor_inertia = 2.0e-4
     parameters = QuadrotorParameters(rotor_inertia=rotor_inertia, rotors=Rotors.plus(drag_factor=1e-30))
     effects = Effects(reaction_torque=ReactionTorque(rotor_inertia), spin_down=SpinDown(0.09))

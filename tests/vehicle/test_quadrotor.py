@@ -253,7 +253,7 @@ def test_impossible_parameters_are_rejected(change, words):
 
 
 def test_linearize_accepts_only_a_vehicle_without_a_time_step():
-    """For a vehicle with a time step, Drake raises SystemExit, as `docs/how_to/plain_drake.md` says."""
+    """Drake raises SystemExit for a vehicle with a time step, as `docs/how_to/plain_drake.md` says."""
     hover = [float(speed) for speed in hover_rotor_speeds(ASYMMETRIC_VEHICLE)]
     for time_step, expected in ((0.0, does_not_raise()), (0.01, pytest.raises(SystemExit))):
         vehicle = quadrotor(time_step=time_step)

@@ -32,7 +32,7 @@ def test_moments_may_violate_the_conditions_by_no_more_than_the_rounding_of_data
 
 @pytest.mark.slow
 def test_the_nearest_moments_are_the_solution_of_a_quadratic_programme():
-    """In some samples, no possible moments are within the bounds."""
+    """Some samples have bounds that contain no possible moments of inertia."""
     rng = np.random.default_rng(1)
     triangle_inequalities = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for _ in range(100):

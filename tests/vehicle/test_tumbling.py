@@ -60,7 +60,7 @@ def final_states_and_swings(parameters, tumbles, time_step, duration, load=None,
 
 @pytest.mark.slow
 def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
-    """At up to 10 rad/s, vehicles pass pitches of ±90°. With the default time step, errors are below 0.002°."""
+    """Vehicles pass pitches of ±90° at up to 10 rad/s. Errors are below 0.002° with the default time step."""
     tumbles = random_tumbles(40, seed=0)
     position, rotation, velocity, rates, *_ = flown(asymmetric_vehicle, tumbles, 2.0)
     errors = []
@@ -89,7 +89,7 @@ def flip_at(yaw_rate):
 
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 0.01, 0.02, 0.05, 0.1, 0.3])
 def test_a_flip_is_correct_however_close_it_passes_to_a_pitch_of_90_degrees(yaw_rate):
-    """The vehicle pitches at 6 rad/s for 0.6 s. Near a pitch of 90°, roll and yaw jump by 180°."""
+    """The vehicle pitches at 6 rad/s for 0.6 s. Roll and yaw jump by 180° near a pitch of 90°."""
     flip = flip_at(yaw_rate)
     final_state, _ = final_states_and_swings(FLIP_PARAMETERS, flip, 0.01, 0.6)
     _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
@@ -224,7 +224,7 @@ def test_derivatives_are_finite_at_a_pitch_of_90_degrees():
 @pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
 def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
-    """With error control, either the steps resolve the half-turns of roll and yaw, or the integrator refuses."""
+    """An integrator with error control either resolves the half-turns of roll and yaw in its steps, or refuses."""
     flip = flip_at(yaw_rate)
     vehicle = Quadrotor(time_step=0.0, parameters=QuadrotorConfig(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)

@@ -115,7 +115,7 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     distance = abs(u)
     limited = minimum(maximum(distance, _MIN_LOG_ARGUMENT), _BELOW_ONE)
     remainder = maximum(1.0 - exp(exponent * log(limited, normal=True)), _MIN_LOG_ARGUMENT)
-    # For a triangular set, the exact formula avoids the rounding errors of powers.
+    # The exact formula for a triangular set avoids the rounding errors of powers.
     arc = where(exponent == 1.0, 1.0 - limited, exp((1.0 / exponent) * log(remainder, normal=True)))
     return where(distance < 1.0, arc, 0.0 * distance)
 

@@ -65,7 +65,7 @@ class LeastDistance:
                 return None
             point, multipliers = result.GetSolution(self._variables), -result.GetDualSolution(self._constraint)
             binding = np.zeros(len(bounds), dtype=bool)
-            # At the exact solution, the multiplier or the slack of each row is zero. The solver returns approximations
+            # The multiplier or the slack of each row is zero at the exact solution. The solver returns approximations
             # of both, so a row counts as active if its multiplier is larger than its slack.
             binding[included] = multipliers > upper - rows @ point
             point = self._polished(point, bounds, included, binding)

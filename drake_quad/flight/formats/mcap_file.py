@@ -326,7 +326,7 @@ LOG = _object(
 
 
 def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
-    """Return the schema of the messages of a signal. In these messages, NaN and infinite values are null."""
+    """Return the message schema of a signal. Messages contain null in place of NaN and infinite values."""
     count, keys = flight[signal].shape[1], _keys(signal, flight)
     number = {"type": ["number", "null"]}
     if not keys:

@@ -187,7 +187,7 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
 
 @pytest.mark.slow
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
-    """The network has a gradient law and few rules. With adaptive sets, the error may be at most 2 % larger."""
+    """The network has few rules. The error with adaptive sets may be at most 2 % larger than with constant sets."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"

@@ -18,7 +18,7 @@ class Learner:
     """System that learns on X from a given signal, with the same law for n vehicles."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=TICK):
-        # With a slope λ of zero, the learning signal s_p is the rate of the error.
+        # The learning signal s_p is the rate of the error, since the slope λ is zero.
         parameters = LearningParameters(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
@@ -191,7 +191,7 @@ def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
         assert max(path) <= 45.0 * (1.0 + 1e-12)
         traces[forgetting] = path[-1]
     assert 2.0 * traces[1.0] < traces[0.999] < traces[0.9]
-    # Without firing, the covariance grows back to its initial value and stays there.
+    # The covariance grows back to its initial value, and stays there, while no rule fires.
     learner = Learner(CovarianceLaw(1.0, 5.0, 0.99))
     learner.memory = 1e-3 * learner.memory[:, 0]
     for _ in range(2500):
@@ -239,7 +239,7 @@ def test_weights_stay_within_the_learning_limits():
 
 @pytest.mark.slow
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
-    """For one rule with firing strength 1 on a double integrator, e falls as t^(-K_D λ / k_P), because P = 1 / t."""
+    """The error falls as t^(-K_D λ / k_P) for one rule with firing strength 1, because P = 1 / t."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4
     learner = Learner(CovarianceLaw(gain, 1.0), 1, period=h)
     one = np.ones(1)
@@ -277,6 +277,6 @@ def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
 
 
 def test_learning_laws_have_unit_gains_and_no_limits_by_default():
-    """By default gains are one, and there are no limits."""
+    """All gains are one, and no limit is active."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

@@ -225,7 +225,7 @@ def test_a_network_corrects_only_its_chosen_axes(scenario_with):
 
 
 def test_weights_are_ordered_by_axis_and_the_set_of_the_last_input_varies_fastest():
-    """On each axis a single rule fires: the error and the error rate are at centres of their sets."""
+    """A single rule fires on each axis, because the error and the error rate are at centres of their sets."""
     sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
     (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))

@@ -121,7 +121,7 @@ def test_commands_in_transit_act_after_the_delay(delay):
 
 
 def test_the_outer_gain_divides_the_position_gain_in_equilibrium():
-    """With constant commands, a position deviation p causes the specific thrust -K_p p / k, with the outer gain k."""
+    """A position deviation p under constant commands causes the specific thrust -K_p p / k, with the outer gain k."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]

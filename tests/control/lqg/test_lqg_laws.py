@@ -92,7 +92,7 @@ def test_a_repeated_camera_frame_is_ignored():
     estimate = estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
     x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
-    # Without lost frames, cameras may still measure the same position twice.
+    # Cameras may measure the same position twice even if no frame is lost.
     assert estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimator_step(
         MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )

@@ -62,7 +62,7 @@ def test_the_jet_has_the_published_speed_and_half_width_far_from_the_fan(diamete
     along = diameters * D
     assert speed(along) == pytest.approx(5.9 * JET.exit_speed * D / along, rel=1e-12)
     assert speed(along, 0.094 * along) == pytest.approx(0.5 * speed(along), rel=1e-12)
-    # At twice the half-width, a Gaussian profile has a sixteenth of the centreline speed.
+    # A Gaussian profile has a sixteenth of the centreline speed at twice the half-width.
     assert speed(along, 0.188 * along) == pytest.approx(speed(along) / 16.0, rel=1e-12)
 
 

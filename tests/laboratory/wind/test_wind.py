@@ -26,7 +26,7 @@ G = 9.81  # m/s²
 
 
 def test_drag_balances_the_weight_at_terminal_velocity():
-    """With idle rotors, the drag is c₁ v + c₂ v² = m g - 4 b ω²."""
+    """The drag c₁ v + c₂ v² equals m g - 4 b ω² if the rotors turn at idle speed."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
     vehicle = Quadrotor(parameters=QuadrotorConfig(parameters))
     simulator = Simulator(vehicle)
@@ -43,7 +43,7 @@ def test_drag_balances_the_weight_at_terminal_velocity():
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
 def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
-    """The tilt is atan(D / (m g)). Without integral action, the position error is D / (m k_P) downwind."""
+    """The tilt is atan(D / (m g)). The position error is D / (m k_P) downwind, since there is no integral action."""
     wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
     drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
     long_flight = ["route.duration=40", "crash.position_error=20"]
@@ -61,7 +61,7 @@ def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
 
 
 def test_the_velocity_of_a_vehicle_in_a_gust_agrees_with_the_closed_form():
-    """For a level vehicle, m v' = c (w - v) with w = h (1 - cos(π t / d)) / 2 is solved by hand."""
+    """The equation m v' = c (w - v) of a level vehicle, with w = h (1 - cos(π t / d)) / 2, is solved by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
