@@ -220,6 +220,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """Return the metrics of the vehicles of a tracking diagram up to the current time, (N,) arrays."""
+    """Return the metrics of all vehicles in a tracking diagram up to the current time, (N,) arrays."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Exceptions that a damaged file causes while it is read, or while its arrays are converted to a plan.
 _DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
-# Names of the files of a flight.
+# File names in the folder of a flight.
 ARRAYS = "flight.npz"
 TABLE = "flight.csv"
 SCENARIO = "scenario.yaml"

@@ -1,4 +1,4 @@
-"""Simulation of the flights of a scenario with Drake's simulator."""
+"""Simulation of a scenario's flights with Drake's simulator."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

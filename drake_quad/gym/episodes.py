@@ -1,4 +1,4 @@
-"""Initial values of the episodes of an environment.
+"""Initial values of an environment's episodes.
 
 Episode j of a vehicle with seed s is sample j of the study with seed s: this sample determines the random parameters,
 wind and noise. The flight therefore depends only on s, j and the actions. It is the same in any environment, and in

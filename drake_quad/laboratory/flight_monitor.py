@@ -69,7 +69,7 @@ class CollidedSolid(NamedTuple):
 
 
 class FreeBall(NamedTuple):
-    """Ball of positions of the centre of mass at which a vehicle touches no solid.
+    """Ball of centre-of-mass positions at which a vehicle touches no solid.
 
     Attributes:
         x, y, z: centre of the ball in W, m.
@@ -136,7 +136,7 @@ def monitor_step(
     names: tuple[str, ...],
     *others: Any,
 ) -> MonitorState:
-    """Return the state of the monitor of a vehicle after one more tick.
+    """Return the monitor state of a vehicle after one more tick.
 
     Args:
         state: true state of the vehicle.

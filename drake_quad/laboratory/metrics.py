@@ -68,7 +68,7 @@ class Accumulator(NamedTuple):
 
 
 def argument_names(formula: Callable[..., Any], *, after_sums: bool = False) -> tuple[str, ...]:
-    """Return the names of the arguments of a formula without its keyword-only arguments.
+    """Return the argument names of a formula, without its keyword-only arguments.
 
     Args:
         formula: formula.
@@ -366,7 +366,7 @@ METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.item
 
 @functools.cache
 def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metrics]:
-    """Return the class of the metrics of a scenario: `Metrics`, with a field for each additional metric.
+    """Return a scenario's metrics class: `Metrics` with a field for each additional metric.
 
     Args:
         additional: names and definitions of the additional metrics.
@@ -379,12 +379,12 @@ def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metric
 
 
 def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
-    """Return the definition of each metric of a class from `metrics_type`, by name, without the crash time."""
+    """Return the metric definitions of a class from `metrics_type`, by name, without the crash time."""
     return {**METRICS, **getattr(kind, "_additional", {})}
 
 
 def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
-    """Return the accumulators of the metrics of a class from `metrics_type`, without duplicates."""
+    """Return the accumulators of a metrics class from `metrics_type`, without duplicates."""
     accumulators = (metric.accumulator for metric in definitions_of(kind).values())
     return tuple(dict.fromkeys(each for each in accumulators if each is not None))
 

@@ -140,7 +140,7 @@ def first_frame(
     filtered: bool,
     max_delay_frames: int,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
-    """Return the initial values of the states of a `MotionCapture`; the initial output of a filter is zero.
+    """Return the initial states of a `MotionCapture`; the initial output of a filter is zero.
 
     Args:
         state: true state of the vehicle.
@@ -174,7 +174,7 @@ def next_frame(
     velocity_scaled: bool,
     period: float,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift | None]:
-    """Return the values of the states of a `MotionCapture` after a frame.
+    """Return the states of a `MotionCapture` after a frame.
 
     Args:
         state: true state of the vehicle.

@@ -152,8 +152,7 @@ def _ticks_in_period(period: float, stream: Stream) -> float:
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
     """Return the streams for the random input ports of each system, in the order of the ports.
 
-    The name of a stream consists of the names of its system and port, so that its numbers do not depend on other
-    streams.
+    Streams are named after system and port, so that their numbers do not depend on other streams.
 
     Args:
         systems: systems by name; only a FleetSystem can have such ports.

@@ -58,7 +58,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """Return the 32-bit words of a number or of an array of numbers, least significant first, padded with zeros."""
+    """Return the 32-bit words of one number or an array, least significant word first, padded with zeros."""
     words = [entropy & _MASK_32]
     while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK_32)

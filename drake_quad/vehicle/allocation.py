@@ -54,7 +54,7 @@ class RotorModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
-        """Return the model of the rotors of a vehicle."""
+        """Return the exact rotor model of a vehicle."""
         return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 

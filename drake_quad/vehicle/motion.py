@@ -22,11 +22,11 @@ from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
 
 
 class Accelerations(NamedTuple):
-    """Time derivatives of the motion of the vehicle and of the rod of a slung load.
+    """Time derivatives of the motion of a vehicle and of its slung load.
 
     Attributes:
         motion: linear and angular accelerations of the vehicle.
-        rod: derivatives of the direction of the rod and of its rate; None if there is no slung load.
+        rod: time derivatives of the rod's direction and of its rate; None if there is no slung load.
     """
 
     motion: Motion

@@ -109,7 +109,7 @@ def load_of_vehicle(
 
 
 def load_of_state(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
-    """Return the voltage and the current of the battery of a vehicle with a continuous state."""
+    """Return the battery's voltage and current for a vehicle with a continuous state."""
     assert state.charge is not None
     return load_of_vehicle(state.charge, state.rotors, parameters, effects)
 

@@ -193,7 +193,7 @@ def quadrotor_derivatives(
     time: Row,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the time derivative of the state of a vehicle; the arguments are as in `quadrotor_step`."""
+    """Return the time derivative of a vehicle's state; the arguments are as in `quadrotor_step`."""
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, target, parameters, effects)

@@ -1,4 +1,4 @@
-"""Metrics and requirements of a scenario as terms of the reward of an environment."""
+"""Tests of rewards that contain metrics and requirements of a scenario."""
 
 import copy
 

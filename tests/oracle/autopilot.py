@@ -77,7 +77,7 @@ class RespondingVehicle(SmallAngleVehicle):
         self.response = scenario.laboratory.autopilot
 
     def slope(self, attitude, velocity, rates, speeds, wind):
-        """Return the time derivatives of attitude, velocity and rates of the angles."""
+        """Return the time derivatives of attitude, velocity and angle rates."""
         acceleration = self.accelerations(rotation(*attitude), velocity, np.zeros(3), speeds, wind)[0:3]
         omega, zeta = np.array(self.response.natural_frequency), np.array(self.response.damping)
         error = self.target[1:4] - attitude

@@ -144,7 +144,7 @@ class Vehicle:
         change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
         return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
 
-    # Output of the link during a step. Only `RespondingVehicle` uses it.
+    # Output of the link during a step; only `RespondingVehicle` uses it.
     target = None
 
     def output_state(self, state):

@@ -1,4 +1,4 @@
-"""Tests of the conditions that moments of inertia of a body satisfy, and of the nearest moments that satisfy them."""
+"""Tests of the conditions on moments of inertia, and of the nearest moments that satisfy these conditions."""
 
 import numpy as np
 import pytest

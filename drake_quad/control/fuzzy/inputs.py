@@ -1,4 +1,4 @@
-"""Inputs of the rules of a network.
+"""Inputs of a network's rules.
 
 `error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis of the network. `x` to `v_z` are the
 measured position and velocity in W; with these inputs, a network learns a map of the disturbance in space. `phase` is

@@ -88,7 +88,7 @@ class FuzzyRulesParameters(NamedTuple):
 
 @fleet_system(float, AutoDiffXd)
 class FuzzyRules(FleetSystem):
-    """Firing strengths of the rules of a network.
+    """Firing strengths of a network's rules.
 
     .. pydrake_system::
 

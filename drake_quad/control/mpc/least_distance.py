@@ -1,4 +1,4 @@
-"""Computation of the point of a polyhedron that is nearest to the origin, with Drake's MathematicalProgram.
+"""Solver for the point of a polyhedron that is nearest to the origin, based on Drake's MathematicalProgram.
 
 This problem is called least distance programming (C. L. Lawson and R. J. Hanson, "Solving least squares problems",
 1974, chapter 23).

@@ -1,4 +1,4 @@
-"""Conversion of the actions of a policy to commands. Actions are saturated at -1 and 1."""
+"""Conversion of policy actions to commands. Actions are saturated at -1 and 1."""
 
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class ThrustRange(NamedTuple):
 
 
 class AccelerationScale(NamedTuple):
-    """Accelerations that an action of 1 commands along each axis of the frame of the action."""
+    """Accelerations that an action of 1 commands along each axis of the action's frame."""
 
     x: AccelerationW
     y: AccelerationW

@@ -38,7 +38,8 @@ from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
 _NANOSECONDS_PER_SECOND = 10**9
 _WORLD_FRAME = "world"  # name of the world frame W
-# Dimensions of drawn arms and rotors, relative to the largest horizontal distance of a rotor from the centre of mass.
+# Dimensions of drawn arms and rotors, relative to the largest horizontal distance between a rotor and the centre of
+# mass.
 _ARM_WIDTH = 0.08
 _ROTOR_WIDTH = 0.9
 _ROTOR_HEIGHT = 0.06
@@ -112,7 +113,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
-    """Return the schemas of the topics of a flight, by the names of the topics."""
+    """Return the schemas of a flight's topics, by topic name."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
         f"/{name}/reference": POSE_IN_FRAME,
@@ -159,7 +160,7 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
 
 
 def _keys(signal: str, flight: Flight) -> list[str]:
-    """Return the names of the rows of a signal; an empty list if the rows have no names."""
+    """Return the row names of a signal; an empty list if the rows have no names."""
     return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
 
 

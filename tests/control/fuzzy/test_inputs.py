@@ -52,7 +52,7 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_firing_strengths_of_four_inputs_are_products_of_memberships():
-    """Firing strengths of four inputs are the products of the firing strengths of two pairs of inputs.
+    """The firing strengths for four inputs are products of those for two pairs of inputs.
 
     This holds for type 1, where the pairs may be normalised separately or together.
     """
