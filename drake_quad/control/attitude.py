@@ -12,14 +12,14 @@ MomentOfInertia = Annotated[Row, Quantity("kg m²", "B")]
 
 
 class AttitudeParameters(NamedTuple):
-    """Gains of an attitude controller, and moments of inertia of the nominal vehicle.
+    """Attitude controller gains, and moments of inertia of the nominal vehicle.
 
     Attributes:
         k_p: gains on the error of each angle, 1/s².
         k_d: gains on the errors of the body rates, 1/s.
-        i_xx: moment of inertia about x_B.
-        i_yy: moment of inertia about y_B.
-        i_zz: moment of inertia about z_B.
+        i_xx: moment of inertia about x_B, kg m².
+        i_yy: moment of inertia about y_B, kg m².
+        i_zz: moment of inertia about z_B, kg m².
     """
 
     k_p: PerAngle

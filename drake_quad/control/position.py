@@ -35,7 +35,7 @@ class PdOutput(NamedTuple):
         error: position error e.
         error_rate: rate ė of the position error, or minus the velocity.
         pd: command τ_c.
-        feed_forward: acceleration of the reference if it is fed forward, else zero.
+        feed_forward: reference acceleration if it is fed forward, else zero.
     """
 
     error: PositionError

@@ -36,7 +36,7 @@ from drake_quad.signals import (
 
 # Lower limit on a squared horizontal acceleration, m²/s⁴. It avoids 0 / 0, and an infinite derivative of the square
 # root, at zero.
-_TINY = 1e-100
+_MIN_SQUARED_ACCELERATION = 1e-100
 
 
 class ThrustLimits(NamedTuple):
@@ -74,7 +74,7 @@ class Vectored(NamedTuple):
         thrust: thrust F_z.
         attitude_command: commanded roll φ_r, pitch θ_r and yaw ψ_r.
         body_rate_command: body rates at which the thrust direction follows the jerk and the yaw rate of the reference.
-        angular_acceleration_command: derivatives of these body rates.
+        angular_acceleration_command: time derivatives of these body rates.
     """
 
     thrust: Thrust
@@ -99,7 +99,8 @@ def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
     max_horizontal_squared = maximum(
-        minimum(up * up * limits.tan_max_tilt * limits.tan_max_tilt, (high - up) * (high + up)), _TINY
+        minimum(up * up * limits.tan_max_tilt * limits.tan_max_tilt, (high - up) * (high + up)),
+        _MIN_SQUARED_ACCELERATION,
     )
     fraction = sqrt(max_horizontal_squared / maximum(forward * forward + left * left, max_horizontal_squared))
     return HeadingVector(fraction * forward, fraction * left, up)

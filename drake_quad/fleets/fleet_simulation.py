@@ -19,11 +19,11 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 
 # Simulated time between two checks for crashes in uncompiled diagrams, s. Progress is reported at the same interval.
-_STRIDE = 1.0
+_CHECK_INTERVAL = 1.0
 # Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. A single
 # event simulates all these ticks, so that Drake's overhead is negligible.
-_FLEET_TICKS = 100
-_SINGLE_VEHICLE_TICKS = 500
+_CHECK_TICKS_OF_FLEET = 100
+_CHECK_TICKS_OF_SINGLE_VEHICLE = 500
 
 
 class FleetSimulation(ABC):
@@ -73,7 +73,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
 
 
 class WiredSimulation(FleetSimulation):
@@ -91,7 +91,7 @@ class WiredSimulation(FleetSimulation):
     def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
         self._plan, self._user_systems = plan, user_systems
         self._diagram = build_fleet_diagram(batch, plan, user_systems=user_systems, record=record)
-        super().__init__(self._diagram, _STRIDE, jump_times(batch))
+        super().__init__(self._diagram, _CHECK_INTERVAL, jump_times(batch))
 
     def reset(self, batch: Batch) -> None:
         """Reset the fleet to the start of another batch of the same scenario and size."""
@@ -106,7 +106,7 @@ class WiredSimulation(FleetSimulation):
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
         return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
 
 
@@ -134,7 +134,7 @@ class CompiledSimulation(FleetSimulation):
         # copied back.
         self._wired = build_fleet_diagram(batch, plan, user_systems=self._user_systems)
         self._wired_context = self._wired.CreateDefaultContext()
-        ticks = _SINGLE_VEHICLE_TICKS if len(batch) == 1 else _FLEET_TICKS
+        ticks = _CHECK_TICKS_OF_SINGLE_VEHICLE if len(batch) == 1 else _CHECK_TICKS_OF_FLEET
         # The period of the controller is given explicitly, since it is not always the longest period. Flights end and
         # are recorded at control ticks.
         tick = batch.scenario.laboratory.command_link.period
@@ -161,20 +161,20 @@ class CompiledSimulation(FleetSimulation):
         return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; requires `record=True`."""
         signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
         num_ticks = len(next(iter(signals.values())))
         return self._compiled.tick * np.arange(num_ticks), signals
 
     def _part_of(self, context: Context) -> Context:
-        """Return the context of the compiled system within a context of the diagram."""
+        """Return the compiled system's context, given a context of the diagram that contains this system."""
         return self._compiled.GetMyMutableContextFromRoot(context)
 
 
 def simulate_fleet(
     batch: Batch, plan: Plan, *, user_systems: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
-    """Return the simulation of a fleet.
+    """Create the simulation of a fleet.
 
     Args:
         batch: samples that the fleet flies.
@@ -193,7 +193,7 @@ def fly(
     simulator: Simulator,
     duration: float,
     *,
-    stride: float = _STRIDE,
+    stride: float = _CHECK_INTERVAL,
     jumps: Sequence[float] = (),
     progress: Callable[[float, float], None] | None = None,
 ) -> None:
@@ -220,6 +220,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """Return the metrics of the vehicles of a tracking diagram up to the current time, (N,) arrays."""
+    """Return the metrics of all vehicles in a tracking diagram up to the current time, (N,) arrays."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

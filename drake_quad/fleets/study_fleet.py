@@ -47,7 +47,7 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # The steps of an integrator with a continuous state would depend on all vehicles of a fleet.
+            # The integrator steps of a continuous state would depend on all vehicles of the fleet.
             raise InputError(
                 "vehicle.time_step is 0; it must be positive, so that the flight of a sample is the same in any fleet"
             )

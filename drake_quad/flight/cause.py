@@ -11,7 +11,8 @@ from drake_quad.signals import row_names
 # Signals that are computed before the control within a tick, in the order of cause and effect. The signals of the
 # control follow in the order in which they are recorded.
 _UPSTREAM_SIGNALS = ("wind", "state", "rotor_speed", "swing", "charge", "measurement", "reference")
-# If one of these signals is the first to contain NaN or infinity, the vehicle has diverged under finite commands.
+# If one of these signals is the first to contain NaN or infinity, the vehicle itself has diverged under finite
+# commands.
 _VEHICLE_SIGNALS = ("state", "rotor_speed", "swing", "charge", "measurement")
 # Signals that are computed from the commands of the control. They are never the first cause.
 _DOWNSTREAM_SIGNALS = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Exceptions that a damaged file causes while it is read, or while its arrays are converted to a plan.
 _DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
-# Names of the files of a flight.
+# File names in the folder of a flight.
 ARRAYS = "flight.npz"
 TABLE = "flight.csv"
 SCENARIO = "scenario.yaml"
@@ -36,7 +36,7 @@ METRICS = "metrics.csv"
 # Names of the arrays in `flight.npz` that are not signals: whether the diagram was compiled, the obstacle that the
 # vehicle hit, the cause of the crash, and the arrays of the plan.
 _COMPILED_KEY = "compiled"
-_TOUCHED_KEY = "touched"
+_OBSTACLE_KEY = "touched"
 _CAUSE_KEY = "cause"
 _PLAN_PREFIX = "plan."
 
@@ -56,7 +56,7 @@ class Flight(Mapping[str, np.ndarray]):
         metrics: metrics of the flight; NaN for a metric that is not defined.
         compiled: True if a compiled diagram was simulated, False if the original diagram was.
         obstacle_hit: name of the obstacle that the vehicle hit; None otherwise.
-        cause: sentence on the first value that was NaN or infinite, if the crash was due to it.
+        cause: sentence that names the first NaN or infinite value, if this value caused the crash.
     """
 
     scenario: Scenario
@@ -170,7 +170,7 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
-            words = {_TOUCHED_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
+            words = {_OBSTACLE_KEY: self.obstacle_hit, _CAUSE_KEY: self.cause}
             arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
@@ -203,7 +203,9 @@ def read_flight(path: Path | str) -> Flight:
             arrays = read_arrays(file)
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED_KEY, False))
-        obstacle_hit, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
+        obstacle_hit, cause = (
+            str(arrays.pop(name)) if name in arrays else None for name in (_OBSTACLE_KEY, _CAUSE_KEY)
+        )
         plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:
@@ -227,7 +229,7 @@ def _read_metrics(path: Path, kind: type[Metrics]) -> Metrics:
 
 
 def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
-    """Return the arrays from which `_plan_of` restores a plan exactly, by name."""
+    """Return the named arrays from which `_plan_of` restores a plan exactly."""
     arrays = {
         **{f"path.{name}": values for name, values in plan.path._asdict().items()},
         **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},

@@ -33,7 +33,7 @@ HOVER_TIME = 40.0
 """Duration of a hover, s."""
 
 _FLEET_SIZE = 64  # number of hovers that are simulated at once
-_MAX_HOVERS = 1024  # largest number of simulated hovers, even if the intervals are still wide
+_MAX_HOVERS = 1024  # limit on the number of hovers, reached if the intervals remain wide
 # Hovers are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
 # RMS error, and an absolute one for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05
@@ -41,7 +41,7 @@ _ABSOLUTE_PRECISION = 1e-7  # m
 # The seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
 # Number of points along the route at which hovers are simulated if the wind depends on the position.
-_NUM_POINTS = 9
+_NUM_ROUTE_POINTS = 9
 
 
 class HoverError(NamedTuple):
@@ -111,14 +111,14 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
     points = [np.array(HoverRoute(kind="hover").position)]
     if any(source.depends_on_position for source in scenario.laboratory.wind):
         path = plan_in(nominal, None).plan.path
-        points = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_POINTS))))
+        points = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_ROUTE_POINTS))))
     routes = [HoverRoute(kind="hover", position=tuple(point.tolist())) for point in points]
     errors = (hover_error(nominal.model_copy(update={"route": route})) for route in routes)
     return max(errors, key=lambda error: error.rms.value)
 
 
 def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
+    """Return the scenario with a hover as its route and with metrics that begin at `SETTLING_TIME`."""
     hovering = in_hover(scenario)
     # Fleets need a time step. The shortest period of the scenario is compatible with all other periods, and RK4 is
     # accurate enough with it.

@@ -111,7 +111,7 @@ def build_laboratory_diagram(
     vehicles hover at the first point of the plan. The scenario's `sample` determines wind and noise, as in
     `build_tracking_diagram`.
 
-    A port of k rows contains k N numbers for N vehicles: row by row, with one number per vehicle in each row.
+    A port of k rows contains k N values for N vehicles: row by row, with one value per vehicle in each row.
 
     Input ports:
 

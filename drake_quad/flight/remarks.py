@@ -26,11 +26,11 @@ from drake_quad.scenario.plausible import Plausible, PlausibleDelay
 # relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
 # deviation of the flown value.
 _MIN_RELATIVE_DIFFERENCE = 0.2
+_MIN_NUM_SIGMAS = 5.0
 # Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
 # produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
 _MAX_CHANGE_LENGTH = 120  # characters of a path with its old and new value
-_MIN_STANDARD_DEVIATIONS = 5.0  # smallest reported difference, in standard deviations of the flown value
 # The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal random variable is more than one standard deviation below its mean.
@@ -113,11 +113,11 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
 
 
 def replaced_distributions(before: Scenario, after: Scenario, *, ignored: tuple[str, ...] = ()) -> str:
-    """Return a list of the distributions of a scenario that another version does not draw; empty without such fields.
+    """Return a text that lists the distributions which a changed scenario no longer draws; empty if it draws all.
 
     Args:
         before: scenario with the distributions.
-        after: the same scenario with, for example, another controller.
+        after: changed scenario, for example with another controller.
         ignored: paths that are left out, with all fields in them.
     """
     drawn, values = distributions_in(after), dict(leaves(after))
@@ -143,7 +143,7 @@ def _mixed_vehicles(scenario: Scenario) -> list[str]:
         f"{name} {_median(actual):.4g}{unit} (nominal {nominal_value:.4g})"
         for name, nominal_value, actual, unit in _airframes(scenario)
         if abs(_median(actual) - nominal_value)
-        > max(_MIN_RELATIVE_DIFFERENCE * nominal_value, _MIN_STANDARD_DEVIATIONS * _deviation(actual))
+        > max(_MIN_RELATIVE_DIFFERENCE * nominal_value, _MIN_NUM_SIGMAS * _deviation(actual))
     ]
     differences += _rotor_differences(scenario)
     if not differences:
@@ -161,7 +161,7 @@ def _rotor_differences(scenario: Scenario) -> list[str]:
     differences = [
         f"centre_of_mass.{i} {_median(each):.4g} m (nominal 0)"
         for i, each in enumerate(vehicle.centre_of_mass)
-        if abs(_median(each)) > max(_MIN_RELATIVE_OFFSET * arm, _MIN_STANDARD_DEVIATIONS * _deviation(each))
+        if abs(_median(each)) > max(_MIN_RELATIVE_OFFSET * arm, _MIN_NUM_SIGMAS * _deviation(each))
     ]
     if distributions_in(vehicle.layout):
         return differences
@@ -204,7 +204,7 @@ def _median(value: Any) -> float:
 
 
 def _deviation(value: Any) -> float:
-    """Return the half-width of the central 68.3 % interval; for a normal distribution, the standard deviation."""
+    """Return half the width of the central 68.3 % interval; a normal distribution has this standard deviation."""
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
@@ -235,7 +235,7 @@ def _implausible_values(scenario: Scenario) -> list[str]:
 
 
 def _inactive_settings(flight: _PlannedFlight) -> list[str]:
-    """Return a remark on the settings that have no effect for each reason."""
+    """Return one remark for each reason why settings have no effect; it lists these settings."""
     paths: dict[str, list[str]] = {}
     inactive: list[str] = []
     for path, mapping in mappings_in(flight.scenario):

@@ -1,4 +1,4 @@
-"""Simulation of the flights of a scenario with Drake's simulator."""
+"""Simulation of a scenario's flights with Drake's simulator."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,13 +23,13 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 # Target accuracy and largest step (s) of the integrator for a continuous state.
-_ACCURACY = 1e-8
-_MAX_STEP = 0.1
+_INTEGRATOR_ACCURACY = 1e-8
+_MAX_INTEGRATOR_STEP = 0.1
 # Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
 # flight takes 15 seconds.
-_MIN_STEP = 1e-5
-# Part of the message of Drake's exception if the integration requires a smaller step.
-_STEP_ERROR = "smaller than minimum allowed"
+_MIN_INTEGRATOR_STEP = 1e-5
+# Text in Drake's exception if the integration requires a smaller step.
+_STEP_ERROR_TEXT = "smaller than minimum allowed"
 
 
 def simulate(
@@ -89,21 +89,21 @@ def simulate(
     simulation = simulate_fleet(batch, plan, user_systems=user_systems, record=True, compiled=compiled)
     simulator = simulation.simulator
     # The integrator simulates a continuous state. A vehicle with a time step does not use it.
-    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
-    integrator.set_target_accuracy(_ACCURACY)
-    integrator.set_requested_minimum_step_size(_MIN_STEP)
+    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_INTEGRATOR_STEP)
+    integrator.set_target_accuracy(_INTEGRATOR_ACCURACY)
+    integrator.set_requested_minimum_step_size(_MIN_INTEGRATOR_STEP)
     if prepare is not None:
         prepare(simulator)
     try:
         simulation.fly(end if until is None else until, progress=progress)
     except RuntimeError as error:
-        if _STEP_ERROR not in str(error):
+        if _STEP_ERROR_TEXT not in str(error):
             raise
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on the continuous state changes too fast: its integration"
-            f" needs steps shorter than {_MIN_STEP:g} s, for example near the singularity at a pitch of 90 degrees;"
-            " set vehicle.time_step to a positive number"
+            f" needs steps shorter than {_MIN_INTEGRATOR_STEP:g} s, for example near the singularity at a pitch of 90"
+            " degrees; set vehicle.time_step to a positive number"
         ) from None
     return flights_of(batch, plan, simulation, user_systems)[0]
 
@@ -152,7 +152,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | N
 
 
 def _is_compiled_by_default(scenario: Scenario) -> bool:
-    """Return whether the vehicle has no continuous state, which only Drake's integrators can simulate."""
+    """Return True unless the vehicle has a continuous state, which only Drake's integrators can simulate."""
     return scenario.vehicle.time_step > 0.0
 
 
@@ -190,7 +190,7 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
     """Return the value of a metric of a recorded flight.
 
     Raises:
-        InputError: if it is not a number, or outside the range that its definition states.
+        InputError: if the value is not a number, or outside the range that the metric's definition states.
     """
     if not isinstance(value, int | float | np.number):
         raise InputError(f"the metric {name} must be a number, but its function returned {short_repr(value)}")
@@ -201,7 +201,7 @@ def _checked_metric(name: str, metric: Metric, value: Any) -> float:
 def fly_with_metrics(
     fleet: StudyFleet, batch: Batch, progress: Callable[[float, float], None] | None = None
 ) -> Metrics:
-    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, also those of recorded flights."""
+    """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those of recorded flights."""
     metrics = fleet.fly_batch(batch, progress=progress)
     if not recorded_metrics_of(type(metrics)):
         return metrics

@@ -54,7 +54,7 @@ class ThrustTilt(NamedTuple):
         sin_roll: sine of φ.
         cos_roll: cosine of φ.
         sin_pitch: sine of θ.
-        cos_pitch: cosine of θ; negative for a thrust that points down.
+        cos_pitch: cosine of θ; negative if the thrust points down.
     """
 
     thrust: Row
@@ -73,7 +73,7 @@ def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
 
 
 def attitude_of(tilt: ThrustTilt) -> tuple[Row, Row]:
-    """Return roll and pitch, eq (7), rad; the magnitude of the pitch exceeds π/2 for a thrust that points down."""
+    """Return roll and pitch, eq (7), rad. The magnitude of the pitch exceeds π/2 if the thrust points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 
 

@@ -1,4 +1,4 @@
-"""Records with one number for each axis, or for each angle."""
+"""Records with one value for each axis, or for each angle."""
 
 from typing import Literal, NamedTuple
 
@@ -8,7 +8,7 @@ Axis = Literal["x", "y", "z"]
 
 
 class PerAxis(NamedTuple):
-    """Numbers for the axes of W, such as gains."""
+    """Values for the axes X, Y and Z of W, for example gains."""
 
     x: Row
     y: Row
@@ -16,7 +16,7 @@ class PerAxis(NamedTuple):
 
 
 class PerAngle(NamedTuple):
-    """Numbers for roll, pitch and yaw, such as gains."""
+    """Values for roll, pitch and yaw, for example gains."""
 
     roll: Row
     pitch: Row

@@ -1,4 +1,4 @@
-"""Initial values of the episodes of an environment.
+"""Initial values of an environment's episodes.
 
 Episode j of a vehicle with seed s is sample j of the study with seed s: this sample determines the random parameters,
 wind and noise. The flight therefore depends only on s, j and the actions. It is the same in any environment, and in
@@ -67,7 +67,7 @@ class Episodes:
         # A ring buffer: sample j of a vehicle is stored at the index j modulo the number of episodes ahead.
         self._ready = InitialValues._make(np.empty((*shape, rows.shape[1])) for rows in first)
         self.seeds, self.samples = np.zeros(num_vehicles, dtype=np.int64), np.full(num_vehicles, -1)
-        # Index of the first sample of each vehicle that has not been computed.
+        # For each vehicle, the index of the first sample whose initial values have not been computed.
         self._next = np.zeros(num_vehicles, dtype=np.int64)
 
     def seed(self, vehicles: np.ndarray, seeds: np.ndarray) -> None:

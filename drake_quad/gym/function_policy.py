@@ -17,7 +17,7 @@ class FunctionPolicy(LeafSystem):
     The system replaces the network in `simulate(scenario, policy=...)`. The argument `policy` of
     `run_monte_carlo(scenario, n, policy=...)` must be a function that creates the system for a given number of
     vehicles. A compiled diagram calls the policy's function once per tick. This function must be stateless: its result
-    may only depend on the observation.
+    may depend only on the observation.
 
     Args:
         scenario: scenario with a control of kind `policy`, such as the `scenario` of an environment.

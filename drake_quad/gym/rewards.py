@@ -23,9 +23,8 @@ class Transition(NamedTuple):
         time: (N,) times since the start of each episode, s.
         crashed: (N,) Booleans, True if the vehicle has crashed, whether or not into an obstacle.
         obstacle_hit: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
-        signals: further signals that were requested, as records, by name.
-        metrics: (N,) values, up to this step, of the metrics that were requested, by name; NaN for a metric for which
-            no tick has counted yet.
+        signals: further requested signals, as records, by name.
+        metrics: (N,) values of the requested metrics up to this step, by name; NaN until a tick counts for the metric.
         metric_changes: (N,) changes of these values in this step. A metric begins with 0 and NaN counts as 0, so the
             changes of an episode add up to the metric of its flight.
     """
@@ -74,8 +73,8 @@ class TrackingReward:
     Attributes:
         tracking: reward of a step without position error.
         length: position error at which this reward has decreased to 1 / e = 37 %, m.
-        effort: cost of an action with norm 1.
-        variation: cost of a change of the action with norm 1.
+        effort: cost of an action whose norm is 1.
+        variation: cost of a change of the action whose norm is 1.
         crash: cost of a crash.
         obstacle: additional cost of a crash into an obstacle.
         metrics: weights of metrics and requirements of the scenario, by name; negative for a metric that should be

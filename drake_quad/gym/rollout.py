@@ -44,7 +44,7 @@ class ActionLog:
             vehicle: index of the vehicle.
             clock: number of ticks since the start of the current episode.
             episode: current episode.
-            ended_first: True to return the last completed episode, if there is one, instead of the current one.
+            ended_first: True to return the last completed episode, if there is one, instead of the current episode.
 
         Raises:
             InputError: if the vehicle has not flown yet.

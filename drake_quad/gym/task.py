@@ -21,7 +21,7 @@ def task_of(
 ) -> Scenario:
     """Return the scenario of an environment, whose control is a policy without a network.
 
-    If an attitude control is needed, it is taken from the control of the scenario, or designed if that has none.
+    If an attitude control is needed, it is taken from the scenario, or designed if the scenario has none.
 
     Args:
         scenario: scenario, or the file or name of a scenario to load.
@@ -49,7 +49,7 @@ def task_of(
         fields["action"] = fields["action"].model_dump(mode="json")
     if not isinstance(fields["action"], Mapping):
         raise InputError(
-            f"action is {short_repr(action)}, but must be the name of a kind of action, or a mapping of fields"
+            f"action is {short_repr(action)}, but must be the name of an action type, or a mapping of fields"
         )
     kind = ACTIONS.get(fields["action"].get("kind"))
     # The validation of the scenario checks the fields of the action.

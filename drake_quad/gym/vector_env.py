@@ -32,7 +32,7 @@ from drake_quad.signals import SIGNALS
 
 # Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
-_MONITOR = "monitor"  # name of the flight monitor in the diagram
+_MONITOR_NAME = "monitor"  # name of the flight monitor in the diagram
 StepResult = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 """Observations, rewards, terminations, truncations and infos of a step."""
 
@@ -127,7 +127,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         diagram = build_fleet_diagram(Batch.draw(self.scenario, range(num_envs)), self.plan, open_action=True)
         self._signals = _checked_signals(signals, diagram)
         self._metrics_type = self.scenario.metrics_type
-        self._known_metrics = _known_metrics(self._metrics_type, diagram)
+        self._available_metrics = _available_metrics(self._metrics_type, diagram)
         rewarded = reward.metrics if isinstance(reward, TrackingReward) else ()
         self._metrics = _checked_metrics(dict.fromkeys((*metrics, *rewarded)), self._metrics_type, diagram)
         self._recorded_metrics = tuple(recorded_metrics_of(self._metrics_type))
@@ -138,7 +138,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *self._signals)))
         self._fleet = ClockedFleet(
-            diagram, tick=self._tick, num_ticks=self._num_ticks, outputs=outputs, monitor=_MONITOR
+            diagram, tick=self._tick, num_ticks=self._num_ticks, outputs=outputs, monitor=_MONITOR_NAME
         )
         self._episodes = Episodes(self.scenario, self.plan, num_envs, outputs=outputs)
         self._reward, self._terminates = reward, terminates
@@ -337,7 +337,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return actions
 
     def _checked_result(self, result: Any, name: str, kind: type) -> np.ndarray:
-        """Check the result of a user's function of a transition, and return a copy of it."""
+        """Check the values that a user's reward or termination function returned, and return a copy."""
         values = real_numbers(result)
         if values is None or values.shape != (self.num_envs,):
             raise InputError(
@@ -379,7 +379,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
-        metrics = values_of(self._known_metrics, sums, self._tick, self._metrics_type)
+        metrics = values_of(self._available_metrics, sums, self._tick, self._metrics_type)
         obstacle = self._fleet.next_state("obstacle_hit").number.astype(int)
         flight: dict[str, Any] = {}
         recorded = self._metrics_of_recorded_flights(ended)
@@ -414,7 +414,7 @@ def _final_infos(last_observations: np.ndarray, infos: dict[str, Any], over: np.
     }
 
 
-def _known_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
+def _available_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
     """Return the names of the metrics that are computed from signals of the diagram."""
     return tuple(
         name
@@ -424,21 +424,23 @@ def _known_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
 
 
 def _checked_metrics(names: Iterable[str], kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
-    """Return the names of metrics, if these are known at every step of an environment.
+    """Return the names of metrics, after a check that an environment can compute them at every step.
 
     Raises:
-        InputError: if a name is not that of a metric, or the metric is not known at every step.
+        InputError: if there is no metric of this name, or the environment cannot compute it at every step.
     """
     for name in names:
         metric = lookup(definitions_of(kind), name, "metric")
         if metric.accumulator is None:
             raise InputError(
-                f"the metric {name} is computed from a recorded flight, so it is not known during the flight and cannot"
-                " be a term of the reward"
+                f"the metric {name} is computed from a recorded flight, so it is not available during the flight and"
+                " cannot be a term of the reward"
             )
         missing = [signal for signal in metric.signals if not diagram.HasOutputPort(signal)]
         if missing:
-            raise InputError(f"the metric {name} is not known in this environment, which has no {join_names(missing)}")
+            raise InputError(
+                f"the metric {name} is not available in this environment, which has no {join_names(missing)}"
+            )
     return tuple(names)
 
 

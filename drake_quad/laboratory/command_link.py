@@ -45,7 +45,7 @@ def link_step(
         command: command at this tick, a record.
         out: output of the link before this tick.
         in_transit: packets in transit, the latest one first.
-        random: random number of the packet; None if no packet can be lost.
+        random: random number that decides whether the packet is lost; None if no packet can be lost.
         parameters: parameters of the link.
     """
     packet = command

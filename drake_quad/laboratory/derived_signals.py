@@ -55,7 +55,7 @@ DERIVED_SIGNALS: dict[str, ScalarSignal] = {}
 
 
 def derived_signal(unit: str, *, value_range: ValueRange = "real") -> Callable[[_Function], _Function]:
-    """Return a decorator that registers a formula as a derived signal, under the name of the function.
+    """Return a decorator that registers a formula as a derived signal; the signal has the name of the function.
 
     The arguments of the formula are signals by the names of their ports, `time` (s) or `period` (s).
 

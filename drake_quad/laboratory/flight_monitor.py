@@ -69,7 +69,7 @@ class CollidedSolid(NamedTuple):
 
 
 class FreeBall(NamedTuple):
-    """Ball of positions of the centre of mass at which a vehicle touches no solid.
+    """Ball of centre-of-mass positions at which a vehicle touches no solid.
 
     Attributes:
         x, y, z: centre of the ball in W, m.
@@ -82,7 +82,7 @@ class FreeBall(NamedTuple):
     radius: Row = 0.0
 
 
-# Upper bound on the rounding error of a distance, m.
+# Upper bound on the rounding error of a computed distance, m.
 _DISTANCE_TOLERANCE = 1e-6
 
 
@@ -136,7 +136,7 @@ def monitor_step(
     names: tuple[str, ...],
     *others: Any,
 ) -> MonitorState:
-    """Return the state of the monitor of a vehicle after one more tick.
+    """Return the monitor state of a vehicle after one more tick.
 
     Args:
         state: true state of the vehicle.
@@ -155,8 +155,8 @@ def monitor_step(
         window: metric window.
         period: duration of a tick, s.
         accumulators: accumulators of the metrics.
-        names: names of further signals that the accumulators read.
-        others: these signals.
+        names: names of the further signals that the accumulators read.
+        others: values of these further signals.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total: Row = 0.0
@@ -218,7 +218,7 @@ def detect_contact(
 def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
     """Return the distance of a point in W from the nearest solid, m, and the number of this solid.
 
-    Solids are numbered from 1 on. Without solids, the distance is infinite and the number is 0.
+    Solids are numbered from 1 on. The distance is infinite and the number is 0 if there are no solids.
     """
     smallest: Row = math.inf
     number: Row = 0.0

@@ -11,7 +11,7 @@ tick every 20 ms, and a link delay of one tick:
 A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after this frame first
 appears in the frame at 20 ms. No control tick uses that frame, so the change first affects a control tick through the
 frame at 30 ms, and the rotor commands 50 ms after the change. Each frame of latency adds 10 ms, and each tick of delay
-adds 20 ms. The lag of the rotors is additional.
+adds 20 ms. The lag of the rotors adds to these times.
 
 An autopilot on board is between the link and the allocation. It measures the state of the vehicle directly, at its own
 ticks, so neither the cameras nor the link delay the loops of the autopilot.
@@ -51,10 +51,11 @@ def build_laboratory(
     """Build the diagram `laboratory` around a vehicle.
 
     The command link transmits the wrench to the allocation on board, which commands the rotor speeds. The vehicle flies
-    in the wind, and motion capture measures the state of the vehicle. For motors that are commanded by throttles, the
-    output `throttle_command` replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds
-    `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench, and the
-    wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the sensor.
+    in the wind, and motion capture measures the state of the vehicle. The output `throttle_command` replaces
+    `rotor_speed_command` for motors that are commanded by throttles. A slung load adds the output `swing`, and a
+    battery adds `charge` and `battery`. With an autopilot, the link transmits an attitude target instead of the wrench,
+    and the wrench that the autopilot commands becomes an output. Each sensor adds an output port with the name of the
+    sensor.
 
     .. pydrake_system::
 

@@ -32,12 +32,12 @@ from drake_quad.signals import Acceleration, Quantity, Reference, Row, State, Wr
 ValueRange = Literal["real", "nonnegative", "fraction"]
 """Numbers that a metric or a signal can be: all real numbers, those from 0 on, or those from 0 to 1."""
 
-_LIMITS: dict[ValueRange, tuple[float, float]] = {
+_LIMITS_OF_RANGES: dict[ValueRange, tuple[float, float]] = {
     "real": (-math.inf, math.inf),
     "nonnegative": (0.0, math.inf),
     "fraction": (0.0, 1.0),
 }
-_ROUNDING_TOLERANCE = 1e-9  # values beyond the limits by less than this are attributed to rounding
+_ROUNDING_TOLERANCE = 1e-9  # a value beyond its limits by less than this is attributed to rounding
 
 TIME_ARGUMENTS = ("ticks", "time", "period")
 """Arguments of an accumulator that are not signals: number of earlier ticks, time (s), and duration of a tick (s)."""
@@ -68,7 +68,7 @@ class Accumulator(NamedTuple):
 
 
 def argument_names(formula: Callable[..., Any], *, after_sums: bool = False) -> tuple[str, ...]:
-    """Return the names of the arguments of a formula without its keyword-only arguments.
+    """Return the argument names of a formula, without its keyword-only arguments.
 
     Args:
         formula: formula.
@@ -126,7 +126,8 @@ class Display(NamedTuple):
 
     Attributes:
         unit: unit that is printed.
-        size: size of the printed unit in the unit of the metric, for example 0.01 for a length that is printed in cm.
+        size: size of the printed unit, expressed in the metric's unit; for example 0.01 if a length in m is printed in
+            cm.
         digits: number of digits after the decimal point, for one flight.
     """
 
@@ -142,9 +143,9 @@ class Metric(NamedTuple):
         unit: unit; "1" for a dimensionless metric.
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
-        value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
-            ticks, which is NaN instead of 0, and the duration of a tick, s. For a metric of a recorded flight, it
-            returns the metric of a flight.
+        value: function that returns the (N,) values of the metric. Its arguments are the record of the sums with (N,)
+            rows, the (N,) numbers of ticks, which are NaN instead of 0, and the duration of a tick, s. For a metric of
+            a recorded flight, the function returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
         value_range: range of the metric. Intervals do not extend beyond it, and only metrics that cannot be negative
@@ -178,11 +179,11 @@ class Metric(NamedTuple):
 
     @property
     def infinities_with_crash(self) -> tuple[str, str]:
-        """Texts for negative and positive infinity if a crash is the only reason for an infinite value."""
+        """Texts that replace negative and positive infinity if only a crash can cause an infinite value."""
         return ("crash", "∞") if self.larger_is_better else ("-∞", "crash")
 
 
-_ZEROS = PerAxis(0.0, 0.0, 0.0)
+_ZERO_ON_EACH_AXIS = PerAxis(0.0, 0.0, 0.0)
 
 
 class ErrorSums(NamedTuple):
@@ -194,7 +195,7 @@ class ErrorSums(NamedTuple):
     """
 
     peak: Row = 0.0
-    squares: PerAxis = _ZEROS
+    squares: PerAxis = _ZERO_ON_EACH_AXIS
 
 
 def add_error(sums: ErrorSums, state: State, reference: Reference) -> ErrorSums:
@@ -214,9 +215,9 @@ class CommandSums(NamedTuple):
         last: u of the previous tick, m/s².
     """
 
-    effort: PerAxis = _ZEROS
-    variation: PerAxis = _ZEROS
-    last: PerAxis = _ZEROS
+    effort: PerAxis = _ZERO_ON_EACH_AXIS
+    variation: PerAxis = _ZERO_ON_EACH_AXIS
+    last: PerAxis = _ZERO_ON_EACH_AXIS
 
 
 def add_command(sums: CommandSums, acceleration_command: Acceleration, ticks: Row) -> CommandSums:
@@ -244,9 +245,9 @@ def add_shortfall(sums: SaturationSums, shortfall: Wrench) -> SaturationSums:
     return SaturationSums(sums.saturated + where(complete, 0.0, 1.0))
 
 
-_ERROR = _accumulator(ErrorSums(), add_error)
-_COMMAND = _accumulator(CommandSums(), add_command)
-_SHORTFALL = _accumulator(SaturationSums(), add_shortfall)
+_ERROR_ACCUMULATOR = _accumulator(ErrorSums(), add_error)
+_COMMAND_ACCUMULATOR = _accumulator(CommandSums(), add_command)
+_SATURATION_ACCUMULATOR = _accumulator(SaturationSums(), add_shortfall)
 CENTIMETRES = Display("cm", 0.01, 2)
 """Format of metrics in m."""
 
@@ -257,7 +258,7 @@ def _rms(axis: str) -> Metric:
     def value(sums: ErrorSums, ticks: Any, _: float) -> Any:
         return np.sqrt(getattr(sums.squares, axis) / ticks)
 
-    return Metric("m", f"RMSE on {axis.upper()}", _ERROR, value, CENTIMETRES, value_range="nonnegative")
+    return Metric("m", f"RMSE on {axis.upper()}", _ERROR_ACCUMULATOR, value, CENTIMETRES, value_range="nonnegative")
 
 
 def _effort(axis: str) -> Metric:
@@ -267,7 +268,7 @@ def _effort(axis: str) -> Metric:
         return getattr(sums.effort, axis) / ticks
 
     label, display = f"control effort on {axis.upper()}", Display("m²/s⁴", 1.0, 4)
-    return Metric("m²/s⁴", label, _COMMAND, value, display, value_range="nonnegative")
+    return Metric("m²/s⁴", label, _COMMAND_ACCUMULATOR, value, display, value_range="nonnegative")
 
 
 def _variation(axis: str) -> Metric:
@@ -277,7 +278,7 @@ def _variation(axis: str) -> Metric:
         return getattr(sums.variation, axis) / (np.where(ticks > 1.0, ticks - 1.0, np.nan) * period)
 
     label = f"total variation of the command on {axis.upper()}"
-    return Metric("m/s³", label, _COMMAND, value, value_range="nonnegative")
+    return Metric("m/s³", label, _COMMAND_ACCUMULATOR, value, value_range="nonnegative")
 
 
 def _total_rms(sums: ErrorSums, ticks: Any, _: float) -> Any:
@@ -288,17 +289,17 @@ def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
     return np.sqrt(sums.peak * np.where(ticks > 0.0, 1.0, np.nan))
 
 
-_SATURATION = Metric(
+_SATURATION_METRIC = Metric(
     "1",
     "ticks with saturated rotors",
-    _SHORTFALL,
+    _SATURATION_ACCUMULATOR,
     lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),
     differentiable=False,
     value_range="fraction",
 )
-_RMSE = Metric("m", "RMSE", _ERROR, _total_rms, CENTIMETRES, value_range="nonnegative")
-_PEAK = Metric("m", "peak error", _ERROR, _peak, CENTIMETRES, value_range="nonnegative")
+_RMSE_METRIC = Metric("m", "RMSE", _ERROR_ACCUMULATOR, _total_rms, CENTIMETRES, value_range="nonnegative")
+_PEAK_METRIC = Metric("m", "peak error", _ERROR_ACCUMULATOR, _peak, CENTIMETRES, value_range="nonnegative")
 
 
 class Metrics(NamedTuple):
@@ -324,18 +325,18 @@ class Metrics(NamedTuple):
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
-    rmse: Annotated[Any, _RMSE]
+    rmse: Annotated[Any, _RMSE_METRIC]
     rmse_x: Annotated[Any, _rms("x")]
     rmse_y: Annotated[Any, _rms("y")]
     rmse_z: Annotated[Any, _rms("z")]
-    peak_error: Annotated[Any, _PEAK]
+    peak_error: Annotated[Any, _PEAK_METRIC]
     effort_x: Annotated[Any, _effort("x")]
     effort_y: Annotated[Any, _effort("y")]
     effort_z: Annotated[Any, _effort("z")]
     variation_x: Annotated[Any, _variation("x")]
     variation_y: Annotated[Any, _variation("y")]
     variation_z: Annotated[Any, _variation("z")]
-    saturated_fraction: Annotated[Any, _SATURATION]
+    saturated_fraction: Annotated[Any, _SATURATION_METRIC]
     crash_time: Annotated[Any, Quantity("s")]
 
     @property
@@ -357,15 +358,15 @@ class Metrics(NamedTuple):
         return type(self)(*values)
 
 
-_HINTS = get_type_hints(Metrics, include_extras=True)
-_DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
+_ANNOTATIONS = get_type_hints(Metrics, include_extras=True)
+_DEFINITIONS = {name: definition for name, hint in _ANNOTATIONS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
 """Definition of each metric that every flight has, without the crash time."""
 
 
 @functools.cache
 def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metrics]:
-    """Return the class of the metrics of a scenario: `Metrics`, with a field for each additional metric.
+    """Return a scenario's metrics class: `Metrics` with a field for each additional metric.
 
     Args:
         additional: names and definitions of the additional metrics.
@@ -378,12 +379,12 @@ def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metric
 
 
 def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
-    """Return the definition of each metric of a class from `metrics_type`, by name, without the crash time."""
+    """Return the metric definitions of a class from `metrics_type`, by name, without the crash time."""
     return {**METRICS, **getattr(kind, "_additional", {})}
 
 
 def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
-    """Return the different accumulators of the metrics of a class from `metrics_type`."""
+    """Return the accumulators of a metrics class from `metrics_type`, without duplicates."""
     accumulators = (metric.accumulator for metric in definitions_of(kind).values())
     return tuple(dict.fromkeys(each for each in accumulators if each is not None))
 
@@ -402,9 +403,9 @@ def check_range(name: str, metric: Metric, values: Any) -> None:
     """Check that the values of a metric, a number or (N,) numbers, are in the range that its definition states.
 
     Raises:
-        InputError: if a value is not.
+        InputError: if a value is outside this range.
     """
-    low, high = _LIMITS[metric.value_range]
+    low, high = _LIMITS_OF_RANGES[metric.value_range]
     wrong = (values < low - _ROUNDING_TOLERANCE) | (values > high + _ROUNDING_TOLERANCE)
     if np.any(wrong):
         value, *_ = np.ravel(values)[np.ravel(wrong)]
@@ -422,8 +423,8 @@ def compute_metrics(
         crash_time: (N,) crash times, s; infinite for a vehicle that did not crash.
         period: duration of a tick, s.
         kind: class of the metrics, from `metrics_type`.
-        connected: function that returns whether a signal, given its name, is known; by default all signals are. A
-            metric is NaN if a signal on which it depends is not.
+        connected: function that returns True if the signal of a given name is available; by default all signals are
+            available. A metric is NaN if it depends on an unavailable signal.
 
     Raises:
         InputError: if a metric is outside the range that its definition states.

@@ -47,13 +47,13 @@ class CameraParameters(NamedTuple):
 
     Attributes:
         position_noise: standard deviation of the position noise on each axis.
-        attitude_noise: standard deviation of the noise of roll, pitch and yaw.
+        attitude_noise: standard deviation of the noise on roll, pitch and yaw.
         dropout_rate: probability that a frame is lost.
         misalignment: roll, pitch and yaw of the markers' frame M relative to B.
         derivative_bandwidth: bandwidth ω of the filter that estimates velocity and body rates; None without a filter.
         latency_frames: latency, a whole number of frame periods.
-        velocity_error: relative scale error of the velocity on each axis.
-        velocity_drift: standard deviation of the drift of the velocity on each axis.
+        velocity_error: relative scale error of the measured velocity on each axis.
+        velocity_drift: standard deviation of the velocity drift on each axis.
         drift_time: correlation time of the drift.
     """
 
@@ -140,7 +140,7 @@ def first_frame(
     filtered: bool,
     max_delay_frames: int,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
-    """Return the initial values of the states of a `MotionCapture`; the initial output of a filter is zero.
+    """Return the initial states of a `MotionCapture`; the initial output of a filter is zero.
 
     Args:
         state: true state of the vehicle.
@@ -174,14 +174,14 @@ def next_frame(
     velocity_scaled: bool,
     period: float,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift | None]:
-    """Return the values of the states of a `MotionCapture` after a frame.
+    """Return the states of a `MotionCapture` after a frame.
 
     Args:
         state: true state of the vehicle.
         out: available frame before the update.
         in_transit: earlier frames that are not yet available, the latest one first.
         before: pose two frames before this one; None without a filter.
-        drift: drift of the velocity in the previous frame; None if there is no drift.
+        drift: velocity drift in the previous frame; None if there is no drift.
         noise: standard normal samples; None if there is no noise.
         random: random number of the frame; None if no frame can be lost.
         drift_noise: standard normal samples for the drift; None if there is no drift.
@@ -220,7 +220,7 @@ def _velocity_factors(cameras: Cameras, velocity_scaled: bool) -> VelocityError 
 
 
 def _next_drift(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
-    """Return the drift of the velocity one frame later, one step of a first-order Gauss-Markov process."""
+    """Return the velocity drift one frame later, by one step of a first-order Gauss-Markov process."""
     decay = exp(-period / cameras.errors.drift_time)
     noise_gain = sqrt(1.0 - decay * decay)
     return VelocityDrift._make(
@@ -277,7 +277,7 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
 
 
 def _zero_state(_: CameraParameters) -> State:
-    """Return a state of zeros, which the first frame replaces."""
+    """Return the initial state, zero in all rows, which the first frame replaces."""
     return State(*(0.0,) * len(State._fields))
 
 
@@ -310,7 +310,7 @@ class MotionCapture(FleetSystem):
     eq (2) with the differences of these angles and the attitude in the middle frame. Without a filter, velocity and
     body rates are measured exactly. A frame is available `latency_frames` periods after it was taken.
 
-    Two further errors of the velocity model estimators on board that use an accelerometer. `velocity_error` is a
+    Two further velocity errors represent on-board estimators that use an accelerometer. `velocity_error` is a
     relative scale error on each axis of W, as observed in some flights of the Crazyflie. `velocity_drift` is the
     standard deviation σ of a slowly varying error d on each axis,
 
@@ -323,7 +323,7 @@ class MotionCapture(FleetSystem):
 
     The random input ports exist only if they are needed. `camera_noise` contains standard normal samples for position
     and attitude. `dropout` is a uniform number in [0, 1) for each frame, which is lost if the number is below the
-    dropout rate. `velocity_drift` contains standard normal samples for the drift of the velocity.
+    dropout rate. `velocity_drift` contains standard normal samples for the velocity drift.
 
     The states are `measurement` and `measurement_in_transit`, the two states of a `DelayLine`. A filter adds the state
     `pose_before`, the pose in the frame before the latest one. A drift adds the state `drift`, the drift in the latest

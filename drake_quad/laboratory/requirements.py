@@ -81,7 +81,7 @@ class RobustnessSums(NamedTuple):
 
     Attributes:
         value: robustness; infinite before the first tick of the time window.
-        held: smallest margin so far of the condition that must hold until another does.
+        held: for `until`, the smallest margin so far of the condition that must hold until the other one holds.
     """
 
     value: Row
@@ -163,7 +163,7 @@ def eventually(condition: Condition, start: float, end: float) -> Accumulator:
 
 
 def holds_until(condition: Condition, until: Condition, start: float, end: float) -> Accumulator:
-    """Return the accumulator of the robustness of a condition that must hold until another one does."""
+    """Return the accumulator of the robustness of `until`: a condition must hold until another one holds."""
     return _accumulator(-math.inf, add_until, start, end, condition=condition, until=until)
 
 

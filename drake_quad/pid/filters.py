@@ -1,7 +1,7 @@
 """Low-pass filters of derivatives and of gyroscopes, as flight controllers compute them.
 
-A filter is y = (b₀ + b₁ z⁻¹ + b₂ z⁻²) / (1 + a₁ z⁻¹ + a₂ z⁻²) u. This module makes the two kinds that PX4
-(`LowPassFilter2p` and `AlphaFilter`) and the Crazyflie's firmware (`lpf2p`) use, from a bandwidth.
+A filter is y = (b₀ + b₁ z⁻¹ + b₂ z⁻²) / (1 + a₁ z⁻¹ + a₂ z⁻²) u. Given a bandwidth, this module designs the two types
+that PX4 (`LowPassFilter2p` and `AlphaFilter`) and the Crazyflie's firmware (`lpf2p`) use.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -24,7 +24,7 @@ class LowPass(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """State of a low-pass filter: the signal between its poles and its zeros, one and two periods ago."""
+    """State of a low-pass filter: the internal signal between its poles and its zeros, one and two periods ago."""
 
     last: Row
     second_last: Row

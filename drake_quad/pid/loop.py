@@ -4,8 +4,8 @@
 
 The derivative is that of the measurement, so that a step of the setpoint causes no derivative kick. An optional filter
 smooths it. The integral i has the unit of the output. It grows by h k_i e per tick, within a limit. Its growth can be
-reduced for large errors, as in PX4, by the factor 1 - (e / e₀)². Terms that a loop does not have are None and cost
-nothing.
+reduced for large errors, as in PX4, by the factor 1 - (e / e₀)². A term that a loop does not have is None and takes no
+computing time.
 """
 
 from typing import NamedTuple
@@ -42,7 +42,7 @@ class Derivative(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Terms of a loop other than the proportional one. Each may be None.
+    """Terms of a loop in addition to the proportional term; None for each term that the loop does not have.
 
     Attributes:
         integral: integral term.
@@ -62,7 +62,7 @@ class LastMeasurement(NamedTuple):
 
     Attributes:
         value: measured value.
-        known: 0 before the first tick, 1 after it.
+        known: 1 if there is such a measurement; 0 before the first tick.
     """
 
     value: Row
@@ -70,7 +70,7 @@ class LastMeasurement(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of a loop. Fields that its terms do not need are None.
+    """State of a loop. A field is None if no term of the loop needs it.
 
     Attributes:
         integral: integral term.

@@ -39,7 +39,7 @@ class Stream(NamedTuple):
     Attributes:
         name: name of the stream, which is unique among the streams of its kind.
         kind: purpose of the random numbers.
-        num_rows: number of random numbers at each tick.
+        num_rows: number of random numbers at each tick, for one vehicle.
         distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
         period: period of the ticks, s.
     """
@@ -58,8 +58,8 @@ def stream_numbers(
 
     Args:
         states: initial states of each stream, one for each period.
-        kinds: number of rows of each stream, True for normal numbers or False for uniform ones, and number of ticks in
-            a period.
+        kinds: for each stream, the number of rows, True for normal numbers or False for uniform ones, and the number of
+            ticks in a period.
         ticks: tick of each stream.
     """
     return tuple(
@@ -92,14 +92,14 @@ class NoiseSource(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all streams, under their names. At any time, its value is the value of the nearest
-    tick, since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream
-    and the tick. The only parameter of the context is `streams`.
+    The output packs the rows of all streams, under their names. Its value at any time is the value of the nearest tick,
+    since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream and
+    the tick. The only parameter of the context is `streams`.
 
     Args:
         num_vehicles: number N of vehicles.
         streams: streams of the output, in order.
-        noise_period: length of the periods with noise of different samples, s.
+        noise_period: length of a period, s. In successive periods, a vehicle has the noise of different samples.
         parameters: samples of the vehicles.
 
     Raises:
@@ -152,8 +152,7 @@ def _ticks_in_period(period: float, stream: Stream) -> float:
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
     """Return the streams for the random input ports of each system, in the order of the ports.
 
-    The name of a stream consists of the names of its system and port, so that its numbers do not depend on other
-    streams.
+    Streams are named after system and port, so that their numbers do not depend on other streams.
 
     Args:
         systems: systems by name; only a FleetSystem can have such ports.
@@ -186,7 +185,7 @@ def export_streams(
 def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples) -> None:
     """Connect random input ports to noise sources, which are added to the builder.
 
-    For a single vehicle, one source named `noise` serves all ports. For a fleet, every port has its own source, since
+    One source named `noise` serves all ports of a single vehicle. Every port of a fleet has its own source, since
     additional calls take less time than splitting an output with many rows.
 
     Args:

@@ -40,7 +40,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
     Args:
         entropy: entropy, at least 0, or (n,) numbers below 2⁶³, one for each sample.
         samples: (n,) indices of samples, from 0 to 2³² - 1.
-        kind: kind of random numbers, from 0 to 2³² - 1.
+        kind: number of the purpose of the random numbers, from 0 to 2³² - 1; see `StreamKind`.
     """
     words = [np.broadcast_to(word, len(samples)).astype(np.uint32) for word in _words(entropy)]
     words += [samples.astype(np.uint32), np.full(len(samples), kind, dtype=np.uint32)]
@@ -58,7 +58,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """Return the 32-bit words of a number or of an array of numbers, least significant first, padded with zeros."""
+    """Return the 32-bit words of one number or an array, least significant word first, padded with zeros."""
     words = [entropy & _MASK_32]
     while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK_32)

@@ -53,8 +53,8 @@ class Samples(NamedTuple):
     Attributes:
         seed: seed of all samples, or a tuple with the seed of each sample.
         indices: index of the sample of each vehicle.
-        later: index of the sample of each vehicle, for each further period of length `period`.
-        period: length of a period, s; infinite if there is only one.
+        later: for each later period of length `period`, the indices of the vehicles' samples.
+        period: length of a period, s; infinite if there is only one period.
     """
 
     seed: Seeds
@@ -160,5 +160,5 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
 
 
 def parameter_numbers(seed: Seeds, samples: Sequence[int], path: str) -> np.ndarray:
-    """Return the (N,) uniform numbers in (0, 1) that determine the drawn values of the field at a path."""
+    """Return the (N,) uniform numbers in (0, 1) from which the values of the field at a path are drawn."""
     return untyped(uniform_number(state_of_number(stream_states(seed, samples, StreamKind.PARAMETERS, path), 0.0)))

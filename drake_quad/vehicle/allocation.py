@@ -54,7 +54,7 @@ class RotorModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
-        """Return the model of the rotors of a vehicle."""
+        """Return the exact rotor model of a vehicle."""
         return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 
@@ -76,7 +76,7 @@ class _Square(NamedTuple):
 
     Attributes:
         thrust: change per newton of thrust; positive.
-        tilt: change from a fraction of 0 to a fraction of 1 of the commanded roll and pitch torque.
+        tilt: change caused by the whole commanded roll and pitch torque.
         yaw: change per newton metre of yaw torque.
     """
 
@@ -93,7 +93,7 @@ class _Bound(NamedTuple):
     upper: Row
 
 
-class _Kept(NamedTuple):
+class _Producible(NamedTuple):
     """Producible part of a wrench: thrust (N), fraction of roll and pitch torque, and yaw torque (N m)."""
 
     thrust: Row
@@ -125,7 +125,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
         (lowest < low) | (highest > high),
         partial(_within_limits, priority),
         (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),
-        _Kept(wrench.thrust, 1.0, wrench.tau_z),
+        _Producible(wrench.thrust, 1.0, wrench.tau_z),
     )
     given_up = 1.0 - kept.fraction
     speeds = []
@@ -140,7 +140,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
     )
 
 
-def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
+def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Producible:
     """Return the part of a wrench that the rotors can produce.
 
     The squared speed of each rotor is a linear function of three unknowns (thrust, fraction of roll and pitch torque,
@@ -163,15 +163,15 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
     yaw_bounds = []
     for square in squares:
         bare = square.thrust * thrust_kept + fraction * square.tilt
-        yaw_bounds.append(_between(low - bare, high - bare, square.yaw))
-    return _Kept(thrust_kept, fraction, _nearest(tau_z, yaw_bounds))
+        yaw_bounds.append(_interval(low - bare, high - bare, square.yaw))
+    return _Producible(thrust_kept, fraction, _nearest(tau_z, yaw_bounds))
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
     """Return thrust and fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
-        _between(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
+        _interval(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
         for factor, bound in _thrust_and_fraction_bounds(squares, tau_z, low, high)
     ]
     return _nearest(thrust, bounds), fraction
@@ -207,7 +207,7 @@ def _thrust_and_fraction_bounds(
     bounds = [(square.thrust, _Bound(square.tilt, *_widened(low, high, square.yaw * tau_z))) for square in squares]
     for one, other in combinations(squares, 2):
         tilt = other.yaw * one.tilt - one.yaw * other.tilt
-        bounds.append((_turn(one, other, squares), _Bound(tilt, *_range((other.yaw, -one.yaw), low, high))))
+        bounds.append((_determinant(one, other, squares), _Bound(tilt, *_range((other.yaw, -one.yaw), low, high))))
     return bounds
 
 
@@ -219,16 +219,20 @@ def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
     """
     bounds = []
     for one, other in combinations(squares, 2):
-        tilt, yaw = other.thrust * one.tilt - one.thrust * other.tilt, -_turn(one, other, squares) * tau_z
+        tilt, yaw = other.thrust * one.tilt - one.thrust * other.tilt, -_determinant(one, other, squares) * tau_z
         bounds.append(_Bound(tilt, *_widened(*_range((other.thrust, -one.thrust), low, high), yaw)))
     for one, two, three in combinations(squares, 3):
-        of_one, of_two, of_three = _turn(two, three, squares), _turn(three, one, squares), _turn(one, two, squares)
+        of_one, of_two, of_three = (
+            _determinant(two, three, squares),
+            _determinant(three, one, squares),
+            _determinant(one, two, squares),
+        )
         tilt = of_one * one.tilt + of_two * two.tilt + of_three * three.tilt
         bounds.append(_Bound(tilt, *_range((of_one, of_two, of_three), low, high)))
     return bounds
 
 
-def _turn(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
+def _determinant(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
     """Return the determinant of the thrust and yaw coefficients of two rotors."""
     size = sum(square.thrust for square in squares) * sum(abs(square.yaw) for square in squares)
     return _without_rounding(one.thrust * other.yaw - other.thrust * one.yaw, size)
@@ -240,13 +244,13 @@ def _without_rounding(coefficient: Row, size: Row) -> Row:
 
 
 def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the smallest and the largest weighted sum of squared speeds that each lie between two limits."""
+    """Return the smallest and the largest weighted sum of squared speeds, each of which lies between two limits."""
     up, down = sum(maximum(weight, 0.0) for weight in weights), sum(minimum(weight, 0.0) for weight in weights)
     return up * low + down * high, up * high + down * low
 
 
 def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
-    """Return the limits of a sum after subtracting the contribution of yaw torque, between zero and `yaw`."""
+    """Return the limits of a sum without its contribution from yaw torque, which is between zero and `yaw`."""
     return lower - maximum(yaw, 0.0), upper - minimum(yaw, 0.0)
 
 
@@ -255,11 +259,11 @@ def _max_fraction(bounds: Sequence[_Bound]) -> Row:
     fraction: Row = 1.0
     for tilt, lower, upper in bounds:
         room = where(tilt > 0.0, upper, -lower)
-        fraction = minimum(_fitting(maximum(room, 0.0), abs(tilt)), fraction)
+        fraction = minimum(_fitting_fraction(maximum(room, 0.0), abs(tilt)), fraction)
     return fraction
 
 
-def _between(lower: Row, upper: Row, factor: Row) -> tuple[Row, Row]:
+def _interval(lower: Row, upper: Row, factor: Row) -> tuple[Row, Row]:
     """Return the smallest and the largest x with lower <= factor * x <= upper; unbounded for a factor of zero."""
     rising, free = factor > 0.0, factor == 0.0
     inverse = 1.0 / where(free, 1.0, factor)
@@ -275,7 +279,7 @@ def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
     return minimum(maximum(wanted, lower), upper)
 
 
-def _fitting(room: Row, demand: Row) -> Row:
+def _fitting_fraction(room: Row, demand: Row) -> Row:
     """Return the fraction of a demand that fits into an available range, at most 1; 1 if the demand is zero."""
     room = room + _ZERO_DIVISION_OFFSET
     return room / maximum(demand, room)
@@ -353,7 +357,7 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
-    fraction = _fitting(half, maximum(size_13, size_24))
+    fraction = _fitting_fraction(half, maximum(size_13, size_24))
     room_13, room_24 = half - fraction * size_13, half - fraction * size_24
     left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
     both = 0.5 * (room_13 + room_24)
@@ -374,8 +378,8 @@ def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]
     room_13 = minimum(minimum(below + left, above - right), half)
     room_24 = minimum(minimum(above + left, below - right), half)
     room_both = 2.0 * minimum(above, below)
-    fraction = minimum(_fitting(room_13, size_13), _fitting(room_24, size_24))
-    return level, minimum(fraction, _fitting(room_both, size_13 + size_24))
+    fraction = minimum(_fitting_fraction(room_13, size_13), _fitting_fraction(room_24, size_24))
+    return level, minimum(fraction, _fitting_fraction(room_both, size_13 + size_24))
 
 
 _PAIRED_LEVEL_AND_FRACTION: dict[Priority, Callable[[_Pairs, Row, Row], tuple[Row, Row]]] = {

@@ -51,7 +51,7 @@ ATTITUDE_RESPONSE_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect",
 
 
 class NaturalFrequencies(NamedTuple):
-    """Natural frequency of the response of each angle."""
+    """Natural frequency of each angle's response."""
 
     roll: AngleRate
     pitch: AngleRate
@@ -59,7 +59,7 @@ class NaturalFrequencies(NamedTuple):
 
 
 class DampingRatios(NamedTuple):
-    """Damping ratio of the response of each angle."""
+    """Damping ratio of each angle's response."""
 
     roll: Number
     pitch: Number
@@ -119,7 +119,7 @@ BodyRatesOf = Callable[[Attitude, Attitude], BodyRates]
 
 
 def _angle_rates_as_body_rates(rates: Attitude, attitude: Attitude) -> BodyRates:
-    """Return the rates of the angles as body rates, the small-angle approximation of eq (3)."""
+    """Return the angle rates as body rates, the small-angle approximation of eq (3)."""
     return BodyRates(*rates)
 
 
@@ -136,11 +136,11 @@ _BODY_ACCELERATIONS: dict[str, Callable[[Attitude, Attitude, Attitude], AngularA
 
 
 def state_of(body: AttitudeResponseBody, body_rates: BodyRatesOf) -> State:
-    """Return the state of the vehicle, with body rates in place of the rates of the angles.
+    """Return the state of the vehicle, with body rates in place of angle rates.
 
     Args:
         body: state of the body.
-        body_rates: function that returns the body rates, given the rates of the angles and the attitude.
+        body_rates: function that returns the body rates, given the angle rates and the attitude.
     """
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = body
     p, q, r = body_rates(Attitude(*rates), Attitude(roll, pitch, yaw))
@@ -325,7 +325,7 @@ class AttitudeResponseQuadrotor(FleetSystem):
     Args:
         num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
-        kinematics: "exact", or "small_angle" to use the rates of the angles as body rates.
+        kinematics: "exact", or "small_angle" to use the angle rates as body rates.
         faulty: True if rotors may have faults.
         effects: names of the effects that are switched on, a subset of `ATTITUDE_RESPONSE_EFFECTS`.
         parameters: parameters of the vehicles.

@@ -7,8 +7,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
 
 # Smallest accepted ratio of the smallest to the largest singular value of the scaled map from rotor forces to the
-# wrench. At smaller ratios, a part of the wrench would be produced only by differences of about a thousandth of the arm
-# length or of the drag factor.
+# wrench. If the ratio were smaller, only differences of about a thousandth of the arm length or of the drag factor
+# would produce a part of the wrench.
 _MIN_SINGULAR_VALUE = 1e-3
 # Components of a unit vector below this magnitude are not mentioned in a message.
 _MIN_COMPONENT = 0.02

@@ -53,7 +53,7 @@ class Gyroscope(NamedTuple):
     """Errors of a gyroscope.
 
     Attributes:
-        noise: standard deviation of the noise of a sample, the same for each axis.
+        noise: standard deviation of the noise of a sample on each axis.
         bias: constant error of the measured body rates.
     """
 
@@ -102,7 +102,7 @@ class AutopilotParameters(NamedTuple):
         inertia: moments of inertia in the autopilot's model of the vehicle.
         gyroscope: errors of the gyroscope.
         attitude_noise: standard deviation of the noise of the estimated roll, pitch and yaw.
-        initial: output before the first wrench is computed.
+        initial: wrench that is output before the first wrench is computed.
         attitude: further terms of the attitude loop, whose output is a body rate.
         rate: further terms of the rate loop, whose output is an angular acceleration.
         gyroscope_filter: low-pass filter of the measured body rates.

@@ -66,5 +66,5 @@ def load_of_rotors(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParam
 
 
 def charge_rate(current: Row) -> Charge:
-    """Return the rate at which a current (A) discharges the battery, A h/s."""
+    """Return the rate at which a current (A) discharges the battery, in A h per second."""
     return Charge(current / _SECONDS_PER_HOUR)

@@ -51,5 +51,5 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
 
 
 def _lever(rotor: Rotor, centre: CentreOfMass) -> Vector:
-    """Return the ratio of the torque of a rotor to its thrust, m."""
+    """Return a rotor's ratio of torque to thrust, m."""
     return Vector(rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor))

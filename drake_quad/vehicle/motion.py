@@ -22,11 +22,11 @@ from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
 
 
 class Accelerations(NamedTuple):
-    """Time derivatives of the motion of the vehicle and of the rod of a slung load.
+    """Time derivatives of the motion of a vehicle and of its slung load.
 
     Attributes:
         motion: linear and angular accelerations of the vehicle.
-        rod: derivatives of the direction of the rod and of its rate; None if there is no slung load.
+        rod: time derivatives of the rod's direction and of its rate; None if there is no slung load.
     """
 
     motion: Motion
@@ -59,7 +59,7 @@ def rotor_state(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorPara
 def rotor_states_over_step(
     rotors: RotorSpeed, target: RotorSpeed, half: float, parameters: QuadrotorParameters, effects: Effects
 ) -> list[RotorState]:
-    """Return the state of the rotors at the start, in the middle and at the end of a step of duration 2 `half`, s."""
+    """Return the rotor states at the start, in the middle and at the end of a step; `half` is half its duration, s."""
     decay = decay_factors(rotors, target, half, parameters, effects.spin_down)
     middle = lagged_speeds(rotors, target, decay)
     speeds = rotors, middle, lagged_speeds(middle, target, decay)

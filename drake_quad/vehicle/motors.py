@@ -42,7 +42,7 @@ def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
     """Return the throttle for a thrust (N), given a curve that increases over [0, 1]."""
     above = thrust - curve.k_0
     root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
-    # This form of the root of the quadratic equation is also valid for a straight line, k_2 = 0.
+    # The quadratic equation is solved in a form that is also valid for a straight line, k_2 = 0.
     return 2.0 * above / maximum(curve.k_1 + root, TINY)
 
 

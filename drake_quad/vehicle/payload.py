@@ -66,7 +66,7 @@ class LoadedBody(NamedTuple):
 
 
 def loaded_body(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> LoadedBody:
-    """Return the vehicle with its payload, or without it if the payload is not attached at this time.
+    """Return the body of the vehicle, including its payload if the payload is attached at this time.
 
     Args:
         mass: mass m of the vehicle, kg.

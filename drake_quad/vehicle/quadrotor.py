@@ -47,7 +47,7 @@ class HoverPose(NamedTuple):
 
 
 class InitialMotion(NamedTuple):
-    """Motion of a vehicle at time 0, and the speeds of its rotors as multiples of their speeds in hover."""
+    """Motion of a vehicle at time 0, and its rotor speeds as multiples of the rotor speeds in hover."""
 
     roll: Angle = 0.0
     pitch: Angle = 0.0
@@ -103,13 +103,13 @@ def initial_state(
 def load_of_vehicle(
     charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, effects: Effects
 ) -> BatteryLoad:
-    """Return the load of the battery of a vehicle."""
+    """Return the voltage and the current of a vehicle's battery."""
     assert effects.battery is not None
     return load_of_rotors(charge, speed, parameters, effects.battery)
 
 
 def load_of_state(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
-    """Return the load of the battery of a vehicle with a continuous state."""
+    """Return the battery's voltage and current for a vehicle with a continuous state."""
     assert state.charge is not None
     return load_of_vehicle(state.charge, state.rotors, parameters, effects)
 
@@ -164,9 +164,8 @@ class Quadrotor(FleetSystem):
     the end of a step uses the inputs that were held over the step.
 
     Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
-    `swing`, and a `battery` adds the state and output `charge`
-    and the output `battery`. With a `thrust_curve` the commands are throttles, and the input
-    `throttle_command` replaces `rotor_speed_command`.
+    `swing`. A `battery` adds the state and output `charge`, and the output `battery`. With a `thrust_curve` the
+    commands are throttles, and the input `throttle_command` replaces `rotor_speed_command`.
 
     The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
     effects also `effects`. The scalar type Expression supports neither faults nor the effects `spin_down` and
@@ -210,8 +209,8 @@ class Quadrotor(FleetSystem):
         effect_parameters = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed", absent=None)
-        # Only faults and a payload depend on time. Without them, the equations must not contain the time, so that they
-        # support Expression.
+        # Only faults and a payload depend on time. The equations of a vehicle without both must not contain the time,
+        # so that they support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
         arguments = *inputs, vehicle, faults, effect_parameters, time
         motion = KINEMATICS[kinematics]

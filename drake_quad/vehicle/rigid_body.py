@@ -1,7 +1,7 @@
 """Condition on the moments of inertia of a rigid body.
 
 For a rigid body, I_xx + I_yy - I_zz = 2 ∫ z² dm is not negative. The same holds for the other axes. No moment is
-therefore larger than the sum of the other two. For the normal axis of a flat plate, it equals this sum.
+therefore larger than the sum of the other two. The moment about the normal axis of a flat plate equals this sum.
 """
 
 from collections.abc import Sequence

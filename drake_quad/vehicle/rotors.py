@@ -37,8 +37,8 @@ class Rotors(NamedTuple):
     """The four rotors of a vehicle; rows are numbers for one vehicle, or arrays for a fleet.
 
     `plus` and `x` number the rotors clockwise as seen from above, and neighbouring rotors turn in opposite directions.
-    Default values are from the paper's Table I. The thrust factor in this table is large for an 8-inch propeller; it is
-    kept, since all results of the paper depend on it.
+    Default values are from the paper's Table I. The thrust factor in this table is large for an 8-inch propeller. It is
+    kept because all results of the paper depend on it.
     """
 
     rotor_1: Rotor

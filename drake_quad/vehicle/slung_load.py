@@ -61,7 +61,7 @@ class Rod(NamedTuple):
 
 
 def rod_of(swing: Swing) -> Rod:
-    """Return the direction and the rate of the rod for a swing."""
+    """Return the direction of the rod, and the rate of this direction, for a given swing."""
     roll, pitch, roll_rate, pitch_rate = swing
     sin_roll, cos_roll = sin_cos(roll)
     sin_pitch, cos_pitch = sin_cos(pitch)
@@ -73,7 +73,7 @@ def rod_of(swing: Swing) -> Rod:
 
 
 def swing_of(rod: Rod) -> Swing:
-    """Return the swing of a rod.
+    """Return the swing for a given direction and rate of the rod.
 
     The direction need not have unit length. The component of the rate along the direction is ignored.
     """

@@ -161,8 +161,8 @@ def step_of_flight(
     moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
     step = runge_kutta_step(moving, derivative, time_step)
     moving, sixth = step.end, time_step / 6.0
-    # The derivative of the position is the velocity, which is itself a state. For the position, the method therefore
-    # reduces to a weighted mean of the velocities at the stages.
+    # The derivative of the position is the velocity, which is itself a state. The method therefore computes the change
+    # of position from a weighted mean of the velocities at the stages.
     motion_1, motion_2, motion_3, motion_4 = (stage.motion for stage in step.stages)
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
@@ -193,7 +193,7 @@ def quadrotor_derivatives(
     time: Row,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the time derivative of the state of a vehicle; the arguments are as in `quadrotor_step`."""
+    """Return the time derivative of a vehicle's state; the arguments are as in `quadrotor_step`."""
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, target, parameters, effects)
@@ -229,7 +229,7 @@ def stepping_acceleration(
 
 
 def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
-    """Return `stopped` for vehicles that have crashed and `flying` for others; None means that no vehicle crashes."""
+    """Return `stopped` for vehicles that have crashed and `flying` for others; `flying` if `crashed` is None."""
     return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
 
 

@@ -9,12 +9,12 @@ from drake_quad.control.attitude import AttitudeController, AttitudeParameters
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import State, Torque
 
-INERTIA = (0.007, 0.008, 0.012)
-NUMBERS = AttitudeParameters(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
+INERTIA = (0.007, 0.008, 0.012)  # kg m²
+PARAMETERS = AttitudeParameters(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
 
 
 def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0.0), rate_command=(0.0, 0.0, 0.0)):
-    controller = AttitudeController(parameters=NUMBERS)
+    controller = AttitudeController(parameters=PARAMETERS)
     context = controller.CreateDefaultContext()
     measurement = State(0.0, 0.0, 0.0, *attitude, 0.0, 0.0, 0.0, *rates)
     controller.GetInputPort("measurement").FixValue(context, measurement)
@@ -23,8 +23,8 @@ def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0
     return Torque(*controller.get_output_port().Eval(context))
 
 
-def test_commanded_angular_accelerations_are_added():
-    controller = AttitudeController(parameters=NUMBERS)
+def test_commanded_angular_accelerations_are_added_to_the_pd_law():
+    controller = AttitudeController(parameters=PARAMETERS)
     context = controller.CreateDefaultContext()
     for name, size in (("measurement", 12), ("attitude_command", 3), ("body_rate_command", 3)):
         controller.GetInputPort(name).FixValue(context, [0.0] * size)
@@ -33,7 +33,7 @@ def test_commanded_angular_accelerations_are_added():
     np.testing.assert_allclose(controller.get_output_port().Eval(context), np.array(INERTIA) * [1.0, 2.0, 3.0])
 
 
-def test_each_axis_behaves_like_a_double_integrator_with_its_gains():
+def test_each_attitude_angle_behaves_like_a_double_integrator_with_its_gains():
     rates = np.array([1.0, 1.1, 1.2])
     result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), rates)
     acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.6, 30.0 * -0.3 + 3.0 * 0.6]

@@ -21,8 +21,8 @@ from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-VECTORING = VectoringParameters(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
-ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+VECTORING_PARAMETERS = VectoringParameters(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
+ATTITUDE_PARAMETERS = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
 INPUTS = {
     "measurement": State(0.3, -0.2, 1.1, 0.05, -0.04, 0.6, 0.2, -0.1, 0.3, 0.2, -0.3, 0.1),
     "reference": Reference(0.5, 0.1, 1.0, 0.4, -0.2, 0.1, 0.3, 0.2, -0.1, 0.8, 0.25),
@@ -33,7 +33,10 @@ INPUTS = {
 
 def cascade(feed_forward, position=None, network=None):
     position = position or build_position_controller(ProportionalDerivative(feeds_forward=True, parameters=GAINS))
-    thrust_vectoring, attitude = ThrustVectoring(parameters=VECTORING), AttitudeController(parameters=ATTITUDE)
+    thrust_vectoring, attitude = (
+        ThrustVectoring(parameters=VECTORING_PARAMETERS),
+        AttitudeController(parameters=ATTITUDE_PARAMETERS),
+    )
     return build_cascade(
         position=position,
         network=network,
@@ -57,7 +60,7 @@ def port_names(system):
 
 
 @pytest.mark.parametrize("feed_forward", ["none", "acceleration", "jerk", "snap"])
-def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
+def test_cascade_outputs_equal_the_outputs_of_its_parts_in_sequence(feed_forward):
     """Each part is evaluated separately, with outputs of the previous parts and the inputs that are fed forward."""
     control = cascade(feed_forward)
     given = {name: rows for name, rows in INPUTS.items() if control.HasInputPort(name)}
@@ -76,13 +79,13 @@ def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
     pd = ProportionalDerivative(feeds_forward=True, parameters=GAINS)
     *_, command, fed = output_of(pd, measurement=measurement, reference=reference).reshape(4, 3)
     np.testing.assert_allclose(output("acceleration_command"), command + fed, rtol=1e-14)
-    vectored = output_of(ThrustVectoring(parameters=VECTORING), acceleration_command=command + fed, **given)
+    vectored = output_of(ThrustVectoring(parameters=VECTORING_PARAMETERS), acceleration_command=command + fed, **given)
     thrust, attitude, rates, accelerations = np.split(vectored, [1, 4, 7])
     assert np.any(rates[:2] != 0.0) == (feed_forward in ("jerk", "snap"))
     assert np.any(accelerations != 0.0) == (feed_forward == "snap")
     np.testing.assert_allclose(output("attitude_command"), attitude, rtol=1e-14)
     torque = output_of(
-        AttitudeController(parameters=ATTITUDE),
+        AttitudeController(parameters=ATTITUDE_PARAMETERS),
         measurement=measurement,
         attitude_command=attitude,
         body_rate_command=rates,
@@ -91,7 +94,7 @@ def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
     np.testing.assert_allclose(output("wrench"), [*thrust, *torque], rtol=1e-14)
 
 
-def test_at_rest_on_the_reference_the_thrust_is_the_nominal_weight():
+def test_the_thrust_at_rest_on_the_reference_is_the_nominal_weight():
     control = cascade("snap")
     context = control.CreateDefaultContext()
     for name, rows in INPUTS.items():
@@ -149,7 +152,7 @@ class Estimator(LeafSystem):
         )
 
 
-def test_a_network_works_around_any_controller_and_reads_its_estimate():
+def test_a_network_corrects_any_controller_and_reads_its_disturbance_estimate():
     """The network reads the disturbance on each axis and the measured height. Its output is subtracted."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
@@ -188,7 +191,7 @@ def test_a_controller_receives_the_disturbance_learned_for_the_present_position(
     assert v_z != 0.0
 
 
-def test_any_position_controller_can_be_used():
+def test_the_cascade_accepts_any_position_controller():
     """Eq (7) and the attitude law need only the commanded acceleration of the position controller."""
     command = Acceleration(0.4, -0.3, 0.2)
     control = cascade("none", Constant(command))

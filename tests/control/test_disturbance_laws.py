@@ -26,7 +26,7 @@ def test_a_lag_and_its_integrals_solve_the_differential_equation():
     assert lag_step(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
 
 
-def test_the_feedforward_has_its_own_lag():
+def test_the_response_to_feed_forward_has_a_separate_lag():
     after, speed, distance = response_step(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
     one, other = lag_step(0.3, 1.1, 0.2, H), lag_step(-0.2, 0.7, 0.05, H)
     assert after == (one.after, other.after)
@@ -54,7 +54,7 @@ def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise)
     assert np.abs(poles).max() < 1.0
 
 
-def test_the_filter_is_faster_for_less_noise_and_more_disturbance():
+def test_the_kalman_filter_is_faster_for_less_noise_and_larger_disturbances():
     parameters = {"deviation": 0.3, "time_constant": 0.5, "position_noise": 1e-3, "period": H}
     gain = KalmanLaw.of(**parameters).gain.disturbance
     assert KalmanLaw.of(**parameters | {"position_noise": 1e-2}).gain.disturbance < gain
@@ -77,14 +77,14 @@ def estimates(law, disturbances, accelerations, *, start=0.0):
 
 
 RNG = np.random.default_rng(0)
-ACCELERATIONS = RNG.normal(size=60)
+MODELLED_ACCELERATIONS = RNG.normal(size=60)
 
 
-def test_l1_is_the_published_law_in_continuous_time():
+def test_l1_agrees_with_the_published_continuous_time_law():
     """SciPy integrates the state predictor. As in the papers, the adaptation acts only at the ticks."""
     a_s, bandwidth, disturbances = 7.0, 3.0, RNG.normal(size=60)
     sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
-    for a, d in zip(ACCELERATIONS, disturbances, strict=True):
+    for a, d in zip(MODELLED_ACCELERATIONS, disturbances, strict=True):
 
         def slope(_, state, a=a, d=d, sigma=sigma):
             v, v_hat = state
@@ -95,17 +95,21 @@ def test_l1_is_the_published_law_in_continuous_time():
         sigma = -math.exp(-a_s * H) * (v_hat - v) / ((math.exp(-a_s * H) - 1.0) / -a_s)
         filtered += (1.0 - math.exp(-bandwidth * H)) * (sigma - filtered)
         expected.append(filtered)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), disturbances, ACCELERATIONS), expected, atol=1e-8)
+    np.testing.assert_allclose(
+        estimates(AdaptiveLaw(a_s, bandwidth), disturbances, MODELLED_ACCELERATIONS), expected, atol=1e-8
+    )
 
 
 def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance():
     disturbances = RNG.normal(size=60)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), disturbances, ACCELERATIONS), disturbances, atol=1e-6)
+    np.testing.assert_allclose(
+        estimates(AdaptiveLaw(1e-9, 1e9), disturbances, MODELLED_ACCELERATIONS), disturbances, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
-def test_l1_compensates_the_low_pass_filtered_disturbance(frequency):
-    """For fast ticks and a slow predictor, u = -C(s) d with C(i Ω) = ω / (i Ω + ω)."""
+def test_l1_compensates_the_disturbance_after_a_low_pass_filter(frequency):
+    """The command is u = -C(s) d with C(i Ω) = ω / (i Ω + ω) for fast ticks and a slow predictor."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
@@ -127,12 +131,12 @@ def test_indi_filters_the_acceleration_difference_with_a_butterworth_filter():
         scipy.signal.cont2discrete(model, H, method="zoh"), np.append(disturbances, 0.0)
     )
     np.testing.assert_allclose(
-        estimates(IncrementalLaw(bandwidth), disturbances, ACCELERATIONS), expected.ravel()[1:], atol=1e-9
+        estimates(IncrementalLaw(bandwidth), disturbances, MODELLED_ACCELERATIONS), expected.ravel()[1:], atol=1e-9
     )
 
 
 def test_indi_is_an_incremental_pi_on_a_linear_plant():
-    """With a fast filter and a plant without lag, INDI is Δu = K h e / h - Δv / h for any disturbance.
+    """INDI is Δu = K h e / h - Δv / h for any disturbance if the filter is fast and the plant has no lag.
 
     This is the result of P. Acquatella B., W. van Ekeren and Q. P. Chu, "PI(D) tuning for flight control systems via
     INDI", IFAC 2017.
@@ -180,7 +184,7 @@ def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():
     assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - fraction)), 0.5 * (1.0 - fraction), fraction), rel=1e-12)
 
 
-def test_memory_of_differencing_laws_is_zero_at_rest():
+def test_memories_of_l1_and_indi_are_zero_at_rest():
     assert (
         AdaptiveLaw(1.0, 2.0).at_rest(7.0) == IncrementalLaw(2.0).at_rest(7.0) == DifferencedMemory(0.0, 0.0, 0.0, 0.0)
     )

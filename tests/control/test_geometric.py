@@ -24,11 +24,11 @@ from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 
-INERTIA = np.array([0.0065, 0.0085, 0.0126])
+INERTIA = np.array([0.0065, 0.0085, 0.0126])  # kg m²
 
 
-def test_the_law_equals_the_pd_near_the_commanded_attitude():
-    """At level attitude both laws have the same derivatives with respect to attitude, rates, and all commands."""
+def test_the_geometric_law_equals_the_pd_near_the_commanded_attitude():
+    """Both laws have the same derivatives with respect to attitude, rates and all commands at level attitude."""
     parameters = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 
     def derivatives(law):
@@ -48,7 +48,7 @@ def angles_of(R):
 
 
 @pytest.mark.slow
-def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
+def test_the_published_lyapunov_function_decreases_under_exact_dynamics():
     """The function is V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R), with one k_R for all axes.
 
     The command is constant. At the start the error is a rotation by 178° about an axis that is not a body axis.
@@ -85,7 +85,7 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
     np.testing.assert_allclose(states[-1][:9].reshape(3, 3), R_d, atol=2e-3)
 
 
-def test_full_turns_of_the_attitude_have_no_influence():
+def test_the_geometric_law_does_not_depend_on_full_turns_of_the_attitude():
     """After a full roll, the law turns the shorter way, whereas a PD on the angle unwinds the whole turn."""
     parameters = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
     rest = (0.0, 0.0, 0.0)
@@ -98,7 +98,7 @@ def test_full_turns_of_the_attitude_have_no_influence():
     assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) > 0.0 > roll_torque(attitude_law, 2.0 * math.pi - 0.3)
 
 
-HOVER_POSITION = (0.3, -0.2, 30.0)
+HOVER_POSITION = (0.3, -0.2, 30.0)  # m
 RECOVERY_SCENARIO = """
 recovery:
   route: {kind: hover, position: [0.3, -0.2, 30.0], duration: 30.0}
@@ -136,7 +136,7 @@ def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_pape
 
 COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)
 MEASURED_STATE = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
-NUMBERS_WITH_INTEGRAL = IntegratingAttitudeParameters(
+PARAMETERS_WITH_INTEGRAL = IntegratingAttitudeParameters(
     AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
 )
 
@@ -153,16 +153,16 @@ def rotation_error():
 
 def test_the_integral_grows_by_gain_times_period_times_error_up_to_its_limit():
     period, before = 0.02, np.array([0.1, -0.2, 0.3])
-    step = period * np.array(NUMBERS_WITH_INTEGRAL.k_i) * rotation_error()
+    step = period * np.array(PARAMETERS_WITH_INTEGRAL.k_i) * rotation_error()
     after = integrated_rotation(
-        AngularAcceleration(*before), MEASURED_STATE, COMMANDED_ATTITUDE, NUMBERS_WITH_INTEGRAL, period
+        AngularAcceleration(*before), MEASURED_STATE, COMMANDED_ATTITUDE, PARAMETERS_WITH_INTEGRAL, period
     )
     np.testing.assert_allclose(after, before + step, atol=1e-15)
     assert np.abs(step).min() > 0.01
     for sign in (1.0, -1.0):
         at_limit = AngularAcceleration(*(0.35 * sign * np.sign(step)))
         next_integral = np.array(
-            integrated_rotation(at_limit, MEASURED_STATE, COMMANDED_ATTITUDE, NUMBERS_WITH_INTEGRAL, period)
+            integrated_rotation(at_limit, MEASURED_STATE, COMMANDED_ATTITUDE, PARAMETERS_WITH_INTEGRAL, period)
         )
         np.testing.assert_allclose(next_integral, at_limit if sign > 0.0 else at_limit + step, atol=1e-15)
 
@@ -171,13 +171,13 @@ def test_the_integral_is_subtracted_from_the_torque():
     """The subtracted torque is the moment of inertia times the integral, about each axis."""
     integral = np.array([0.1, -0.2, 0.3])
     commanded = COMMANDED_ATTITUDE, BodyRates(0.1, 0.2, 0.3), AngularAcceleration(0.4, 0.5, 0.6)
-    without = geometric_law(MEASURED_STATE, *commanded, NUMBERS_WITH_INTEGRAL.attitude)
-    torque = integrating_law(AngularAcceleration(*integral), MEASURED_STATE, *commanded, NUMBERS_WITH_INTEGRAL)
+    without = geometric_law(MEASURED_STATE, *commanded, PARAMETERS_WITH_INTEGRAL.attitude)
+    torque = integrating_law(AngularAcceleration(*integral), MEASURED_STATE, *commanded, PARAMETERS_WITH_INTEGRAL)
     np.testing.assert_allclose(torque, without - INERTIA * integral, atol=1e-15)
 
 
 def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
-    """With a PD, the body tilts until the torque balances the offset. An integral makes it level again."""
+    """The body tilts under a PD until the torque balances the offset. An integral makes the body level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
     roll_errors = np.empty(2)

@@ -11,7 +11,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError
 
 H = 0.02  # s, control tick
-K_I = np.array([0.3, 0.5, 2.0])
+K_I = np.array([0.3, 0.5, 2.0])  # 1/s³
 
 
 def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forward_euler"):
@@ -40,7 +40,7 @@ def test_a_tick_adds_error_times_gain_times_period_up_to_the_limit():
     assert opposite == pytest.approx(Acceleration(-0.6, 0.7, -1.5))
 
 
-def test_the_correction_is_minus_the_sum_of_the_errors():
+def test_the_correction_is_minus_the_integral_of_the_errors():
     """The correction is subtracted from the command, so the command increases with the error on every axis."""
     errors = np.random.default_rng(0).normal(size=(50, 3, 1))
     corrections = corrections_for(errors, limit=1e9)

@@ -20,9 +20,9 @@ from drake_quad.signals import Acceleration, AngularAcceleration, Jerk, Referenc
 
 G = 9.81  # m/s²
 MASS = 0.0325  # kg
-INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])
+INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])  # kg m²
 # These limits are never reached, so the law is the published one.
-VECTORING_NUMBERS = VectoringParameters(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
+VECTORING_PARAMETERS = VectoringParameters(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
 GAINS = AttitudeParameters(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
 K_D = np.array(GAINS.k_d)
@@ -62,7 +62,7 @@ def random_inputs(rng):
 
 def vectored(drawn, sequence):
     measurement, reference, command, jerk = drawn
-    return vectored_thrust(command, measurement, reference, jerk, None, VECTORING_NUMBERS, True, sequence)
+    return vectored_thrust(command, measurement, reference, jerk, None, VECTORING_PARAMETERS, True, sequence)
 
 
 @pytest.mark.parametrize("seed", range(50))
@@ -123,8 +123,8 @@ class Firmware:
 
     Args:
         gains: Kpos_P, Kpos_D, Kpos_I, KR, Komega and KI, (3,) each.
-        mass: kg.
-        J: (3,), kg m².
+        mass: mass of the vehicle, kg.
+        J: (3,) moments of inertia, kg m².
         dt: period of the attitude control, s.
     """
 
@@ -162,7 +162,7 @@ def simulated_flight(**overrides):
         },
         "duration": 1.2,
         "vehicle.centre_of_mass": [0.0004, -0.0003],
-        # With the slow rotors of the data sheet, the loop oscillates and diverges.
+        # The loop oscillates and diverges if the rotors are as slow as in the data sheet.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
         # The propellers of log145 have this thrust factor.
@@ -205,21 +205,21 @@ def test_wrenches_in_flight_agree_with_the_firmware():
         ("control.position.integration", "forward_euler", 0),
     ],
 )
-def test_without_any_one_option_of_the_firmware_wrenches_differ(field, value, row):
+def test_every_firmware_option_is_needed_to_reproduce_its_wrenches(field, value, row):
     flight = simulated_flight(**{field: value})
     difference = np.abs(flight["wrench"] - commanded_by_firmware(flight)).max(axis=0)
     assert difference[row] > 1e-5
 
 
 @pytest.mark.parametrize("log", ["08", "100", "145", "180"])
-def test_attitude_commands_in_logs_have_a_level_y_axis_instead_of_the_reference_yaw(root, log):
+def test_logged_attitude_commands_have_a_level_y_axis_instead_of_the_reference_yaw(root, log):
     """The reference yaw is zero, so y_d is perpendicular to X. The logs are rounded to half a milliradian."""
     command = read_log(root / f"tests/data/crazyflie/crazyswarm2/log{log}.xz").attitude_command
     y_d = BodyAxes.of(*command.T).y
     assert np.abs(y_d.x).max() < 6e-4 < 4e-3 < np.abs(command[:, 2]).max()
 
 
-def test_torques_in_a_log_have_no_transport_term(root):
+def test_logged_torques_contain_no_transport_term(root):
     """The yaw torque of log100 follows the firmware's law without the transport term J (ω x ω_r)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
     # KR, Kw and KI are from the firmware's source file, as in tests/identification/test_crazyswarm2.py.

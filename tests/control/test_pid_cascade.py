@@ -33,21 +33,21 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 MASS = 1.3  # kg
 GRAVITY = 9.80665  # m/s²
-HOVER = 0.45  # normalised thrust in hover
-WEIGHT = MASS * GRAVITY
+HOVER_THRUST = 0.45  # normalised thrust in hover
+WEIGHT = MASS * GRAVITY  # N
 PERIOD = 0.01  # s, control period
-P_POSITION = np.array([0.95, 0.95, 1.0])
-K_P = np.array([1.8, 1.8, 4.0])
-K_I = np.array([0.4, 0.4, 2.0])
-K_D = np.array([0.2, 0.2, 0.1])
-MAX_SPEEDS = (2.0, 1.0, 0.7)  # m/s: horizontal, up, down
+K_P_POSITION = np.array([0.95, 0.95, 1.0])  # 1/s
+K_P = np.array([1.8, 1.8, 4.0])  # 1/s, velocity loop
+K_I = np.array([0.4, 0.4, 2.0])  # 1/s², velocity loop
+K_D = np.array([0.2, 0.2, 0.1])  # dimensionless, velocity loop
+MAX_HORIZONTAL_UP_DOWN_SPEEDS = (2.0, 1.0, 0.7)  # m/s: horizontal, up, down
 MAX_TILT = 0.6  # rad
 THRUST_LIMITS = (0.12, 0.9)  # normalised
 HORIZONTAL_MARGIN = 0.3  # normalised thrust
-CUTOFF = 31.0  # rad/s, bandwidth of the derivative filter
-NED = np.diag([1.0, -1.0, -1.0])
-CRAZYFLIE = ["vehicles/crazyflie", "controllers/crazyflie"]
-PX4 = {
+DERIVATIVE_BANDWIDTH = 31.0  # rad/s, bandwidth of the derivative filter
+W_TO_NED = np.diag([1.0, -1.0, -1.0])
+CRAZYFLIE_SCENARIO = ["vehicles/crazyflie", "controllers/crazyflie"]
+PX4_CONTROL = {
     "control": {
         "kind": "pid_cascade",
         "position": {"k_p": [0.95, 0.95, 1.0]},
@@ -59,19 +59,19 @@ PX4 = {
 
 def cascade_numbers():
     terms = [
-        Terms(Integral(i, limit), Derivative(d, first_order(CUTOFF, PERIOD)))
+        Terms(Integral(i, limit), Derivative(d, first_order(DERIVATIVE_BANDWIDTH, PERIOD)))
         for i, d, limit in zip(K_I, K_D, (1e3, 1e3, GRAVITY))
     ]
-    unit = WEIGHT / HOVER
+    unit = WEIGHT / HOVER_THRUST
     return CascadeParameters(
-        PidLoopGains(PerAxis(*P_POSITION)),
+        PidLoopGains(PerAxis(*K_P_POSITION)),
         PidLoopGains(PerAxis(*K_P), tuple(terms)),
         1.0,
         MASS,
         GRAVITY,
         AccelerationParameters(
             1.0,
-            *MAX_SPEEDS,
+            *MAX_HORIZONTAL_UP_DOWN_SPEEDS,
             math.tan(MAX_TILT),
             *(unit * fraction for fraction in THRUST_LIMITS),
             unit * HORIZONTAL_MARGIN,
@@ -87,12 +87,12 @@ class Px4:
 
     def update(self, position, velocity, target, fed_velocity, acceleration, *, decoupled):
         if self.before is not None:
-            fraction = CUTOFF * PERIOD / (1.0 + CUTOFF * PERIOD)
+            fraction = DERIVATIVE_BANDWIDTH * PERIOD / (1.0 + DERIVATIVE_BANDWIDTH * PERIOD)
             self.rate += fraction * ((velocity - self.before) / PERIOD - self.rate)
         self.before = velocity
-        first = (target - position) * P_POSITION
+        first = (target - position) * K_P_POSITION
         setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
-        setpoint[2] = np.clip(setpoint[2], -MAX_SPEEDS[1], MAX_SPEEDS[2])
+        setpoint[2] = np.clip(setpoint[2], -MAX_HORIZONTAL_UP_DOWN_SPEEDS[1], MAX_HORIZONTAL_UP_DOWN_SPEEDS[2])
         error = setpoint - velocity
         demanded = acceleration + error * K_P + self.integral - self.rate * K_D
         down = np.array([-demanded[0], -demanded[1], GRAVITY - (0.0 if decoupled else demanded[2])])
@@ -100,7 +100,7 @@ class Px4:
         if math.acos(axis[2]) > MAX_TILT:
             level = axis[:2] / np.linalg.norm(axis[:2])
             axis = np.array([*(math.sin(MAX_TILT) * level), math.cos(MAX_TILT)])
-        collective = min((demanded[2] * HOVER / GRAVITY - HOVER) / axis[2], -THRUST_LIMITS[0])
+        collective = min((demanded[2] * HOVER_THRUST / GRAVITY - HOVER_THRUST) / axis[2], -THRUST_LIMITS[0])
         thrust = axis * collective
         remaining = error.copy()
         if (thrust[2] >= -THRUST_LIMITS[0] and error[2] >= 0.0) or (thrust[2] <= -THRUST_LIMITS[1] and error[2] <= 0.0):
@@ -110,7 +110,7 @@ class Px4:
         max_sideways = math.sqrt(max(THRUST_LIMITS[1] ** 2 - thrust[2] ** 2, 0.0))
         if sideways > max_sideways:
             thrust[:2] *= max_sideways / sideways
-        produced = thrust[:2] * GRAVITY / HOVER
+        produced = thrust[:2] * GRAVITY / HOVER_THRUST
         if demanded[:2] @ demanded[:2] > produced @ produced:
             remaining[:2] -= 2.0 / K_P[0] * (demanded[:2] - produced)
         self.integral += remaining * K_I * PERIOD
@@ -119,15 +119,15 @@ class Px4:
 
     @staticmethod
     def shortened(first, second):
-        """Return the sum of two velocities; the second is shortened until the sum is at most the largest speed."""
-        if np.linalg.norm(first + second) <= MAX_SPEEDS[0]:
+        """Return the sum of two velocities, with the second one shortened if the sum exceeds the largest speed."""
+        if np.linalg.norm(first + second) <= MAX_HORIZONTAL_UP_DOWN_SPEEDS[0]:
             return first + second
         size = np.linalg.norm(first)
-        if size >= MAX_SPEEDS[0]:
-            return first / size * MAX_SPEEDS[0]
+        if size >= MAX_HORIZONTAL_UP_DOWN_SPEEDS[0]:
+            return first / size * MAX_HORIZONTAL_UP_DOWN_SPEEDS[0]
         unit = second / np.linalg.norm(second)
         along = unit @ first
-        return first + unit * (-along + math.sqrt(along**2 - size**2 + MAX_SPEEDS[0] ** 2))
+        return first + unit * (-along + math.sqrt(along**2 - size**2 + MAX_HORIZONTAL_UP_DOWN_SPEEDS[0] ** 2))
 
 
 @pytest.mark.parametrize("decoupled", [True, False])
@@ -141,7 +141,7 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
         )
         velocity = velocity + 0.1 * tick
         thrust = px4.update(
-            *(NED @ vector for vector in (position, velocity, position_target, fed_velocity, acceleration)),
+            *(W_TO_NED @ vector for vector in (position, velocity, position_target, fed_velocity, acceleration)),
             decoupled=decoupled,
         )
         state = State(*position, 0.1, -0.2, 0.3, *velocity, 0.0, 0.0, 0.0)
@@ -150,12 +150,12 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
             state, reference, cascade_numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
         )
         attitude = Rotation.from_euler("ZYX", [target.yaw, target.pitch, target.roll])
-        commanded_thrust = attitude.apply([0.0, 0.0, target.thrust]) * HOVER / WEIGHT
-        np.testing.assert_allclose(commanded_thrust, NED @ thrust, rtol=1e-9, atol=1e-9)
+        commanded_thrust = attitude.apply([0.0, 0.0, target.thrust]) * HOVER_THRUST / WEIGHT
+        np.testing.assert_allclose(commanded_thrust, W_TO_NED @ thrust, rtol=1e-9, atol=1e-9)
         rates = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).inv().apply([0.0, 0.0, 0.4])
         np.testing.assert_allclose(target[4:], rates, atol=1e-12)
         integrals = [each.integral for each in memory.velocity]
-        np.testing.assert_allclose(integrals, NED @ px4.integral, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(integrals, W_TO_NED @ px4.integral, rtol=1e-8, atol=1e-9)
 
 
 def quaternion_error(attitude, target, weight):
@@ -180,7 +180,7 @@ def test_the_rotation_error_matches_px4():
         np.testing.assert_allclose(error, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
 
 
-def test_the_first_of_two_velocities_has_priority_within_the_largest_speed():
+def test_the_first_velocity_has_priority_if_the_sum_exceeds_the_largest_speed():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         velocity = np.array(saturate_velocity_sum(tuple(first), tuple(second), 2.0))
@@ -191,8 +191,8 @@ def test_the_first_of_two_velocities_has_priority_within_the_largest_speed():
     assert saturate_velocity_sum((0.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0))
 
 
-def test_a_tilt_is_commanded_along_the_heading():
-    """A vehicle that faces Y and is 0.1 m behind its reference along X rolls to the right."""
+def test_tilt_commands_are_relative_to_the_heading():
+    """A vehicle that faces Y, and whose reference is 0.1 m ahead along X, rolls to the right."""
     tilting = CascadeParameters(
         PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
         PidLoopGains(PerAxis(0.4, 0.5, 5.0)),
@@ -210,8 +210,8 @@ def test_a_tilt_is_commanded_along_the_heading():
     assert target[3:] == (0.5 * math.pi, 0.0, 0.0, 0.0)
 
 
-def test_the_target_is_held_between_the_ticks_of_the_loops():
-    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
+def test_the_attitude_target_is_held_between_the_ticks_of_the_loops():
+    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE_SCENARIO)
     recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]
     assert recipe.structure["num_ticks"] == 5
     cascade = recipe.build(1)
@@ -235,27 +235,27 @@ def test_the_target_is_held_between_the_ticks_of_the_loops():
     [
         (
             "laboratory:low_wind",
-            CRAZYFLIE,
+            CRAZYFLIE_SCENARIO,
             {"vehicle.trim_force": {"x": {"normal": {"mean": 0.01, "standard_deviation": 0.003}}}},
         ),
-        ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
+        ("onboard", [], {**PX4_CONTROL, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_compiled_uncompiled_single_and_fleet_flights_of_cascades_agree(scenario, layers, overrides):
+def test_flights_of_cascades_agree_compiled_uncompiled_and_in_fleets(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
 
 @pytest.mark.slow
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
-    """The integral of the velocity loop balances the trim force F. Without it, the error is F / (m k_1 k_2)."""
+    """The integral of the velocity loop balances the trim force F. The error is F / (m k_1 k_2) without an integral."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
     still |= {"laboratory.autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0, 0, 0]}}
     errors = []
     for k_i in ([0.4, 0.4, 2.0], [0.0, 0.0, 0.0]):
-        flight = simulate(load_scenario("onboard", {**PX4, **hover, **still, "control.velocity.k_i": k_i}))
+        flight = simulate(load_scenario("onboard", {**PX4_CONTROL, **hover, **still, "control.velocity.k_i": k_i}))
         errors.append(flight.record("state").x[-1])
     mass = flight.scenario.nominal.mass
     assert errors[0] == pytest.approx(0.0, abs=2e-3)
@@ -264,7 +264,7 @@ def test_an_integral_removes_the_error_that_a_trim_force_causes():
 
 @pytest.mark.slow
 def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
-    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
+    scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE_SCENARIO)
     loop = closed_loop(scenario)
     assert loop.system.period == pytest.approx(0.01)
     assert 0.99 < max(abs(loop.system.poles())) < 1.0
@@ -292,18 +292,18 @@ def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
         ),
     ],
 )
-def test_inconsistent_settings_are_refused(overrides, message):
+def test_inconsistent_settings_of_a_cascade_are_refused(overrides, message):
     with pytest.raises(InputError, match=message):
-        load_scenario("onboard", {**PX4, **overrides})
+        load_scenario("onboard", {**PX4_CONTROL, **overrides})
 
 
-def test_the_parameters_and_rules_follow_the_scenario():
+def test_parameters_and_rules_of_a_cascade_follow_the_scenario():
     command = {"kind": "acceleration", "feed_forward": 0.6, "max_speed": 2.5, "max_ascent": 1.5, "max_descent": 0.8}
     command |= {"max_tilt": 0.5, "min_thrust": 0.2, "max_thrust": 1.7, "horizontal_margin": 0.4}
     scenario = load_scenario(
         "onboard",
         {
-            **PX4,
+            **PX4_CONTROL,
             "control.command": {**command, "decouples_vertical": False},
             "control.velocity_feed_forward": 0.7,
             "control.position.k_i": [0.1, 0.0, 0.2],

@@ -14,11 +14,11 @@ from drake_quad.control.position import PdGains, ProportionalDerivative, build_p
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Reference, State
 
-K_P = np.array([1.0, 2.0, 3.0])
-K_D = np.array([0.5, 0.6, 0.7])
+K_P = np.array([1.0, 2.0, 3.0])  # 1/s²
+K_D = np.array([0.5, 0.6, 0.7])  # 1/s
 MEASUREMENT = State(*np.arange(12.0) / 10.0)
 REFERENCE = Reference(*np.arange(11.0)[::-1] / 3.0)
-ERROR = np.subtract([REFERENCE.x, REFERENCE.y, REFERENCE.z], [MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z])
+POSITION_ERROR = np.subtract([REFERENCE.x, REFERENCE.y, REFERENCE.z], [MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z])
 VELOCITY = np.array([MEASUREMENT.v_x, MEASUREMENT.v_y, MEASUREMENT.v_z])
 
 
@@ -51,9 +51,9 @@ def test_the_integral_and_an_external_correction_are_both_subtracted():
 def test_the_pd_on_the_tracking_error_is_eq_8():
     result = signals()
     rate = [REFERENCE.v_x, REFERENCE.v_y, REFERENCE.v_z] - VELOCITY
-    np.testing.assert_allclose(result["error"][:, 0], ERROR)
+    np.testing.assert_allclose(result["error"][:, 0], POSITION_ERROR)
     np.testing.assert_allclose(result["error_rate"][:, 0], rate)
-    np.testing.assert_allclose(result["pd"][:, 0], K_P * ERROR + K_D * rate)
+    np.testing.assert_allclose(result["pd"][:, 0], K_P * POSITION_ERROR + K_D * rate)
     np.testing.assert_allclose(result["correction"], 0.0)
     np.testing.assert_allclose(result["acceleration_command"], result["pd"])
 
@@ -61,7 +61,7 @@ def test_the_pd_on_the_tracking_error_is_eq_8():
 def test_the_derivative_of_the_measurement_is_minus_the_velocity():
     result = signals(derivative="measurement")
     np.testing.assert_allclose(result["error_rate"][:, 0], -VELOCITY)
-    np.testing.assert_allclose(result["pd"][:, 0], K_P * ERROR - K_D * VELOCITY)
+    np.testing.assert_allclose(result["pd"][:, 0], K_P * POSITION_ERROR - K_D * VELOCITY)
 
 
 def test_feed_forward_adds_the_acceleration_of_the_reference():
@@ -70,7 +70,7 @@ def test_feed_forward_adds_the_acceleration_of_the_reference():
     np.testing.assert_allclose(result["acceleration_command"][:, 0], result["pd"][:, 0] + acceleration)
 
 
-def test_fleet_and_single_vehicle_agree():
+def test_the_position_controller_agrees_for_fleets_and_single_vehicles():
     one, fleet = signals(feeds_forward=True), signals(num_vehicles=3, feeds_forward=True)
     for name, rows in fleet.items():
         np.testing.assert_array_equal(rows, np.repeat(one[name], 3, axis=1))

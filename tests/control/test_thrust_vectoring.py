@@ -15,7 +15,7 @@ from drake_quad.signals import Acceleration
 G = 9.81  # m/s²
 MASS = 0.68  # kg
 LIMITS = ThrustLimits(math.tan(0.6), 0.3 * MASS * G, 1.8 * MASS * G)
-NUMBERS = VectoringParameters(MASS, G, LIMITS)
+PARAMETERS = VectoringParameters(MASS, G, LIMITS)
 accelerations = st.builds(Acceleration, *[st.floats(-30.0, 30.0)] * 3)
 angles = st.floats(-math.pi, math.pi)
 
@@ -26,13 +26,13 @@ def limited_thrust(acceleration, yaw):
 
 
 @given(st.builds(Acceleration, *[st.floats(-3.0, 3.0)] * 3), angles)
-def test_within_the_limits_the_thrust_gives_the_commanded_acceleration(acceleration, yaw):
+def test_a_thrust_within_limits_gives_the_commanded_acceleration(acceleration, yaw):
     forward_left_up = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     np.testing.assert_allclose(limited_thrust(acceleration, yaw), forward_left_up + np.array([0.0, 0.0, G]), atol=1e-12)
 
 
 @given(accelerations, angles)
-def test_the_limits_hold_for_any_command(acceleration, yaw):
+def test_thrust_and_tilt_limits_hold_for_any_command(acceleration, yaw):
     forward, left, up = limited_thrust(acceleration, yaw)
     thrust = math.sqrt(forward**2 + left**2 + up**2)
     assert MASS * up >= LIMITS.min_thrust * (1.0 - 1e-12)
@@ -43,7 +43,7 @@ def test_the_limits_hold_for_any_command(acceleration, yaw):
     assert forward * commanded_left == pytest.approx(left * commanded_forward, abs=1e-9)
 
 
-def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
+def test_the_thrust_is_vertical_if_the_vertical_command_uses_the_whole_thrust():
     """The horizontal force is zero, and never NaN, for any mass and limit, in Python and in machine code."""
     rng = np.random.default_rng(0)
     n = 1000
@@ -62,14 +62,14 @@ def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
     np.testing.assert_allclose([roll, pitch], 0.0, atol=1e-15)
 
 
-def test_derivatives_exist_at_the_limits():
+def test_the_thrust_has_derivatives_at_the_limits():
     command = InitializeAutoDiff(np.array([0.3, -0.2, 50.0])).ravel()
     limited_thrust = specific_thrust(HeadingVector(*command), mass=MASS, gravity=G, limits=LIMITS)
     np.testing.assert_allclose(ExtractGradient(np.array(limited_thrust)), 0.0, atol=1e-15)
 
 
 def test_unconnected_derivatives_of_the_reference_are_zero():
-    law = ThrustVectoring(parameters=NUMBERS)
+    law = ThrustVectoring(parameters=PARAMETERS)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
     law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
@@ -84,7 +84,7 @@ def test_unconnected_derivatives_of_the_reference_are_zero():
     np.testing.assert_allclose(law.get_output_port().Eval(context), [*steady, p, q, 0.1, *accelerations])
 
 
-def test_fleet_and_single_vehicle_agree():
+def test_thrust_vectoring_agrees_for_fleets_and_single_vehicles():
     rng = np.random.default_rng(0)
     n, sizes = (
         20,
@@ -93,7 +93,7 @@ def test_fleet_and_single_vehicle_agree():
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
-        law = ThrustVectoring(num_vehicles=num_vehicles, parameters=NUMBERS)
+        law = ThrustVectoring(num_vehicles=num_vehicles, parameters=PARAMETERS)
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())

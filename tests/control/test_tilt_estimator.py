@@ -19,7 +19,7 @@ from drake_quad.signals import Acceleration, State
 H = 0.02  # s, control tick
 G = 9.79  # m/s²
 LAWS = (IncrementalLaw(1e6),) * 3
-NUMBERS = TiltEstimatorParameters(LAWS, 0.06, G, 50.0)
+PARAMETERS = TiltEstimatorParameters(LAWS, 0.06, G, 50.0)
 NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)
 
 
@@ -33,7 +33,7 @@ def estimated_disturbance(before, measurement, thrust=G):
     The bandwidth of the filter is so large that the filter has no effect.
     """
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
+    return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, PARAMETERS, H)[1])
 
 
 def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
@@ -47,8 +47,8 @@ def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
     assert acceleration == pytest.approx(expected, rel=1e-12)
 
 
-def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
-    """For 1 and 1.5 times the known acceleration a, the estimates are zero and 0.5 a."""
+def test_accelerations_due_to_tilt_and_thrust_are_not_estimated_as_disturbances():
+    """The estimate is zero for the known acceleration a, and 0.5 a for 1.5 times this acceleration."""
     attitude = (0.1, 0.2, 0.3)
     first, last = (
         Acceleration(0.4, -0.3, 0.2),
@@ -80,7 +80,7 @@ def test_a_learned_disturbance_is_not_estimated_again():
         state_at(),
         NO_ACCELERATION,
         learned,
-        NUMBERS,
+        PARAMETERS,
         H,
     )
     assert before.learned == learned
@@ -95,7 +95,7 @@ def test_the_displacement_caused_by_known_accelerations_is_predicted():
     acceleration = np.array([0.6, -0.4, 0.5])
     distance = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
-    parameters = NUMBERS._replace(laws=(law,) * 3)
+    parameters = PARAMETERS._replace(laws=(law,) * 3)
     memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
 
     def disturbance(x, y, z):
@@ -111,7 +111,7 @@ def test_the_thrust_follows_the_magnitude_of_the_command_after_its_delay():
     before, command, thrusts = KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
         memory, before, thrust, in_transit = next_tilt_states(
-            memory, before, thrust, in_transit, state_at(), command, NO_ACCELERATION, NUMBERS, H
+            memory, before, thrust, in_transit, state_at(), command, NO_ACCELERATION, PARAMETERS, H
         )
         thrusts.append(thrust.thrust)
     length, fraction = math.sqrt(9.0 + 4.0 + (1.5 + G) ** 2), 1.0 - math.exp(-H / 0.06)

@@ -31,7 +31,7 @@ def simulation_of(scenario, samples, compiled, factors=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_reset_fleet_has_the_flights_of_a_new_fleet(scenario, compiled):
-    """In a compiled diagram, other code computes the initial wind after a reset, so its last bit may differ."""
+    """Other code computes the initial wind after a reset of a compiled diagram, so its last bit may differ."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):
@@ -51,8 +51,8 @@ def test_a_reset_fleet_has_the_flights_of_a_new_fleet(scenario, compiled):
     np.testing.assert_allclose(flown[2], flown[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_continuous_fleet_stops_its_steps_at_the_rotor_failures_of_its_last_reset(diagrams):
-    """Before and after the failure, all steps equal the steps of a new fleet to the last bit."""
+def test_integrator_steps_of_a_continuous_fleet_end_at_the_rotor_failures_of_its_current_batch(diagrams):
+    """All steps before and after the failure equal the steps of a new fleet to the last bit."""
     failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
     overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
     continuous = load_scenario(diagrams / "hover.yaml", overrides)
@@ -66,7 +66,7 @@ def test_a_continuous_fleet_stops_its_steps_at_the_rotor_failures_of_its_last_re
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
+def test_a_fleet_flight_ends_when_all_vehicles_have_crashed(scenario, compiled):
     reports = []
     _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.5])
     simulation.fly(20.0, progress=lambda *now: reports.append(now))
@@ -81,7 +81,7 @@ def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_fleet_flies_until_its_end_if_one_vehicle_has_not_crashed(scenario, compiled):
+def test_a_fleet_flies_for_the_whole_duration_if_one_vehicle_has_not_crashed(scenario, compiled):
     """The flight ends at its duration, even if this is not a multiple of the interval between checks for crashes."""
     reports = []
     _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.99])

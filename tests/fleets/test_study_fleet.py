@@ -41,24 +41,24 @@ def new_fleet_metrics(study, batch):
 
 
 SIGN_LAW = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
-NETWORK = [
+NETWORK_OVERRIDES = [
     "control.network.a1={uniform: {min: 1.1, max: 1.5}}",
     "control.network.learning.initial_covariance={uniform: {min: 1.0, max: 6.0}}",
     "control.network.learning.initial_weight={uniform: {min: -0.1, max: 0.1}}",
     "vehicle.rotor_failure={rotor: {choice: [1, 2]}, time: 0.2, speed_factor: {uniform: {min: 0.8, max: 0.9}}}",
 ]
-PD = "k_p: [1.5, 1.6, 5.0], k_d: [2.0, 2.1, 3.2], feed_forward: snap"
+PD_GAINS = "k_p: [1.5, 1.6, 5.0], k_d: [2.0, 2.1, 3.2], feed_forward: snap"
 TILT_RESPONSE = "response: {kind: tilt, lag: {uniform: {min: 0.05, max: 0.09}}}"
 COMMANDED_RESPONSE = "response: {kind: commanded, lag: [{uniform: {min: 0.2, max: 0.3}}, 0.25, 0.07]}"
 ESTIMATORS = [
     [
-        f"control.position={{kind: indi, {PD}, {TILT_RESPONSE},"
+        f"control.position={{kind: indi, {PD_GAINS}, {TILT_RESPONSE},"
         " bandwidth: [2.0, {uniform: {min: 1.0, max: 3.0}}, 4.0]}",
         "control.attitude={kind: indi, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4],"
         " lag: {uniform: {min: 0.05, max: 0.09}}, bandwidth: 1.0}",
     ],
     [
-        f"control.position={{kind: l1, {PD}, {COMMANDED_RESPONSE}, bandwidth: [1.0, 1.1, 1.2],"
+        f"control.position={{kind: l1, {PD_GAINS}, {COMMANDED_RESPONSE}, bandwidth: [1.0, 1.1, 1.2],"
         " adaptation: {uniform: {min: 0.5, max: 2.0}}}",
         "control.attitude={kind: geometric, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4]}",
     ],
@@ -69,16 +69,16 @@ ESTIMATORS = [
     ("overrides", "controller"),
     [
         ([], "pid"),
-        (NETWORK, "pd_t2fnn"),
+        (NETWORK_OVERRIDES, "pd_t2fnn"),
         (SIGN_LAW, "pd_t1fnn"),
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_a_second_batch_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
+def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, overrides, controller):
     """The scenarios contain every kind of system, and vary every parameter that may differ between samples.
 
-    Uncompiled results are equal to the last bit. In a compiled diagram, other code computes the first frame and the
-    initial wind after a reset, and rounds the last bit of some samples differently.
+    Uncompiled results are equal to the last bit. Other code computes the first frame and the initial wind after a reset
+    of a compiled diagram, and rounds the last bit of some samples differently.
     """
     study = scenario(*overrides, controller=controller)
     wired, compiled = (
@@ -136,7 +136,7 @@ OPTIONAL_PARTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("path", OPTIONAL_PARTS)
 def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagrams, path):
-    """A diagram without the optional part refuses such parameters instead of ignoring them."""
+    """A diagram without an optional part refuses parameters of this part instead of ignoring them."""
     calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(OPTIONAL_PARTS[path])})
@@ -150,7 +150,7 @@ def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagram
 
 def test_a_reset_context_equals_the_default_context_of_a_new_fleet(scenario):
     """All parameters, states and random numbers are compared, including those that do not affect metrics."""
-    study = scenario(*NETWORK)
+    study = scenario(*NETWORK_OVERRIDES)
     plan = plan_route(study)
     first, second = Batch.draw(study, range(4)), Batch.draw(study, [9, 8, 7, 6])
     diagrams = [build_fleet_diagram(batch, plan) for batch in (first, second)]
@@ -169,7 +169,7 @@ def test_a_reset_context_equals_the_default_context_of_a_new_fleet(scenario):
 
 def test_a_context_is_completely_reset_after_a_flight(scenario):
     """The time, all states and the state of a user-defined system equal those of a new fleet."""
-    study = scenario(*NETWORK)
+    study = scenario(*NETWORK_OVERRIDES)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
     own = UserSystems(position_controller=high_gain_controller).build(2)
     diagram = build_fleet_diagram(batch, plan, user_systems=own)
@@ -229,7 +229,7 @@ def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
         assert fleet.fly([sample]).rmse[0] == pytest.approx(single.rmse, rel=1e-9)
 
 
-def test_too_many_samples_or_none_are_refused(scenario):
+def test_a_batch_with_too_many_or_no_samples_is_refused(scenario):
     fleet = StudyFleet(scenario(), plan_route(scenario()), 2)
     for samples in ([], [0, 1, 2]):
         with pytest.raises(ValueError, match="cannot fly"):
@@ -249,7 +249,7 @@ def test_a_recorded_fleet_refuses_a_route_with_a_distribution(scenario):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the test needs /proc of Linux")
-def test_later_batches_need_no_additional_memory(scenario):
+def test_later_batches_of_a_fleet_need_no_additional_memory(scenario):
     """A new diagram or context for every batch would take several megabytes."""
 
     def resident():

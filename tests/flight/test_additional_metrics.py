@@ -19,7 +19,7 @@ from drake_quad.studies.statistics import compare, metric_mean, requirement_prob
 from drake_quad.studies.summary import metric_table, requirement_table
 
 START, PERIOD = 1.0, 0.02
-REDUCTIONS = {
+NUMPY_REDUCTIONS = {
     "mean": np.mean,
     "rms": lambda values: np.sqrt(np.mean(values**2)),
     "max": np.max,
@@ -41,17 +41,17 @@ def in_window(flight):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_rules_over_time_are_those_of_numpy(compiled):
-    metrics = {rule: {"kind": rule, "of": "state.v_y"} for rule in REDUCTIONS}
+def test_reductions_over_time_agree_with_numpy(compiled):
+    metrics = {rule: {"kind": rule, "of": "state.v_y"} for rule in NUMPY_REDUCTIONS}
     flight = simulate(load_scenario("laboratory:low_wind", [additional(**metrics)]), compiled=compiled)
     state, _ = in_window(flight)
-    for rule, function in REDUCTIONS.items():
+    for rule, function in NUMPY_REDUCTIONS.items():
         assert getattr(flight.metrics, rule) == pytest.approx(function(state[7]), rel=1e-12), rule
     assert flight.metrics.definitions["max"].unit == "m/s"
     assert flight.metrics.definitions["integral"].unit == "m/s s"
 
 
-def test_derived_signals_have_their_definitions():
+def test_derived_signals_agree_with_their_definitions():
     names = ("position_error", "yaw_error", "speed", "airspeed", "body_rate", "tilt")
     metrics = {name: {"kind": "last", "of": name} for name in names}
     flight = simulate(load_scenario("laboratory:high_wind", [additional(**metrics)]))
@@ -91,7 +91,7 @@ def test_shipped_metrics_are_computed_from_their_signals():
     assert wide.metrics.settling_time == 0.0
 
 
-def test_the_distance_from_obstacles_is_that_of_the_surface_of_the_vehicle():
+def test_the_obstacle_distance_is_measured_from_the_surface_of_the_vehicle():
     space = {"obstacles": {"ball": {"kind": "sphere", "centre": [0.0, 0.0, 4.0], "radius": 0.5}}, "radius": 0.2}
     scenario = load_scenario("hover", [{**additional(obstacle_distance={}), "space": space}])
     flight = simulate(scenario)
@@ -115,7 +115,7 @@ def test_the_energy_is_the_integral_of_the_power_of_the_battery():
         simulate(load_scenario("hover", [additional(energy={})]))
 
 
-OWN_METRICS = '''
+USER_METRICS = '''
 from typing import NamedTuple
 import numpy as np
 from drake_quad import flight_metric, metric
@@ -142,8 +142,8 @@ def error_quantile(flight, *, probability: float = 0.9):
 '''
 
 
-def test_a_metric_of_ones_own_is_a_column_of_flights_and_studies(tmp_path, monkeypatch):
-    (tmp_path / "own_metrics.py").write_text(OWN_METRICS)
+def test_a_user_defined_metric_is_a_column_of_flights_and_studies(tmp_path, monkeypatch):
+    (tmp_path / "own_metrics.py").write_text(USER_METRICS)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "own_metrics", raising=False)
     importlib.import_module("own_metrics")
@@ -187,11 +187,11 @@ def range_of(name, **metrics):
         ("rms", "yaw_error", "nonnegative"),
     ],
 )
-def test_a_metric_of_a_signal_is_negative_only_if_the_signal_and_its_rule_can_be(rule, signal, value_range):
+def test_a_metric_of_a_signal_can_be_negative_only_if_signal_and_reduction_can_be_negative(rule, signal, value_range):
     assert range_of("mine", mine={"kind": rule, "of": signal}) == value_range
 
 
-def test_the_mean_of_a_fraction_is_one_and_its_integral_is_not():
+def test_the_mean_of_a_fraction_is_a_fraction_and_its_integral_is_not():
     @derived_signal("1", value_range="fraction")
     def darkness(time):
         return time * 0.0
@@ -205,7 +205,7 @@ def test_the_mean_of_a_fraction_is_one_and_its_integral_is_not():
 
 def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
     @metric("1", over_time="mean", value_range="fraction")
-    def share_outside(state, reference):
+    def fraction_outside(state, reference):
         """Fraction of the ticks at which the vehicle is more than 2 cm off."""
         x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z
         return where(x * x + y * y + z * z > 0.02 * 0.02, 1.0, 0.0)
@@ -215,11 +215,11 @@ def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
         """Mean error along X."""
         return state.x - reference.x
 
-    metrics = fly_samples(load_scenario("laboratory:low_wind", [additional(share_outside={}, drift={})]), range(6))
-    found = metric_mean(metrics, "share_outside")
+    metrics = fly_samples(load_scenario("laboratory:low_wind", [additional(fraction_outside={}, drift={})]), range(6))
+    found = metric_mean(metrics, "fraction_outside")
     assert 0.0 < found.low < found.value < found.high < 1.0
-    assert found == bounded_mean_interval(metrics.share_outside)
-    assert compare(metrics, metrics, "share_outside").ratio.value == 1.0
+    assert found == bounded_mean_interval(metrics.fraction_outside)
+    assert compare(metrics, metrics, "fraction_outside").ratio.value == 1.0
     assert math.isnan(compare(metrics, metrics, "drift").ratio.value)
 
 
@@ -272,7 +272,7 @@ def test_a_registered_metric_can_be_pickled_with_its_scenario():
         ({"tube": {"kind": "time_in_tube", "radius": -1.0}}, "radius"),
     ],
 )
-def test_wrong_metrics_are_refused(metrics, message):
+def test_wrong_additional_metrics_are_refused(metrics, message):
     with pytest.raises(InputError, match=message):
         load_scenario("hover", [additional(**metrics)])
 
@@ -394,7 +394,7 @@ def test_a_requirement_and_a_metric_have_different_names():
         load_scenario("hover", [{**additional(level={"kind": "max", "of": "tilt"}), "requirements": requirement}])
 
 
-def test_a_comparison_of_a_metric_that_should_be_large_prefers_the_larger_one():
+def test_a_comparison_prefers_the_larger_value_if_larger_is_better():
     scenario = load_scenario("laboratory:low_wind", [additional(tube={"kind": "time_in_tube", "radius": 0.05})])
     metrics = fly_samples(scenario, range(6))
     worse = metrics._replace(tube=metrics.tube / 2.0)
@@ -404,10 +404,10 @@ def test_a_comparison_of_a_metric_that_should_be_large_prefers_the_larger_one():
     assert compare(metrics, worse, "tube").better.value == 1.0
 
 
-def test_the_page_on_metrics_lists_all_kinds_and_derived_signals(root):
+def test_the_page_on_metrics_lists_all_metric_kinds_and_derived_signals(root):
     page = (root / "docs" / "how_to" / "your_own_metric.md").read_text()
     for signal in DERIVED_SIGNALS.values():
         assert f"| `{signal.name}` | {signal.unit} |" in page
     for name, settings in METRICS.members.items():
-        if name not in REDUCTIONS:
+        if name not in NUMPY_REDUCTIONS:
             assert f"| `{name}` | " in page, settings

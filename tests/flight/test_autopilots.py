@@ -64,7 +64,7 @@ def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
 
 @pytest.mark.slow
 @for_each_autopilot
-def test_a_later_batch_has_the_results_of_a_first_batch(scenario, kind):
+def test_a_later_batch_has_the_same_results_as_a_first_batch(scenario, kind):
     study = scenario(kind, "duration=0.5")
     plan = plan_route(study)
     fleet = StudyFleet(study, plan, 4)
@@ -75,7 +75,7 @@ def test_a_later_batch_has_the_results_of_a_first_batch(scenario, kind):
 
 
 @for_each_autopilot
-def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
+def test_a_flight_with_an_autopilot_starts_in_hover_at_any_heading(scenario, kind):
     """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""
     still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
     route = "route={kind: hover, position: [1, 2, 1], yaw: 2.5, duration: 0.05}"
@@ -87,7 +87,7 @@ def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
 
 @pytest.mark.slow
 @for_each_autopilot
-def test_a_continuous_vehicle_has_the_same_flight(scenario, kind):
+def test_a_vehicle_with_a_continuous_state_has_the_same_flight(scenario, kind):
     """The tolerance of 0.1 mm covers the discretization error of the vehicle with a time step."""
     positions = []
     for time_step in (0.0025, 0.0):
@@ -131,7 +131,7 @@ class PlainHeightOnly(LeafSystem):
 
 @pytest.mark.slow
 @for_each_autopilot
-def test_a_users_control_can_command_the_autopilot(scenario, kind):
+def test_a_user_defined_control_can_command_the_autopilot(scenario, kind):
     """The vehicle pitches and flies along x, with the compiled FleetSystem and with the uncompiled LeafSystem."""
     study = scenario(kind, "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
     flights = [
@@ -173,7 +173,7 @@ def test_signals_are_exported_from_the_subsystems_that_compute_them(diagrams):
 
 @pytest.mark.slow
 def test_attitude_control_on_board_reduces_the_error_in_the_figure_eight(diagrams):
-    """On board, the loop has no link delay, so higher PD gains reduce the error to a quarter."""
+    """The loop on board has no link delay, so higher PD gains reduce the error to a quarter."""
     ground_scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"]
     )

@@ -9,7 +9,7 @@ from drake_quad import load_scenario
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import Acceleration, Reference, State
 
-PD = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
+PD_GAINS = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
 RESPONSE = "response: {kind: commanded, lag: [0.25, 0.26, 0.07]}"
 HEAVY_VEHICLE_IN_WIND = [
     "vehicle.mass=0.71",
@@ -40,20 +40,20 @@ def settled(diagrams):
 
 
 @pytest.mark.slow
-def test_in_steady_wind_indi_has_no_error_and_l1_a_known_fraction_of_the_pd_error(settled):
-    """At rest the command compensates the disturbance, and a PD alone has the error u / k_P for the command u.
+def test_steady_wind_causes_no_error_under_indi_and_a_known_fraction_of_the_pd_error_under_l1(settled):
+    """The command u at rest compensates the disturbance, and the error under a PD alone is u / k_P.
 
     With the adaptation rate a and the tick h, the error under L1 is 1 - exp(-a h) times this error.
     """
-    pd_error, no_estimate, command = settled(f"{{kind: pd, {PD}}}")
+    pd_error, no_estimate, command = settled(f"{{kind: pd, {PD_GAINS}}}")
     assert no_estimate is None
     assert np.abs(pd_error).min() > 0.01
     np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * pd_error, command, atol=1e-8)
-    error, disturbance, indi_command = settled(f"{{kind: indi, {PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0]}}")
+    error, disturbance, indi_command = settled(f"{{kind: indi, {PD_GAINS}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0]}}")
     np.testing.assert_allclose(error, 0.0, atol=1e-7)
     np.testing.assert_allclose(disturbance, -np.array(indi_command), atol=1e-7)
     np.testing.assert_allclose(indi_command, command, rtol=1e-6)
-    l1_error, _, _ = settled(f"{{kind: l1, {PD}, {RESPONSE}, bandwidth: [1.5, 1.7, 2.0], adaptation: 5.0}}")
+    l1_error, _, _ = settled(f"{{kind: l1, {PD_GAINS}, {RESPONSE}, bandwidth: [1.5, 1.7, 2.0], adaptation: 5.0}}")
     np.testing.assert_allclose(l1_error, (1.0 - math.exp(-5.0 * 0.02)) * pd_error, rtol=1e-5)
 
 
@@ -63,10 +63,10 @@ def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_gro
 
     def remaining_error(T):
         return settled(
-            f"{{kind: disturbance_observer, {PD}, {RESPONSE}, {parameters}, time_constant: [{T}, {T}, {T}]}}"
+            f"{{kind: disturbance_observer, {PD_GAINS}, {RESPONSE}, {parameters}, time_constant: [{T}, {T}, {T}]}}"
         )[0]
 
-    pd_error, _, _ = settled(f"{{kind: pd, {PD}}}")
+    pd_error, _, _ = settled(f"{{kind: pd, {PD_GAINS}}}")
     fractions = [np.abs(remaining_error(T) / pd_error).max() for T in (0.5, 5.0, 5000.0)]
     assert fractions[0] < 0.5
     assert fractions[1] < 0.2 * fractions[0]
@@ -75,8 +75,8 @@ def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_gro
 
 @pytest.mark.slow
 def test_the_compensated_disturbance_is_limited(settled):
-    """The PD has to compensate the disturbance beyond the limit."""
-    parameters = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
+    """The PD compensates the part of the disturbance that exceeds the limit."""
+    parameters = f"{PD_GAINS}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
     error, disturbance, command = settled(f"{{kind: indi, {parameters}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)
     np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * error - disturbance, command, atol=1e-8)

@@ -25,7 +25,7 @@ def flight(diagrams):
     return simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=3.0"]))
 
 
-def test_rows_of_a_signal_have_names(flight):
+def test_rows_of_a_flight_signal_have_names(flight):
     for name, values in flight.signals.items():
         record = flight.record(name)
         assert type(record) is SIGNALS[name]
@@ -36,7 +36,7 @@ def test_rows_of_a_signal_have_names(flight):
     np.testing.assert_allclose(flight.euclidean_error, distance, rtol=1e-12)
 
 
-def test_rows_of_a_network_are_numbered(asymmetric):
+def test_rows_of_network_signals_are_numbered(asymmetric):
     """Weights have a row for each rule, and traces of the covariance have one for each axis."""
     few_sets = "control.network.inputs.error={scale: 2.4, centres: [-1.0, 0.8], widths: [1.1, 1.0]}"
     flight = simulate(asymmetric("pd_t2fnn", "duration=1.1", "control.network.axes=[x, y]", few_sets))
@@ -124,18 +124,18 @@ ALL_IMPERFECTIONS = [
     "laboratory.command_link.delay_ticks={choice: [0, 1, 2]}",
     "control.position.k_p=[{uniform: {min: 0.2, max: 0.3}}, 0.25, 5]",
 ]
-STEADY = "{kind: steady, velocity: [{uniform: {min: -1, max: 1}}, 0.5, 0]}"
-FAN = (
+STEADY_WIND = "{kind: steady, velocity: [{uniform: {min: -1, max: 1}}, 0.5, 0]}"
+FAN_WIND = (
     "{kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: {uniform: {min: 2, max: 3}}, diameter: 0.75}"
 )
-DRYDEN = "{kind: dryden, level: light}"
-GUST = "{kind: gust, velocity: [1, 0, 0], start: 2, rise_time: 0.5}"
-ALL_WIND = f"laboratory.wind=[{STEADY}, {FAN}, {DRYDEN}, {GUST}]"
+DRYDEN_WIND = "{kind: dryden, level: light}"
+GUST_WIND = "{kind: gust, velocity: [1, 0, 0], start: 2, rise_time: 0.5}"
+ALL_WINDS = f"laboratory.wind=[{STEADY_WIND}, {FAN_WIND}, {DRYDEN_WIND}, {GUST_WIND}]"
 
 
 @pytest.fixture(scope="module")
 def imperfect(diagrams):
-    return load_scenario(diagrams / "laboratory.yaml:high_wind", [*ALL_IMPERFECTIONS, ALL_WIND])
+    return load_scenario(diagrams / "laboratory.yaml:high_wind", [*ALL_IMPERFECTIONS, ALL_WINDS])
 
 
 def final_positions(scenario, samples, seed):
@@ -147,7 +147,7 @@ def final_positions(scenario, samples, seed):
 
 
 @pytest.mark.slow
-def test_the_same_sample_is_the_same_flight_bit_for_bit(imperfect):
+def test_a_repeated_sample_gives_the_same_flight_to_the_last_bit(imperfect):
     first, again = (simulate(imperfect, seed=3, sample=7) for _ in range(2))
     for name in first.signals:
         np.testing.assert_array_equal(first[name], again[name])
@@ -195,8 +195,12 @@ def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
     a, b = simulate(fixed), simulate(other)
     assert np.abs(a["state"] - b["state"]).max() > 1e-3
-    # Without filters and dropouts, the noise is the difference of measurement and state.
-    overrides = ["duration=2", f"laboratory.wind=[{DRYDEN}]", "laboratory.motion_capture.derivative_bandwidth=null"]
+    # The noise is the difference of measurement and state if there are no filters and no dropouts.
+    overrides = [
+        "duration=2",
+        f"laboratory.wind=[{DRYDEN_WIND}]",
+        "laboratory.motion_capture.derivative_bandwidth=null",
+    ]
     masses = ("0.68", "{uniform: {min: 0.6, max: 0.8}}")
     scenarios = [
         load_scenario(diagrams / "laboratory.yaml:nominal", [*overrides, f"vehicle.mass={mass}"]) for mass in masses
@@ -211,7 +215,7 @@ def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams
 
 def test_turbulence_does_not_depend_on_other_winds(diagrams):
     winds = []
-    for sources in (f"[{DRYDEN}]", f"[{GUST}, {DRYDEN}]"):
+    for sources in (f"[{DRYDEN_WIND}]", f"[{GUST_WIND}, {DRYDEN_WIND}]"):
         winds.append(
             simulate(load_scenario(diagrams / "hover.yaml", ["duration=2", f"laboratory.wind={sources}"]))["wind"]
         )
@@ -240,7 +244,7 @@ def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-def test_a_flight_that_diverged_can_be_drawn(diagrams, tmp_path):
+def test_a_flight_that_diverged_can_be_plotted(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
     flight["state"][-1] = np.nan
     assert (tmp_path / "wind.png") in save_plots(flight, tmp_path)
@@ -248,7 +252,7 @@ def test_a_flight_that_diverged_can_be_drawn(diagrams, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3, rotor_1_turns: anticlockwise}"])
-def test_other_layouts_fly_like_the_plus_if_no_rotor_saturates(diagrams, layout):
+def test_other_rotor_layouts_fly_like_the_plus_if_no_rotor_saturates(diagrams, layout):
     """Small differences remain, because rotor speeds lag their commands and thrust is not linear in rotor speed.
 
     A vehicle whose layout differs from the nominal one has a larger error.
@@ -275,7 +279,7 @@ def test_the_controller_uses_the_nominal_parameters(diagrams):
     assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)
 
 
-def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
+def test_the_repr_of_a_flight_is_one_line_that_names_its_signals(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     for compiled, suffix in ((False, ""), (True, ", compiled")):
         flight = simulate(scenario, compiled=compiled)
@@ -285,7 +289,7 @@ def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
         flight["weights"]
 
 
-def test_a_users_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
+def test_a_user_defined_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
     """Flights are equal, although the wind depends on the position and neither system has a state."""
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.3"])
 

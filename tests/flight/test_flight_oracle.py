@@ -11,7 +11,7 @@ from drake_quad import simulate
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.vehicle.allocation import Priority
 
-ON_BOARD = [
+ATTITUDE_LOOP_ON_BOARD = [
     "control.attitude=null",
     "vehicle.time_step=0.005",
     "laboratory.autopilot={kind: attitude, period: 0.005, k_attitude: [5.0, 4.2, 2.1], k_rate: [11.0, 9.0, 6.0],"
@@ -25,7 +25,7 @@ ATTITUDE_RESPONSE = [
 PRIORITIES = get_args(Priority)
 # The first two flights are long. Short flights cover the remaining features. Features that do not interact share a
 # flight, because each flight is compiled.
-PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
+PD_GAINS = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", ["duration=14.2"]),
@@ -102,7 +102,7 @@ FLIGHTS = {
         "pid",
         [
             "duration=1.6",
-            f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
+            f"control.position={{kind: disturbance_observer, {PD_GAINS}, feed_forward: snap, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {kind: commanded, delay_ticks: 2,"
             " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], euler_sequence: zxy}",
@@ -141,7 +141,7 @@ FLIGHTS = {
             "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
             "laboratory.motion_capture.velocity_drift=[0.03, 0.02, 0.01]",
             "laboratory.motion_capture.drift_time=0.4",
-            f"control.position={{kind: l1, {PD}, feed_forward: acceleration, adaptation: 2.5,"
+            f"control.position={{kind: l1, {PD_GAINS}, feed_forward: acceleration, adaptation: 2.5,"
             " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4,"
             " response: {kind: commanded, delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
@@ -152,7 +152,7 @@ FLIGHTS = {
         "pid",
         [
             "duration=1.6",
-            f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
+            f"control.position={{kind: indi, {PD_GAINS}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: commanded, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
             " delay_ticks: 0}",
@@ -162,7 +162,7 @@ FLIGHTS = {
         "pd_t2fnn",
         [
             "duration=1.6",
-            f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
+            f"control.position={{kind: indi, {PD_GAINS}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
             "control.network.lead=0.17",
             "control.network.inputs={error: null, error_rate: null,"
@@ -173,9 +173,9 @@ FLIGHTS = {
     "a disturbance observer with the measured thrust direction, and an autopilot": (
         "pid",
         [
-            *ON_BOARD,
+            *ATTITUDE_LOOP_ON_BOARD,
             "duration=1.5",
-            f"control.position={{kind: disturbance_observer, {PD}, feed_forward: jerk, position_noise: 0.002,"
+            f"control.position={{kind: disturbance_observer, {PD_GAINS}, feed_forward: jerk, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7],"
             " response: {kind: tilt, delay_ticks: 0, lag: 0.07}}",
         ],
@@ -183,16 +183,16 @@ FLIGHTS = {
     "INDI of the position and an autopilot": (
         "pid",
         [
-            *ON_BOARD,
+            *ATTITUDE_LOOP_ON_BOARD,
             "duration=1.5",
-            f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
+            f"control.position={{kind: indi, {PD_GAINS}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: commanded, delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
         ],
     ),
     "an autopilot without noise at half the step rate, and a heading along the path": (
         "pd_t2fnn",
         [
-            *ON_BOARD,
+            *ATTITUDE_LOOP_ON_BOARD,
             "duration=1.5",
             "vehicle.time_step=0.0025",
             "control.position.feed_forward=jerk",
@@ -255,7 +255,7 @@ def test_a_flight_equals_an_independent_implementation(flight_named, name):
     assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
 
 
-DISTRIBUTIONS = [
+FLEET_DISTRIBUTIONS = [
     "duration=2",
     "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
     "nominal.layout={kind: x}",
@@ -278,7 +278,7 @@ DISTRIBUTIONS = [
 @pytest.mark.slow
 def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric):
     """Each vehicle has its own parameters, delays, wind and noise."""
-    flights = simulate_samples(asymmetric("pd_t2fnn", *DISTRIBUTIONS), [5, 0, 9])
+    flights = simulate_samples(asymmetric("pd_t2fnn", *FLEET_DISTRIBUTIONS), [5, 0, 9])
     masses = {flight.scenario.vehicle.mass for flight in flights}
     delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}
     assert (len(masses), len(delays)) == (3, 2)
@@ -287,7 +287,7 @@ def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric)
 
 
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])
-def test_signals_of_the_long_flights_have_both_signs_and_reach_their_limits(flight_named, name):
+def test_signals_of_the_long_flights_take_both_signs_and_reach_their_limits(flight_named, name):
     """If a signal kept its sign or stayed below its limit, the comparison could miss an error."""
     flight = flight_named(name)
     steady = {"state": {"x", "y", "z"}, "wrench": {"thrust"}}

@@ -52,7 +52,7 @@ def test_a_frame_has_a_row_for_each_tick_and_a_column_for_each_row_of_a_signal(f
     assert [*units.values()] == [each.unit for name in flight for each in quantities(name, flight[name].shape[1])]
 
 
-def test_missing_pandas_is_named_with_its_extra(flight, monkeypatch):
+def test_the_message_about_missing_pandas_names_the_extra_that_installs_it(flight, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"^pandas is not installed; .*'drake_quad\[tables\]'"):
         flight.to_frame()
@@ -83,7 +83,7 @@ def test_a_flight_that_crashed_is_read_back(diagrams, tmp_path):
     assert flight.metrics.crashed
 
 
-def test_the_route_of_a_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
+def test_the_route_of_a_saved_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
     """Files of earlier versions contain no plan."""
     flight.save(tmp_path)
     with np.load(folder / "flight.npz") as loaded:
@@ -117,7 +117,7 @@ def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path
     assert isinstance(flight.scenario, Scenario)
 
 
-def test_a_users_plan_is_read_back(diagrams, tmp_path):
+def test_a_user_defined_plan_is_read_back(diagrams, tmp_path):
     """The plan differs from the plan of the scenario's route."""
     plan = Plan.hover([1.0, 2.0, 3.0], duration=0.5, yaw=0.4)
     simulate(load_scenario(diagrams / "hover.yaml", {"duration": 0.5}), plan=plan).save(tmp_path)

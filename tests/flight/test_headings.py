@@ -11,23 +11,26 @@ from covering import covering
 from drake_quad import load_scenario, simulate
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
-NOISELESS = {"position_noise": 0.0, "attitude_noise": 0.0}
+NO_CAMERA_NOISE = {"position_noise": 0.0, "attitude_noise": 0.0}
 IDEAL_ONBOARD = {
     "vehicle": {"linear_drag": 0.0, "quadratic_drag": 0.0},
     "laboratory": {
         "autopilot": {"gyroscope_noise": 0.0, "gyroscope_bias": [0.0, 0.0, 0.0]},
         "command_link": {"loss_rate": 0.0},
-        "motion_capture": NOISELESS,
+        "motion_capture": NO_CAMERA_NOISE,
     },
 }
-STILL_NEURAL_FLY = {"metrics.start": 0.0, "laboratory": {"wind": [], "motion_capture": NOISELESS}}
+NEURAL_FLY_WITHOUT_WIND_AND_NOISE = {
+    "metrics.start": 0.0,
+    "laboratory": {"wind": [], "motion_capture": NO_CAMERA_NOISE},
+}
 
 
 def base_of(controller):
     """Return the scenario, the layers before it and the overrides with which a shipped controller is flown."""
     file, _, name = controller.partition(":")
     if name == "lqg_neural_fly":
-        return "neural_fly:still", [], STILL_NEURAL_FLY
+        return "neural_fly:still", [], NEURAL_FLY_WITHOUT_WIND_AND_NOISE
     if name == "lqg_crazyflie_onboard":
         return "figure_eight", ["vehicles/crazyflie_onboard"], {}
     if name == "lqg_crazyflie":
@@ -93,7 +96,7 @@ def rotated(states, angle):
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
     """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
 
-    Of controllers that differ only in their gains, one is flown.
+    If several controllers differ only in their gains, only one of them is flown.
     """
     for controller in covering({name: features_of(name) for name in shipped_controllers()}):
         expected = states_of_flight(controller, 0.0)

@@ -17,7 +17,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.statistics.interval import Interval
 
 CONTROLLERS = Path(__file__).parent.parent.parent / "diagrams" / "controllers"
-DESIGNED = CONTROLLERS / "designed" / "laboratory.yaml"
+DESIGNED_CONTROLLER = CONTROLLERS / "designed" / "laboratory.yaml"
 AXES = ("x", "y", "z")
 
 
@@ -46,7 +46,7 @@ def root_mean_square(metrics):
 @pytest.mark.slow
 @pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
 def test_the_predicted_error_agrees_with_independent_flights(layer):
-    """The error on each axis agrees to 10 % with later flights with different random numbers."""
+    """The error on each axis agrees to 10 % with later flights that use different random numbers."""
     error = hover_error(in_laboratory(layer))
     fleet = StudyFleet(hovering(layer, 40, 80), plan_route(hovering(layer, 40, 80)), 128)
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), axis_errors(error), rtol=0.1)
@@ -128,7 +128,7 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
     scenario = in_laboratory("designed/laboratory.yaml:pd", *noiseless, wind)
     error = hover_error(scenario)
     np.testing.assert_allclose(axis_errors(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
-    # Lost packets differ between hovers. Without noise, they affect only the settling of the vehicle.
+    # Lost packets differ between hovers. They affect only the settling of the vehicle if there is no noise.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 
@@ -176,7 +176,7 @@ def test_hovers_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_o
 
 
 @pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
-def test_an_axis_whose_error_is_only_rounding_needs_no_further_hovers(stub_errors, size, hovers):
+def test_an_axis_with_only_rounding_errors_needs_no_further_hovers(stub_errors, size, hovers):
     stub_errors(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
     assert hover_error(load_scenario("hover")).num_hovers == hovers
 
@@ -202,7 +202,7 @@ def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_posit
 
 
 @pytest.mark.slow
-def test_crashing_hovers_are_refused():
+def test_a_hover_that_crashes_has_no_predicted_error():
     scenario = load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"])
     with pytest.raises(InputError, match=r"64 of 64 hovers of nominal crash, the first after \d+\.\d s"):
         hover_error(scenario)
@@ -213,7 +213,7 @@ def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_s
     def error(*overrides):
         return nominal_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 
-    layer = [f"{DESIGNED}:pd"]
+    layer = [f"{DESIGNED_CONTROLLER}:pd"]
     predicted = error()
     assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
     still = error("laboratory.wind=[]")

@@ -11,34 +11,34 @@ from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.signals import SIGNALS
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 
-INITIAL = {
+INITIAL_STATE = {
     "position": [0.3, -0.2, 0.1],
     "velocity": [1.0, -2.0, 0.5],
     "attitude": [math.pi - 0.2, -0.4, 0.3],
     "body_rates": [2.0, -3.0, 1.0],
     "rotor_speeds": [0.5, 0.6, 0.0, 1.0],
 }
-HIGH = {"route.position": [1.0, 2.0, 8.0], "route.yaw": 0.5, "crash.tilt": None, "duration": 1.0}
+HIGH_HOVER = {"route.position": [1.0, 2.0, 8.0], "route.yaw": 0.5, "crash.tilt": None, "duration": 1.0}
 
 
 def started(initial, name="hover", **fields):
     """Return a scenario with an initial state, high above the ground."""
-    overrides = {**HIGH, **fields}
+    overrides = {**HIGH_HOVER, **fields}
     return load_scenario(name, [{"initial": initial}, *({key: value} for key, value in overrides.items())])
 
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("frame", ["reference", "world"])
 def test_a_flight_begins_in_the_initial_state(frame, compiled):
-    scenario = started({**INITIAL, "frame": frame})
+    scenario = started({**INITIAL_STATE, "frame": frame})
     flight = simulate(scenario, compiled=compiled)
     origin, yaw = ([1.0, 2.0, 8.0], 0.5) if frame == "reference" else ([0.0, 0.0, 0.0], 0.0)
-    position = np.add(INITIAL["position"], origin)
-    attitude = np.add(INITIAL["attitude"], [0.0, 0.0, yaw])
-    expected = [*position, *attitude, *INITIAL["velocity"], *INITIAL["body_rates"]]
+    position = np.add(INITIAL_STATE["position"], origin)
+    attitude = np.add(INITIAL_STATE["attitude"], [0.0, 0.0, yaw])
+    expected = [*position, *attitude, *INITIAL_STATE["velocity"], *INITIAL_STATE["body_rates"]]
     assert flight["state"][0] == pytest.approx(expected, abs=1e-12)
     hover = hover_rotor_speeds(vehicle_parameters(scenario.vehicle))
-    assert flight["rotor_speed"][0] == pytest.approx(np.multiply(hover, INITIAL["rotor_speeds"]), rel=1e-12)
+    assert flight["rotor_speed"][0] == pytest.approx(np.multiply(hover, INITIAL_STATE["rotor_speeds"]), rel=1e-12)
 
 
 def test_a_thrown_vehicle_falls_freely_while_its_rotors_stand_still():
@@ -50,9 +50,9 @@ def test_a_thrown_vehicle_falls_freely_while_its_rotors_stand_still():
     assert state[:, 2] == pytest.approx(8.0 + 3.0 * time - 0.5 * 9.81 * time**2, abs=1e-3)
 
 
-def test_a_vehicle_with_a_continuous_state_begins_in_the_same_state():
-    scenario = started(INITIAL, **{"vehicle.time_step": 0.0, "duration": 0.2})
-    stepping = simulate(started(INITIAL, duration=0.2), compiled=False)
+def test_a_vehicle_with_a_continuous_state_begins_in_the_given_initial_state():
+    scenario = started(INITIAL_STATE, **{"vehicle.time_step": 0.0, "duration": 0.2})
+    stepping = simulate(started(INITIAL_STATE, duration=0.2), compiled=False)
     assert simulate(scenario)["state"][0] == pytest.approx(stepping["state"][0], abs=1e-9)
 
 
@@ -80,8 +80,8 @@ def test_a_responding_vehicle_turns_at_its_initial_body_rates():
     assert flight["state"][0, 9:] == pytest.approx([1.0, 2.0, 3.0], rel=1e-9)
 
 
-def test_linear_models_are_taken_in_hover_and_not_in_the_initial_state():
-    upset, hovering = started(INITIAL), started({})
+def test_linear_models_apply_to_hover_and_not_to_the_initial_state():
+    upset, hovering = started(INITIAL_STATE), started({})
     assert np.array_equal(closed_loop(upset).system.A, closed_loop(hovering).system.A)
 
 

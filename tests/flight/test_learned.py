@@ -13,9 +13,9 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.files.saving import save_scenario
 
 # A network with few rules compiles faster.
-SETS = "centres: [-1.0, 0.9], widths: [1.9, 2.1]"
-FEW_RULES = f"control.network.inputs={{error: {{{SETS}}}, error_rate: {{{SETS}}}}}"
-ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
+FEW_SETS = "centres: [-1.0, 0.9], widths: [1.9, 2.1]"
+FEW_RULES = f"control.network.inputs={{error: {{{FEW_SETS}}}, error_rate: {{{FEW_SETS}}}}}"
+ADAPTIVE_SETS = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
 SHORT_FLIGHT = ("duration=0.8", "metrics.start=0")
 
 
@@ -24,15 +24,15 @@ def simulated_flight(asymmetric, *overrides):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [[FEW_RULES], [FEW_RULES, ADAPTIVE]])
+@pytest.mark.parametrize("settings", [[FEW_RULES], [FEW_RULES, ADAPTIVE_SETS]])
 def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric, tmp_path, settings):
-    """Each axis and each vehicle of a fleet starts with exactly these parameters. A saved scenario contains them."""
+    """Each axis and each vehicle of a fleet starts with the saved parameters. A saved scenario contains them."""
     first = simulated_flight(asymmetric, *settings)
     file = save_network(first, tmp_path / "deeper" / "learned.yaml")
     again = asymmetric("pd_t2fnn", *SHORT_FLIGHT, *settings, f"control.network.learned={file}")
     for flight in simulate_samples(again, [0, 3]):
         np.testing.assert_array_equal(flight["weights"][0], first["weights"][-1])
-        if ADAPTIVE in settings:
+        if ADAPTIVE_SETS in settings:
             np.testing.assert_array_equal(flight["antecedents"][0], first["antecedents"][-1])
     file.rename(tmp_path / "elsewhere.yaml")
     save_scenario(again, tmp_path / "again.yaml")
@@ -42,15 +42,15 @@ def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric
 @pytest.mark.slow
 def test_learned_sets_are_used_even_if_only_the_weights_learn_further(asymmetric, tmp_path):
     """The first corrections are the same whether or not the sets learn further."""
-    file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE), tmp_path / "learned.yaml")
+    file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE_SETS), tmp_path / "learned.yaml")
     learned = f"control.network.learned={file}"
-    fixed, free = (simulated_flight(asymmetric, FEW_RULES, learned, *more) for more in ([], [ADAPTIVE]))
+    fixed, free = (simulated_flight(asymmetric, FEW_RULES, learned, *more) for more in ([], [ADAPTIVE_SETS]))
     np.testing.assert_array_equal(fixed["correction"][:2], free["correction"][:2])
     assert np.abs(fixed["correction"][1]).min() > 0.0
     assert "antecedents" not in fixed.signals
 
 
-def test_a_rate_of_zero_keeps_the_learned_parameters(asymmetric, tmp_path):
+def test_a_learning_rate_of_zero_keeps_the_learned_parameters(asymmetric, tmp_path):
     file = learned_file(tmp_path, MATCHING_HEADER + EQUAL_WEIGHTS)
     learning = "control.network.learning={kind: gradient, signal: feedback, rate: 0}"
     flight = simulated_flight(asymmetric, learning, f"control.network.learned={file}", "duration=0.3")
@@ -104,7 +104,7 @@ def test_a_file_that_does_not_match_the_network_is_refused(asymmetric, tmp_path,
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_file_is_named(asymmetric):
+def test_the_message_about_a_missing_network_file_names_it(asymmetric):
     with pytest.raises(InputError, match=r"control.network.learned names nowhere\.yaml, which does not exist"):
         asymmetric("pd_t2fnn", "control.network.learned=nowhere.yaml")
 

@@ -18,7 +18,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.batch import Batch, median_scenario
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-HIGH_WIND = "laboratory.yaml:high_wind"
+HIGH_WIND_SCENARIO = "laboratory.yaml:high_wind"
 
 
 def scenario_of(spec, *overrides, controller="lqg"):
@@ -40,8 +40,8 @@ def mean_rmse(scenario, num_samples=4):
 @pytest.mark.parametrize(
     ("controller", "spec"),
     [
-        ("lqg", HIGH_WIND),
-        ("lqg_low_wind", HIGH_WIND),
+        ("lqg", HIGH_WIND_SCENARIO),
+        ("lqg_low_wind", HIGH_WIND_SCENARIO),
         ("lqg_onboard", "onboard.yaml"),
         ("lqg_neural_fly", "neural_fly.yaml:wind_12"),
         ("lqg_robustness", "robustness.yaml"),
@@ -54,7 +54,9 @@ def test_a_shipped_design_has_at_most_60_percent_of_the_error_of_the_cascade(con
 
 @pytest.mark.slow
 def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine_laboratories():
-    assert mean_rmse(scenario_of(HIGH_WIND, controller="lqg_low_wind")) < 0.7 * mean_rmse(scenario_of(HIGH_WIND))
+    assert mean_rmse(scenario_of(HIGH_WIND_SCENARIO, controller="lqg_low_wind")) < 0.7 * mean_rmse(
+        scenario_of(HIGH_WIND_SCENARIO)
+    )
 
 
 @pytest.mark.slow
@@ -75,8 +77,8 @@ def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec)
 
 FIVE_SETS = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
 FEWER_POSITION_SETS = f"control.network.inputs={{y: {FIVE_SETS}, z: null}}"
-CENTRES_OF_PHASE = np.arange(16) / 16
-FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {CENTRES_OF_PHASE.tolist()}, widths: {[0.1] * 16}}}"
+PHASE_CENTRES = np.arange(16) / 16
+FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {PHASE_CENTRES.tolist()}, widths: {[0.1] * 16}}}"
 
 
 @pytest.mark.slow
@@ -86,8 +88,8 @@ FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {CENTRES_OF_PHASE.t
 def test_a_network_reduces_the_error_in_the_second_lap_by_a_tenth(controller, override):
     """The input of the network is the position or the phase of the lap. Fewer sets are used, to compile faster."""
     laps = "route.laps=2", "metrics={first_lap: 2}", override
-    rmse = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
-    assert rmse < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
+    rmse = mean_rmse(scenario_of(HIGH_WIND_SCENARIO, *laps, controller=controller))
+    assert rmse < 0.9 * mean_rmse(scenario_of(HIGH_WIND_SCENARIO, *laps, "control.network=null", controller=controller))
 
 
 def test_a_network_around_the_regulator_causes_no_algebraic_loop():
@@ -132,7 +134,7 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
     np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_fraction) * acceleration, atol=0.03)
-    # At rest, the total command does not depend on the fraction that is in the correction.
+    # The total command at rest does not depend on the fraction of it that the correction contributes.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
     if correction_fraction == learned_fraction:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)

@@ -64,7 +64,7 @@ def messages(path):
     return contents, schemas
 
 
-def test_each_signal_and_each_display_has_a_topic(messages, flights):
+def test_each_signal_and_each_foxglove_display_has_a_topic(messages, flights):
     contents, _ = messages
     for name, flight in flights.items():
         topics = {f"/{name}/{each}" for each in ("tf", "reference", *(f"signals/{signal}" for signal in flight))}
@@ -152,7 +152,7 @@ def test_frames_have_the_poses_of_the_vehicle_and_its_reference(messages, flight
     assert tilts > 0.3
 
 
-def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, flights):
+def test_the_scene_has_rotors_in_the_body_frame_and_lines_in_the_world_frame(messages, flights):
     contents, _ = messages
     ((_, scene),) = contents["/whole/scene"]
     vehicle, reference, flown_path = scene["entities"]
@@ -167,7 +167,7 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
-def test_shapes_are_permanent_and_extend_from_the_centre_to_the_rotors(messages, flights):
+def test_shapes_of_the_vehicle_are_permanent_and_extend_from_the_centre_to_the_rotors(messages, flights):
     """Foxglove centres a box at its position. Line type 0 is LINE_STRIP, with a scale-invariant width in pixels."""
     contents, _ = messages
     colors = {}
@@ -255,7 +255,7 @@ def test_a_missing_flight_and_a_missing_library_are_reported(flights, tmp_path, 
     assert not [*tmp_path.iterdir()]
 
 
-def test_non_finite_numbers_are_null(flights, tmp_path):
+def test_non_finite_numbers_are_written_as_null(flights, tmp_path):
     flight = flights["whole"]
 
     def broken(signal):

@@ -75,7 +75,7 @@ def test_a_manually_connected_loop_has_the_flights_of_the_tracking_diagram(num_v
         ("hover", ["vehicle.slung_load={mass: 0.05, length: 0.5}"], "swing"),
     ],
 )
-def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, overrides, distinct_port):
+def test_the_docstring_of_the_laboratory_lists_its_ports_and_their_rows(name, overrides, distinct_port):
     text = build_laboratory_diagram.__doc__
     rows = {}
     for names, number in re.findall(r"(`[^()]+) \((\d+)\s+rows?[):,]", text):
@@ -107,7 +107,7 @@ def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_r
     context.SetContinuousState([*state, *speeds])
     rates = State(*vehicle.EvalTimeDerivatives(context).CopyToVector()[:12])
     assert rates.v_z == pytest.approx(0.21 * gravity)
-    # In the linear model of a hover, the tilted thrust accelerates the vehicle by g per radian of pitch.
+    # The tilted thrust accelerates the vehicle by g per radian of pitch in the linear model of a hover.
     context.SetContinuousState([*state, *np.full(4, hover)])
     plant = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
     fields = State._fields
@@ -115,7 +115,7 @@ def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_r
     assert plant.A()[fields.index("v_y"), fields.index("roll")] == pytest.approx(-gravity)
 
 
-def test_distributions_are_refused():
+def test_diagrams_of_scenarios_with_distributions_are_refused():
     uncertain = load_scenario("hover", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     for build in (build_laboratory_diagram, build_vehicle, build_tracking_diagram):
         with pytest.raises(InputError, match=r"vehicle\.mass"):
@@ -130,6 +130,6 @@ def test_random_sources_of_drake_can_replace_the_noise_of_a_sample():
     assert "NoiseSource" not in names
 
 
-def test_a_random_vehicle_is_refused_with_the_function_that_draws_it():
+def test_the_message_about_a_random_vehicle_names_the_function_that_draws_it():
     with pytest.raises(InputError, match=r"is a distribution, .* draw_sample\(scenario, 0\) in Python"):
         build_vehicle(load_scenario("robustness"))

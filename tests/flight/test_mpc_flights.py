@@ -28,7 +28,7 @@ def as_lqg(scenario):
 
 
 @pytest.mark.slow
-def test_far_from_limits_mpc_equals_the_regulator():
+def test_mpc_equals_the_regulator_far_from_limits():
     """The flight is the first half of the eight in the wind of the fans, with the shipped LQG design."""
     mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")
     flight, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
@@ -51,7 +51,7 @@ def test_mpc_stays_above_a_floor_that_the_regulator_violates():
 
 
 @pytest.mark.slow
-def test_flights_are_the_same_compiled_uncompiled_and_in_a_fleet():
+def test_mpc_flights_are_equal_compiled_uncompiled_and_in_a_fleet():
     """The limits are active, and there is noise."""
     scenario = load(f"{MPC}:mpc_short_of_thrust", *SHORT_FLIGHT)
     together = assert_flown_alike(Batch.draw(scenario, [4, 7]))
@@ -62,7 +62,7 @@ def test_flights_are_the_same_compiled_uncompiled_and_in_a_fleet():
 
 
 @pytest.mark.slow
-def test_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
+def test_mpc_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
     """The vehicle leaves the corridor immediately, and the correction of a network is added."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"

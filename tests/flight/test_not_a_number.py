@@ -15,7 +15,7 @@ from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.formulas import TIME
 from drake_quad.signals import Acceleration, Wrench
 
-# s, the first control tick at which the user's system returns a non-finite number
+# First control tick at which the user's system returns a non-finite number, s.
 FAILURE_TIME = 0.3
 NUM_ROWS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
 
@@ -58,7 +58,7 @@ def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
-CASES = [
+FAILING_OUTPUTS = [
     ("hover", "position_controller", "acceleration_command", "y"),
     ("hover", "control", "wrench", "tau_x"),
     ("onboard", "control", "attitude_target", "roll"),
@@ -69,8 +69,8 @@ CASES = [
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (np.inf, "infinite")])
-@pytest.mark.parametrize(("spec", "place", "signal", "row"), CASES)
-def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row, value, word, compiled):
+@pytest.mark.parametrize(("spec", "place", "signal", "row"), FAILING_OUTPUTS)
+def test_the_report_names_the_non_finite_output_of_a_user_system(spec, place, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
     flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
     # The monitor reads the effect of the wind on the state at the next tick.
@@ -135,7 +135,7 @@ def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_that_diverges_or_turns_over_has_no_cause():
-    """Without damping, the vehicle diverges. With a gain of 1e9, it turns over. In both flights, numbers are finite."""
+    """The vehicle diverges without damping, and turns over with a gain of 1e9. All signals are finite."""
     off_centre = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
         scenario = load_scenario("hover", [*off_centre, f"control.position={gains}"])

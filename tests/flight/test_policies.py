@@ -15,9 +15,9 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-K_P = np.array([1.2, 0.9, 4.0])
-K_D = np.array([1.5, 1.3, 3.1])
-ACTION_LIMIT = np.array([4.0, 5.0, 6.0])
+K_P = np.array([1.2, 0.9, 4.0])  # 1/s²
+K_D = np.array([1.5, 1.3, 3.1])  # 1/s
+ACTION_LIMIT = np.array([4.0, 5.0, 6.0])  # m/s²
 
 
 def with_policy(scenario, arrays, folder, **control):
@@ -90,11 +90,11 @@ def random_policy(action, folder):
 
 
 @pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
-def test_a_policy_flies_the_same_compiled_and_uncompiled(action, tmp_path):
+def test_a_policy_has_the_same_flight_compiled_and_uncompiled(action, tmp_path):
     assert_flown_alike(Batch.draw(random_policy(action, tmp_path), range(10)))
 
 
-def test_a_policy_flies_the_same_alone_and_in_a_study(tmp_path):
+def test_a_policy_has_the_same_flight_alone_and_in_a_study(tmp_path):
     policy = random_policy("acceleration", tmp_path)
     alone = simulate(policy, sample=7, compiled=False)
     study = run_monte_carlo(policy, 10, num_workers=1)
@@ -102,7 +102,7 @@ def test_a_policy_flies_the_same_alone_and_in_a_study(tmp_path):
 
 
 @pytest.mark.parametrize("vehicle", ["paper", "crazyflie", "racer"])
-def test_actions_of_rotor_speeds_are_the_commanded_speeds(vehicle, diagrams):
+def test_rotor_speed_actions_are_the_commanded_rotor_speeds(vehicle, diagrams):
     scenario = load_scenario("hover", {"duration": 0.4}, layers=[f"vehicles/{vehicle}"])
     task = task_of(scenario, action={"kind": "rotor_speeds", "order": [3, 1, 4, 2]})
     actions = np.random.default_rng(2).uniform(-0.9, 0.9, (20, 4))
@@ -204,7 +204,7 @@ def test_the_foundation_policy_flies_the_vehicles_of_the_library(scenario, layer
     assert flight.metrics.rmse < max_rmse
 
 
-# rad. RAPTOR settles in hover 0.4 to 10 mrad from the commanded yaw, depending on the vehicle.
+# Largest yaw offset in hover, rad. RAPTOR settles 0.4 to 10 mrad from the commanded yaw, depending on the vehicle.
 MAX_YAW_OFFSET = 0.015
 
 
@@ -231,7 +231,7 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
     assert abs(yaw_error[-1]) < MAX_YAW_OFFSET
 
 
-def test_a_users_policy_needs_a_control_of_kind_policy():
+def test_a_user_defined_policy_needs_a_control_of_kind_policy():
     with pytest.raises(InputError, match="a policy requires a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
     task = task_of("hover")

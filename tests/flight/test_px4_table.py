@@ -25,7 +25,7 @@ def record(flight, tmp_path_factory):
     return read_log(save_px4_table(flight, tmp_path_factory.mktemp("px4") / "flight.csv"))
 
 
-def test_signals_are_read_back_unchanged(flight, record):
+def test_signals_of_a_px4_table_are_read_back_unchanged(flight, record):
     measured, reference = flight["measurement"], flight["reference"]
     np.testing.assert_allclose(record.time, flight.time, rtol=0.0, atol=1e-12)
     for name, expected in {
@@ -50,8 +50,8 @@ def test_signals_are_read_back_unchanged(flight, record):
     assert any("the mapping is px4" in remark for remark in record.remarks)
 
 
-def test_names_and_axes_follow_px4(flight):
-    """In PX4's axes, down and yaw to the right are positive. Times are whole microseconds."""
+def test_column_names_and_axes_follow_px4(flight):
+    """Down and yaw to the right are positive in PX4's axes. Times are whole microseconds."""
     columns, state = px4_columns(flight), flight.record("state")
     assert columns["timestamp"].dtype == np.int64
     np.testing.assert_array_equal(columns["timestamp"][:3], [0, 20_000, 40_000])

@@ -11,8 +11,8 @@ from drake_quad import load_scenario, simulate
 from drake_quad.flight.simulation import simulate_samples
 
 # RMS errors of measured positions over six laps, cm (O'Connell et al., Science Robotics 7(66), eabm6597, 2022).
-REAL_RMSE = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
-SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which do not count
+MEASURED_RMSE_CM = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
+SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which are not evaluated
 
 
 def measured_rmse(flight):
@@ -35,18 +35,18 @@ def row_of_page(root, name):
 
 @pytest.mark.slow
 def test_simulated_errors_of_neural_fly_agree_with_the_real_flights(diagrams, root):
-    """In all winds, RMS errors agree to 20 % with the real flights, and with the page of real flights."""
-    rmse = {name: predicted_rmse(diagrams, name) for name in REAL_RMSE}
-    assert rmse == pytest.approx(REAL_RMSE, rel=0.2)
-    assert row_of_page(root, "flown") == [*REAL_RMSE.values()]
+    """RMS errors in all winds agree to 20 % with the real flights, and with the page on real flights."""
+    rmse = {name: predicted_rmse(diagrams, name) for name in MEASURED_RMSE_CM}
+    assert rmse == pytest.approx(MEASURED_RMSE_CM, rel=0.2)
+    assert row_of_page(root, "flown") == [*MEASURED_RMSE_CM.values()]
     assert row_of_page(root, "as identified") == pytest.approx(list(rmse.values()), abs=0.051)
-    differences = [100.0 * (rmse[name] / real_rmse - 1.0) for name, real_rmse in REAL_RMSE.items()]
+    differences = [100.0 * (rmse[name] / real_rmse - 1.0) for name, real_rmse in MEASURED_RMSE_CM.items()]
     assert row_of_page(root, "difference from the flights") == pytest.approx(differences, abs=0.51)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "wind_4", "wind_8", "wind_12"])
-def test_with_isotropic_drag_and_the_nominal_thrust_curve_errors_are_too_small(diagrams, name):
+def test_isotropic_drag_and_the_nominal_thrust_curve_give_too_small_errors(diagrams, name):
     isotropic = [
         "vehicle.body_drag=null",
         "vehicle.rotor_aerodynamics=null",
@@ -54,18 +54,18 @@ def test_with_isotropic_drag_and_the_nominal_thrust_curve_errors_are_too_small(d
         "vehicle.quadratic_drag=0.0732",
         "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}",
     ]
-    assert predicted_rmse(diagrams, name, *isotropic) < 0.75 * REAL_RMSE[name]
+    assert predicted_rmse(diagrams, name, *isotropic) < 0.75 * MEASURED_RMSE_CM[name]
 
 
 @pytest.mark.slow
 def test_errors_with_noise_and_turbulence_agree_with_the_real_flights(diagrams, root):
     """Means are over 16 samples of the shipped scenarios. Their standard error is below 2 %."""
     rmse = {}
-    for name in REAL_RMSE:
+    for name in MEASURED_RMSE_CM:
         flights = simulate_samples(load_scenario(diagrams / f"neural_fly.yaml:{name}"), range(16), compiled=True)
         assert not any(flight.metrics.crashed for flight in flights)
         rmse[name] = np.mean([measured_rmse(flight) for flight in flights])
-    assert rmse == pytest.approx(REAL_RMSE, rel=0.2)
+    assert rmse == pytest.approx(MEASURED_RMSE_CM, rel=0.2)
     assert row_of_page(root, "with noise and turbulence, 16 flights") == pytest.approx(list(rmse.values()), abs=0.051)
 
 

@@ -52,7 +52,7 @@ def test_an_overloaded_vehicle_tips_over_if_thrust_has_priority():
 @pytest.mark.parametrize("layout", ["x", "rotors"])
 @pytest.mark.parametrize("priority", get_args(Priority))
 def test_saturation_is_the_same_in_compiled_fleets_and_single_flights(layout, priority):
-    """At some times, only some of the vehicles in a vector register saturate."""
+    """Only some of the vehicles in a vector register saturate at some times."""
     rotors = [
         {"position": [0.14, -0.11, 0.02], "turns": "clockwise"},
         {"position": [-0.09, -0.13, 0.01], "turns": "anticlockwise", "thrust_factor": 4.1e-5},

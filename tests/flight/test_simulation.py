@@ -59,7 +59,7 @@ def test_an_error_in_a_users_system_is_not_hidden(diagrams):
         simulate(load_scenario(diagrams / "hover.yaml", ["duration=0.1"]), wind=Failing())
 
 
-def test_distributions_need_a_sample(diagrams):
+def test_a_scenario_with_distributions_needs_a_sample(diagrams):
     with pytest.raises(InputError, match="is a distribution, but one flight needs a number; give"):
         simulate(load_scenario(diagrams / "robustness.yaml"))
 

@@ -41,7 +41,7 @@ def test_the_thrust_points_along_the_z_axis_of_the_body(acceleration, yaw, up):
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
-def test_at_zero_yaw_the_attitude_agrees_with_eq_7():
+def test_the_attitude_at_zero_yaw_agrees_with_eq_7():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
     tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))
@@ -52,7 +52,7 @@ def test_at_zero_yaw_the_attitude_agrees_with_eq_7():
 
 
 @given(vectors, vectors, vectors, angles, rates, rates)
-def test_rates_and_accelerations_are_derivatives_of_the_attitude(
+def test_body_rates_and_angular_accelerations_are_derivatives_of_the_attitude(
     acceleration, jerk, snap, yaw, yaw_rate, yaw_acceleration
 ):
     def motion(time):

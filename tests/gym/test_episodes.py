@@ -1,4 +1,4 @@
-"""Tests of the computation of initial values of episodes in advance."""
+"""Tests that initial values of episodes are computed in advance."""
 
 import math
 

@@ -5,7 +5,7 @@ import numpy as np
 from drake_quad.gym.saving import Layer, evaluate_layers
 
 
-def test_actions_are_the_outputs_of_the_layers_clipped_to_one():
+def test_actions_are_the_outputs_of_the_layers_clipped_to_plus_and_minus_one():
     layers = [Layer(np.array([[0.5, 0.0], [0.0, 0.25]]), np.array([0.0, 0.1]))]
     observations = np.array([[0.4, 0.8], [40.0, -40.0], [-40.0, 40.0]])
     np.testing.assert_allclose(evaluate_layers(layers, observations), [[0.2, 0.3], [1.0, -1.0], [-1.0, 1.0]])

@@ -23,7 +23,7 @@ def made(num_vehicles):
     return FunctionPolicy(task(), act, num_vehicles)
 
 
-def test_a_function_gives_the_same_flights_in_environments_and_studies():
+def test_a_function_policy_has_the_same_flights_in_environments_and_studies():
     scenario = task()
     envs = QuadrotorVectorEnv(scenario, num_envs=3)
     observations, _ = envs.reset(seed=0)
@@ -47,7 +47,7 @@ def test_a_function_gives_the_same_flights_in_environments_and_studies():
     ],
     ids=["rows", "flat", "a", "rows of nan", "complex", "text", "huge"],
 )
-def test_wrong_actions_are_refused(action):
+def test_actions_of_wrong_shape_or_type_are_refused(action):
     scenario = task()
     with pytest.raises(
         InputError,

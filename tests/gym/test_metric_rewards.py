@@ -1,4 +1,4 @@
-"""Metrics and requirements of a scenario as terms of the reward of an environment."""
+"""Tests of rewards that contain metrics and requirements of a scenario."""
 
 import copy
 
@@ -9,20 +9,27 @@ from gymnasium.vector import AutoresetMode
 from drake_quad import InputError, flight_metric, metric
 from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv, TrackingReward
 
-ADDITIONAL = {"largest_tilt": {"kind": "max", "of": "tilt"}, "time_in_tube": {"radius": 0.05}}
+ADDITIONAL_METRICS = {"largest_tilt": {"kind": "max", "of": "tilt"}, "time_in_tube": {"radius": 0.05}}
 REQUIREMENTS = {
     "near": {"always": {"signal": "position_error", "below": 0.1}, "after": 0.2},
     "tilts": {"eventually": {"signal": "tilt", "above": 0.1}},
 }
-WEIGHTS = {"largest_tilt": -2.0, "time_in_tube": 0.5, "near": 3.0, "tilts": 1.0, "rmse": -1.0, "own_height": 1.5}
+METRIC_WEIGHTS = {
+    "largest_tilt": -2.0,
+    "time_in_tube": 0.5,
+    "near": 3.0,
+    "tilts": 1.0,
+    "rmse": -1.0,
+    "mean_height": 1.5,
+}
 
 
 @pytest.fixture
-def own_metrics():
-    """Register metrics of a user."""
+def user_metrics():
+    """Register two user-defined metrics."""
 
     @metric("m", over_time="mean")
-    def own_height(state):
+    def mean_height(state):
         """Mean height."""
         return state.z
 
@@ -32,7 +39,7 @@ def own_metrics():
         return flight["state"][-1, 2]
 
 
-def task(additional=ADDITIONAL, **options):
+def task(additional=ADDITIONAL_METRICS, **options):
     """Return an environment of vehicles that crash or end after at most one second."""
     overrides = {
         "duration": 1.0,
@@ -43,17 +50,17 @@ def task(additional=ADDITIONAL, **options):
     return QuadrotorVectorEnv("robustness", overrides, num_envs=6, action="rates", **options)
 
 
-def nothing(step):
-    """Return no reward."""
+def zero_reward(step):
+    """Return a reward of zero for each vehicle."""
     return 0.0 * step.time
 
 
-@pytest.mark.usefixtures("own_metrics")
+@pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(mode):
-    """This holds for user's metrics and for requirements, and for later episodes of a vehicle, too."""
-    reward = TrackingReward(tracking=0.0, effort=0.0, variation=0.0, crash=0.0, metrics=WEIGHTS)
-    envs = task({**ADDITIONAL, "own_height": {}}, reward=reward, autoreset_mode=mode)
+    """This holds for user-defined metrics and for requirements, and also for later episodes of a vehicle."""
+    reward = TrackingReward(tracking=0.0, effort=0.0, variation=0.0, crash=0.0, metrics=METRIC_WEIGHTS)
+    envs = task({**ADDITIONAL_METRICS, "mean_height": {}}, reward=reward, autoreset_mode=mode)
     envs.reset(seed=3)
     actions, total, episodes, crashes = np.random.default_rng(0), np.zeros(6), 0, 0
     for _ in range(220):
@@ -61,8 +68,8 @@ def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(
         total += rewards
         over = terminations | truncations
         for i in np.flatnonzero(over).tolist():
-            metrics = {name: np.nan_to_num(infos["flight"][name][i]) for name in WEIGHTS}
-            assert total[i] == pytest.approx(sum(weight * metrics[name] for name, weight in WEIGHTS.items()))
+            metrics = {name: np.nan_to_num(infos["flight"][name][i]) for name in METRIC_WEIGHTS}
+            assert total[i] == pytest.approx(sum(weight * metrics[name] for name, weight in METRIC_WEIGHTS.items()))
             assert metrics["largest_tilt"] > 0.0
             episodes, crashes = episodes + 1, crashes + int(terminations[i])
         total[over] = 0.0
@@ -72,7 +79,7 @@ def test_the_rewards_of_an_episode_add_up_to_the_weighted_metrics_of_its_flight(
 
 def test_a_reward_function_reads_metrics_that_are_requested_by_name():
     transitions = []
-    envs = task(reward=lambda step: transitions.append(step) or nothing(step), metrics=["largest_tilt", "near"])
+    envs = task(reward=lambda step: transitions.append(step) or zero_reward(step), metrics=["largest_tilt", "near"])
     envs.reset(seed=1)
     kept = []
     for _ in range(15):
@@ -87,8 +94,8 @@ def test_a_reward_function_reads_metrics_that_are_requested_by_name():
         np.testing.assert_equal(transition.metrics, values)  # later steps do not change them
 
 
-@pytest.mark.usefixtures("own_metrics")
-def test_a_metric_of_a_recorded_flight_is_given_if_actions_are_recorded():
+@pytest.mark.usefixtures("user_metrics")
+def test_metrics_of_recorded_flights_are_computed_if_actions_are_recorded():
     env = QuadrotorEnv("hover", {"duration": 0.2, "metrics.additional.last_height": {}})
     env.reset(seed=0)
     over = False
@@ -98,7 +105,7 @@ def test_a_metric_of_a_recorded_flight_is_given_if_actions_are_recorded():
     assert info["flight"]["last_height"] == pytest.approx(env.flight().metrics.last_height, rel=1e-12)
 
 
-@pytest.mark.usefixtures("own_metrics")
+@pytest.mark.usefixtures("user_metrics")
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -109,12 +116,12 @@ def test_a_metric_of_a_recorded_flight_is_given_if_actions_are_recorded():
         ),
         (
             lambda: task({"last_height": {}}, record=True, metrics=["last_height"]),
-            "the metric last_height is computed from a recorded flight, so it is not known during the flight",
+            "the metric last_height is computed from a recorded flight, so it is not available during the flight",
         ),
         (lambda: task(metrics=["largest_tild"]), "there is no metric called 'largest_tild'; did you mean largest_tilt"),
         (
             lambda: task(reward=TrackingReward(metrics={"effort_x": -1.0})),
-            "the metric effort_x is not known in this environment, which has no acceleration_command",
+            "the metric effort_x is not available in this environment, which has no acceleration_command",
         ),
         (lambda: task(metrics="rmse"), "metrics is 'rmse', but must be a list of names"),
         (lambda: TrackingReward(metrics={"rmse": np.nan}), "metrics.rmse is nan, but must be a finite number"),
@@ -122,16 +129,16 @@ def test_a_metric_of_a_recorded_flight_is_given_if_actions_are_recorded():
         (lambda: TrackingReward(metrics=["rmse"]), r"metrics is \['rmse'\], but must be a mapping from names"),
     ],
 )
-def test_metrics_that_no_reward_can_contain_are_refused(make, words):
+def test_metrics_that_cannot_be_part_of_a_reward_are_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
 
 
-def test_an_infinite_metric_can_be_read_but_is_no_term_of_the_reward():
+def test_an_infinite_metric_can_be_read_but_cannot_be_part_of_the_reward():
     """A settling time is infinite until the vehicle has settled."""
     settling = {"settling_time": {"radius": 1e-9}}
     transitions = []
-    read = task(settling, reward=lambda step: transitions.append(step) or nothing(step), metrics=["settling_time"])
+    read = task(settling, reward=lambda step: transitions.append(step) or zero_reward(step), metrics=["settling_time"])
     rewarded = task(settling, reward=TrackingReward(metrics={"settling_time": -1.0}))
     for envs in (read, rewarded):
         envs.reset(seed=0)

@@ -32,5 +32,5 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
     assert has_crashed(step()).tolist() == [False]
 
 
-def test_a_length_below_a_metre_is_allowed():
+def test_a_reward_length_below_a_metre_is_allowed():
     assert TrackingReward(length=0.01)(step(error=0.01)) == pytest.approx(np.exp(-1.0))

@@ -73,7 +73,7 @@ def test_a_complete_episode_is_replayed_to_its_last_tick():
     np.testing.assert_allclose(env.flight()["action"][:10, 2], 0.05 * np.arange(10))
 
 
-def test_frames_show_the_vehicle_at_its_position():
+def test_rendered_frames_show_the_vehicle_at_its_position():
     overrides = {"space.obstacles.pillar": {"kind": "cylinder", "centre": [1.5, 0, 1], "radius": 0.2, "height": 2}}
     envs = QuadrotorVectorEnv("figure_eight", overrides, num_envs=2, render_mode="rgb_array")
     assert QuadrotorVectorEnv("hover").render() is None
@@ -86,7 +86,7 @@ def test_frames_show_the_vehicle_at_its_position():
     hanging, climbing = envs.render()
     changed = (hanging != climbing).any(axis=2)
     assert 50 < changed.sum() < 5000
-    # The climbing vehicle is drawn higher. At the position of its rotors, the other frame is grey or white.
+    # The climbing vehicle is drawn higher. The frame of the other vehicle is grey or white at these pixels.
     blue = [frame[..., 2].astype(int) - frame[..., 0] > 60 for frame in (hanging, climbing)]
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10
@@ -94,7 +94,7 @@ def test_frames_show_the_vehicle_at_its_position():
 
 
 @pytest.mark.parametrize("vehicle", ["racer", "crazyflie"])
-def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
+def test_the_front_rotor_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     scenario = load_scenario("figure_eight", layers=[f"vehicles/{vehicle}"])
     camera = Camera(scenario, plan_route(scenario))
     place, yaw = np.array([0.5, -0.3, 1.2]), 2.0
@@ -119,7 +119,7 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     assert np.ptp(across) > 20
 
 
-def test_a_scene_fills_its_frame():
+def test_a_rendered_scene_fills_its_frame():
     """The scene with its labels fills the frame, and is centred within a tenth of the size of the frame."""
     scenario = load_scenario("figure_eight")
     camera = Camera(scenario, plan_route(scenario))

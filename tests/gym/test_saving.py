@@ -47,7 +47,7 @@ def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
 
 
 def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
-    """The controller raptor_plus stops rotors, whereas a policy that was trained with idling rotors does not."""
+    """The controller raptor_plus can stop rotors. A policy that was trained with idling rotors cannot."""
     env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
     path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
     over = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus", path])
@@ -68,7 +68,7 @@ def test_a_saved_controller_is_named_after_its_file(tmp_path):
             save_policy(env, [layer], wrong)
 
 
-def test_errors_of_writing_are_reported(tmp_path, monkeypatch):
+def test_errors_while_writing_a_controller_are_reported(tmp_path, monkeypatch):
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
 
     def full(*_, **__):
@@ -84,7 +84,7 @@ def module(name, **attributes):
     return type(name, (), attributes)()
 
 
-def numbers(array):
+def fake_tensor(array):
     """Return a stand-in for a tensor of PyTorch."""
     return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
 
@@ -99,7 +99,7 @@ def numbers(array):
     ],
 )
 def test_parameters_of_activations_are_read_from_pytorch(given, activation, alpha):
-    linear = module("Linear", weight=numbers(np.eye(2)), bias=None)
+    linear = module("Linear", weight=fake_tensor(np.eye(2)), bias=None)
     (layer,) = torch_layers([linear, given])
     assert (layer.activation, layer.alpha) == (activation, alpha)
 
@@ -110,9 +110,9 @@ def test_layers_of_pytorch_are_read_by_their_names():
     w, b, v = rng.normal(size=(5, 4)), rng.normal(size=5), rng.normal(size=(2, 5))
     given = [
         module("Flatten"),
-        module("Linear", weight=numbers(w), bias=numbers(b)),
+        module("Linear", weight=fake_tensor(w), bias=fake_tensor(b)),
         module("ELU", alpha=1.0),
-        module("Linear", weight=numbers(v), bias=None),
+        module("Linear", weight=fake_tensor(v), bias=None),
         module("Tanh"),
     ]
     layers = torch_layers(given)

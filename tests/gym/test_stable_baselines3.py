@@ -93,7 +93,7 @@ def briefly_trained(envs, **options):
     return model.learn(2 * 16 * envs.num_envs)
 
 
-def test_transparent_wrappers_are_accepted(tmp_path):
+def test_supported_wrappers_of_environments_are_accepted(tmp_path):
     monitored = wrappers.VecMonitor(wrappers.VecNormalize(StableVectorEnv(envs_of(8))))
     unnormalised = wrappers.VecNormalize(StableVectorEnv(envs_of(8)), norm_obs=False)
     single_env = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
@@ -106,7 +106,7 @@ def test_transparent_wrappers_are_accepted(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SAC", "TD3", "DDPG"])
-def test_actors_of_other_algorithms_are_saved(name, tmp_path):
+def test_policies_of_other_algorithms_are_saved(name, tmp_path):
     kwargs = {"net_arch": [12], "activation_fn": pytest.importorskip("torch").nn.SiLU}
     envs = StableVectorEnv(envs_of(2))
     make = getattr(stable_baselines3, name)
@@ -120,7 +120,7 @@ def test_a_squashed_policy_is_saved_with_its_tanh(tmp_path):
     assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
 
 
-def test_policies_that_would_act_differently_are_refused(tmp_path):
+def test_policies_that_a_saved_controller_cannot_reproduce_are_refused(tmp_path):
     torch = pytest.importorskip("torch")
     extractors = pytest.importorskip("stable_baselines3.common.torch_layers")
 

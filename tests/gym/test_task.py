@@ -24,7 +24,7 @@ def test_a_missing_attitude_controller_is_designed_like_the_attitude_loop_of_a_c
         assert task_of(scenario, action=action).control.attitude is None
 
 
-def test_numbers_of_an_action_can_be_arrays_and_errors_are_reported():
+def test_action_fields_can_be_arrays_and_invalid_actions_are_reported():
     attitude = load_scenario("figure_eight").control.attitude
     actual = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
     assert (actual.action.max_rates, actual.attitude) == ((5.0, 4.0, 3.0), attitude)

@@ -10,11 +10,12 @@ from drake_quad.gym.rollout import action_source
 
 pytestmark = pytest.mark.slow
 
-# rad/s. The first vehicle flips in a plane. The others pass a pitch of 90° at increasing distances.
+# Yaw rates of the vehicles, rad/s. The first vehicle flips in a plane. The other vehicles pass a pitch of 90° at
+# increasing distances.
 YAW_RATES = np.array([0.0, 1e-9, 1e-3, 0.02, 0.05, 0.1, 0.3, 1.0])
 FLIP_RATE = 6.0  # rad/s
 NUM_TICKS = 40
-TASK = {
+TASK_OVERRIDES = {
     "crash": {"tilt": None, "position_error": 1000.0, "height": -1000.0},
     "laboratory.motion_capture.derivative_bandwidth": 400.0,
     "duration": 0.02 * NUM_TICKS,
@@ -33,7 +34,7 @@ def fly_flips(time_step):
     steps = []
     envs = QuadrotorVectorEnv(
         "figure_eight",
-        {**TASK, "vehicle.time_step": time_step},
+        {**TASK_OVERRIDES, "vehicle.time_step": time_step},
         num_envs=len(YAW_RATES),
         action={"kind": "rates", "max_rates": (10.0, 10.0, 10.0)},
         observation={"signals": ["rotation", "body_rates", "attitude"]},

@@ -21,7 +21,7 @@ TASK = {
     "scenario": "robustness",
     "overrides": {"duration": 1.5, "control": load_scenario("laboratory:low_wind").control},
 }
-ACTIONS = ("acceleration", "attitude", "rates", "rotor_speeds")
+ACTION_TYPES = ("acceleration", "attitude", "rates", "rotor_speeds")
 
 
 def envs_of(n, **options):
@@ -51,7 +51,7 @@ def columns(steps, place):
     return np.array([step[place] for step in steps])
 
 
-@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("action", ACTION_TYPES)
 def test_each_vehicle_flies_as_in_drakes_simulator(action):
     """State and reference agree within 1e-9 at every tick of every episode, and observations within 1e-6."""
     observation = {
@@ -141,7 +141,7 @@ def test_vehicles_can_have_individual_seeds_and_resets():
     assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
 
 
-def test_episodes_without_a_seed_get_a_random_one():
+def test_episodes_without_a_seed_get_a_random_seed():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
     first, second = (QuadrotorEnv("robustness") for _ in range(2))
@@ -167,7 +167,7 @@ def test_episodes_without_a_seed_get_a_random_one():
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_vehicles_are_reset_according_to_the_autoreset_mode(mode):
+def test_vehicles_reset_according_to_the_autoreset_mode(mode):
     """In both modes, episodes have the same first and last observations and the same rewards."""
     n = 3
     envs, single_envs = (
@@ -266,7 +266,7 @@ def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectorin
     assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
-def test_the_checks_of_gymnasium_pass():
+def test_environments_pass_the_checks_of_gymnasium():
     with pytest.warns(UserWarning, match="infinity|spec"):
         check_env(QuadrotorEnv("robustness", TASK["overrides"], action="rates", render_mode="rgb_array"))
     check_environments_match(*(QuadrotorEnv(action=action) for action in ("rates", "rates")), 40)
@@ -291,7 +291,7 @@ def test_environments_are_registered_and_wrapped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
-def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_heading(action):
+def test_the_task_does_not_depend_on_the_heading_if_observations_are_along_it(action):
     """Observations and rewards are the same for another heading."""
     observation = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
@@ -323,7 +323,7 @@ def test_the_observation_and_action_spaces_match_the_scenario():
     assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
 
 
-def test_reward_and_termination_can_be_functions():
+def test_reward_and_termination_can_be_user_defined_functions():
     def far(step):
         return step.position_error > 0.5
 
@@ -346,7 +346,7 @@ def test_reward_and_termination_can_be_functions():
 
 
 @pytest.mark.parametrize("name", ["wind", "rotor_speed", "measurement"])
-def test_each_environment_has_the_signals_that_it_requests(name):
+def test_transitions_contain_the_requested_signals(name):
     transitions = []
     envs = envs_of(2, signals=[name], reward=lambda step: transitions.append(step.signals) or np.zeros(2))
     envs.reset(seed=0)
@@ -377,7 +377,7 @@ def test_later_steps_do_not_change_a_transition(n, mode):
 
 
 @pytest.mark.parametrize("mask", [None, [False, True, True]])
-def test_a_reset_clears_the_ended_episodes(mask):
+def test_a_reset_clears_the_list_of_ended_episodes(mask):
     envs = envs_of(3, action="rotor_speeds")
     options = None if mask is None else {"reset_mask": np.array(mask)}
     envs.reset(seed=4)
@@ -495,7 +495,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: QuadrotorEnv("hover").step([0.0, 0.0, 1j]), "must be an array of real numbers"),
         (lambda: flown_with(reward=lambda step: 1j * step.time), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(terminates=lambda step: ["", "x"]), r"terminates must return 2 numbers, but returned \["),
-        (lambda: envs_of(2, action=5), "action is 5, but must be the name of a kind of action, or a mapping of fields"),
+        (lambda: envs_of(2, action=5), "action is 5, but must be the name of an action type, or a mapping of fields"),
         (lambda: envs_of(2, action=["rates"]), r"action is \['rates'\], but must be the name"),
         (lambda: envs_of(2, observation=5), "control.observation is 5, but must be a mapping"),
         (lambda: envs_of(2, signals="wind"), "signals is 'wind', but must be a list of names"),

@@ -26,12 +26,12 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 
 GRAVITY = 9.7  # m/s²
-# With equal moments of inertia and rotors without inertia, no gyroscopic torque turns the vehicle. Idle rotors do not
-# turn.
+# No gyroscopic torque turns this vehicle, since its moments of inertia are equal and its rotors have no inertia. Idle
+# rotors do not turn.
 SYMMETRIC_VEHICLE = QuadrotorParameters(
     inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0
 )
-SENSOR_POSITION = np.array([0.11, -0.07, 0.05])
+SENSOR_POSITION = np.array([0.11, -0.07, 0.05])  # m
 
 
 def readings(parameters, state, speeds, duration=0.2, position=(0.0, 0.0, 0.0)):
@@ -73,8 +73,8 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
     return np.sqrt(0.25 * thrust_per_weight * parameters.mass * parameters.gravity / rotor.thrust_factor)
 
 
-def test_at_rest_the_reading_is_g_upwards():
-    """In hover, the reading is g along z. At rest in any attitude, it is g Z expressed in B."""
+def test_the_reading_at_rest_is_g_upwards():
+    """The reading is g along z in hover. It is g Z expressed in B at rest in any attitude."""
     hover = np.zeros((12, 2))
     measurements, _ = readings(
         SYMMETRIC_VEHICLE, hover, np.full((4, 2), hovering_speed(SYMMETRIC_VEHICLE)), position=SENSOR_POSITION
@@ -87,7 +87,7 @@ def test_at_rest_the_reading_is_g_upwards():
         np.testing.assert_allclose(force, rotation.inv().apply([0.0, 0.0, GRAVITY]), atol=1e-12)
 
 
-def test_in_free_fall_the_reading_is_the_centripetal_acceleration():
+def test_the_reading_in_free_fall_is_the_centripetal_acceleration():
     """A body without thrust rotates. The reading is 0 at the centre of mass and ω × (ω × r) at the position r."""
     state = np.zeros((12, 2))
     state[3:6], state[6:9] = [[0.3], [-0.4], [1.0]], [[1.0], [2.0], [3.0]]
@@ -103,8 +103,8 @@ def test_in_free_fall_the_reading_is_the_centripetal_acceleration():
     )
 
 
-def test_in_a_coordinated_turn_the_reading_is_the_thrust():
-    """At the roll φ, the speed v and the yaw rate -g tan φ / v, the reading is g / cos φ along z at the centre of mass.
+def test_the_reading_in_a_coordinated_turn_is_the_thrust_divided_by_mass():
+    """The vehicle has the roll φ, the speed v and the yaw rate -g tan φ / v, so the reading is g / cos φ along z.
 
     No torque acts on the vehicle, so it flies an exact circle of the radius v² / (g tan φ).
     """
@@ -131,7 +131,7 @@ def test_in_a_coordinated_turn_the_reading_is_the_thrust():
 
 
 def test_the_reading_follows_the_motion_of_the_sensor():
-    """For motions p(t), R(t), the reading at r agrees with second differences of R' (d²/dt² (p + R r) + g Z)."""
+    """The reading at r agrees with second differences in R' (d²/dt² (p + R r) + g Z) for motions p(t), R(t)."""
     rng = np.random.default_rng(3)
     path, angle_path = rng.uniform(-1.0, 1.0, (2, 3, 4))
 
@@ -192,7 +192,7 @@ class Altitude(NamedTuple):
 
 
 class AltimeterParameters(NamedTuple):
-    """Numbers of an exact altimeter."""
+    """Parameters of an altimeter without errors."""
 
     latency_samples: Number = 0.0
 
@@ -202,7 +202,7 @@ ALTIMETER = SensorLaw(Altitude, lambda config, noise, state: Altitude(state.z), 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_a_reading_arrives_a_whole_number_of_periods_after_its_sample(latency):
-    """Before the first arrival, the output is the initial reading."""
+    """The output is the initial reading until the first reading arrives."""
     state = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(state))

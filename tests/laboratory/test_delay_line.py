@@ -32,7 +32,7 @@ def step_line(now, in_transit, delay):
 
 @fleet_system(float, AutoDiffXd)
 class DelaySystem(FleetSystem):
-    """System that delays its input by a number of ticks. Before that, its output is the initial input."""
+    """System that delays its input by a number of ticks. Until a sample arrives, it outputs the initial input."""
 
     def declare(self, *, longest=0, parameters=Delay()):
         now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
@@ -60,7 +60,7 @@ def outputs_of(system, inputs):
 
 
 @pytest.mark.parametrize(("delay", "longest"), [(0, 0), *((d, n) for d in range(4) for n in (3, 5))])
-def test_before_the_first_sample_arrives_the_output_is_the_initial_output(delay, longest):
+def test_the_output_is_the_first_input_until_a_delayed_sample_arrives(delay, longest):
     inputs = np.arange(1.0, 17.0).reshape(8, 2)
     outputs = outputs_of(DelaySystem(longest=longest, parameters=Delay(delay)), inputs)
     np.testing.assert_array_equal(outputs[:delay], -1.0)
@@ -78,7 +78,7 @@ def test_each_vehicle_of_a_fleet_has_its_own_delay():
 
 
 @pytest.mark.parametrize("delays", [2, np.array([2.0, 0.0, 4.0, 1.0])])
-def test_derivatives_are_delayed_like_their_values(delays):
+def test_derivatives_of_a_sample_are_delayed_with_its_value(delays):
     inputs = np.random.default_rng(1).normal(size=(9, 8))
     gradients = np.arange(72.0).reshape(72, 1)
     system = DelaySystem(num_vehicles=4, longest=4, parameters=Delay(delays))
@@ -89,7 +89,7 @@ def test_derivatives_are_delayed_like_their_values(delays):
     np.testing.assert_array_equal(ExtractGradient(outputs).reshape(9, 8), np.where(slopes == -1.0, 0.0, slopes))
 
 
-def test_a_line_without_samples_outputs_its_initial_rows():
+def test_all_states_of_a_delay_line_have_the_initial_value_in_a_default_context():
     system = DelaySystem(longest=2, parameters=Delay(2.0))
     context = system.CreateDefaultContext()
     assert system.get_state(context, "later") == Pair(7.0, 8.0)
@@ -97,6 +97,6 @@ def test_a_line_without_samples_outputs_its_initial_rows():
 
 
 def test_the_latest_sample_is_from_the_last_tick():
-    """Without delay, the latest sample is the output. Otherwise, it is the first of the delayed samples."""
+    """The latest sample is the output if there is no delay, and otherwise the first of the delayed samples."""
     assert latest_sample("output", ()) == "output"
     assert latest_sample("output", ("latest sample", "earlier sample")) == "latest sample"

@@ -30,18 +30,18 @@ def row(port, field):
     return SIGNALS[port]._fields.index(field)
 
 
-def metrics_of_tape(tape, num_vehicles=1, **options):
-    """Return the metrics and the output `crashed` for a tape, which has (ticks, size) inputs by port."""
-    monitor, context = monitor_of_tape(tape, num_vehicles, **options)
+def metrics_of_inputs(inputs, num_vehicles=1, **options):
+    """Return the metrics and the output `crashed` for inputs, which are (ticks, size) arrays by port."""
+    monitor, context = monitor_with_inputs(inputs, num_vehicles, **options)
     return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
 
 
-def monitor_of_tape(tape, num_vehicles=1, **options):
-    """Return a monitor with the inputs of a tape, and its context at the end."""
+def monitor_with_inputs(inputs, num_vehicles=1, **options):
+    """Return a monitor that has processed the inputs, and its final context."""
     builder = DiagramBuilder()
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
-    ticks = len(next(iter(tape.values())))
-    for name, values in tape.items():
+    ticks = len(next(iter(inputs.values())))
+    for name, values in inputs.items():
         # Each row applies from half a period before its tick.
         breaks = PERIOD * (np.arange(ticks + 1) - 0.5)
         rows = np.vstack([values, values[-1:]])
@@ -54,21 +54,23 @@ def monitor_of_tape(tape, num_vehicles=1, **options):
     return monitor, monitor.GetMyContextFromRoot(simulator.get_context())
 
 
-def random_tape(ticks=40, num_vehicles=1, seed=0):
+def random_inputs(ticks=40, num_vehicles=1, seed=0):
     rng = np.random.default_rng(seed)
     sizes = {"state": 12, "reference": 11, "acceleration_command": 3}
-    tape = {name: 0.3 * rng.normal(size=(ticks, size * num_vehicles)) for name, size in sizes.items()}
-    heights = tape["state"].reshape(ticks, 12, num_vehicles)[:, row("state", "z")]
+    inputs = {name: 0.3 * rng.normal(size=(ticks, size * num_vehicles)) for name, size in sizes.items()}
+    heights = inputs["state"].reshape(ticks, 12, num_vehicles)[:, row("state", "z")]
     heights[:] = np.abs(heights)
-    tape["shortfall"] = np.repeat(rng.integers(0, 2, (ticks, num_vehicles)), 4, axis=1).reshape(ticks, num_vehicles, 4)
-    tape["shortfall"] = tape["shortfall"].transpose(0, 2, 1).reshape(ticks, -1) * 1.0
-    return tape
+    inputs["shortfall"] = np.repeat(rng.integers(0, 2, (ticks, num_vehicles)), 4, axis=1).reshape(
+        ticks, num_vehicles, 4
+    )
+    inputs["shortfall"] = inputs["shortfall"].transpose(0, 2, 1).reshape(ticks, -1) * 1.0
+    return inputs
 
 
-def expected_metrics(tape, ticks):
+def expected_metrics(inputs, ticks):
     """Return the metrics by name, computed from their definitions."""
-    error = tape["reference"][ticks, :3] - tape["state"][ticks, :3]
-    command = tape["acceleration_command"][ticks]
+    error = inputs["reference"][ticks, :3] - inputs["state"][ticks, :3]
+    command = inputs["acceleration_command"][ticks]
     variation = np.abs(np.diff(command, axis=0)).sum(axis=0) / (PERIOD * (len(error) - 1))
     metrics_of_axes = {
         "rmse": np.sqrt(np.mean(error**2, axis=0)),
@@ -78,7 +80,7 @@ def expected_metrics(tape, ticks):
     return {
         "rmse": math.sqrt(np.mean(np.sum(error**2, axis=1))),
         "peak_error": np.linalg.norm(error, axis=1).max(),
-        "saturated_fraction": np.mean(np.any(tape["shortfall"][ticks] != 0.0, axis=1)),
+        "saturated_fraction": np.mean(np.any(inputs["shortfall"][ticks] != 0.0, axis=1)),
         **{
             f"{name}_{axis}": value
             for name, values in metrics_of_axes.items()
@@ -93,18 +95,18 @@ def check_metrics(metrics, expected_values, vehicle=0):
     assert actual == pytest.approx(expected_values, rel=1e-12)
 
 
-def test_metrics_follow_their_definitions():
-    tape = random_tape()
-    metrics, crashed = metrics_of_tape(tape)
-    check_metrics(metrics, expected_metrics(tape, slice(None)))
+def test_metrics_agree_with_their_definitions():
+    inputs = random_inputs()
+    metrics, crashed = metrics_of_inputs(inputs)
+    check_metrics(metrics, expected_metrics(inputs, slice(None)))
     assert crashed == 0.0
     assert not metrics.crashed[0]
 
 
-def test_metrics_use_only_the_ticks_in_their_window():
-    tape = random_tape()
-    metrics, _ = metrics_of_tape(tape, window=Window(0.2, 0.5))
-    check_metrics(metrics, expected_metrics(tape, slice(10, 26)))
+def test_metrics_use_only_the_ticks_in_the_metric_window():
+    inputs = random_inputs()
+    metrics, _ = metrics_of_inputs(inputs, window=Window(0.2, 0.5))
+    check_metrics(metrics, expected_metrics(inputs, slice(10, 26)))
 
 
 @pytest.mark.parametrize(
@@ -124,62 +126,62 @@ def test_metrics_use_only_the_ticks_in_their_window():
     ],
 )
 def test_a_crash_is_detected_and_ends_the_metrics(port, field, value):
-    tape = random_tape()
+    inputs = random_inputs()
     if port in ("wrench", "attitude_target"):
-        tape[port] = np.ones((len(tape["state"]), len(SIGNALS[port]._fields)))
-    tape[port][25:, row(port, field)] = value
-    metrics, crashed = metrics_of_tape(tape)
+        inputs[port] = np.ones((len(inputs["state"]), len(SIGNALS[port]._fields)))
+    inputs[port][25:, row(port, field)] = value
+    metrics, crashed = metrics_of_inputs(inputs)
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
-    check_metrics(metrics, expected_metrics(tape, slice(25)))
+    check_metrics(metrics, expected_metrics(inputs, slice(25)))
 
 
 def test_a_crash_is_permanent():
     """The vehicle remains crashed even if it is within all limits at the next tick."""
-    tape = random_tape()
-    tape["state"][25, row("state", "roll")] = 1.5
-    metrics, crashed = metrics_of_tape(tape)
+    inputs = random_inputs()
+    inputs["state"][25, row("state", "roll")] = 1.5
+    metrics, crashed = metrics_of_inputs(inputs)
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
-    check_metrics(metrics, expected_metrics(tape, slice(25)))
+    check_metrics(metrics, expected_metrics(inputs, slice(25)))
 
 
 def test_the_crash_limit_applies_to_the_euclidean_error():
     """An error of (3, 2.8, 2.8) m is within the limit of 5 m and (3, 2.9, 2.9) m is not, in any order of the axes."""
     for shift in range(3):
-        tape = random_tape()
-        tape["state"][:, 0:3] = 10.0
-        tape["reference"][:, 0:3] = 10.0 + np.roll([3.0, -2.8, 2.8], shift)
-        tape["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], shift)
-        metrics, _ = metrics_of_tape(tape)
+        inputs = random_inputs()
+        inputs["state"][:, 0:3] = 10.0
+        inputs["reference"][:, 0:3] = 10.0 + np.roll([3.0, -2.8, 2.8], shift)
+        inputs["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], shift)
+        metrics, _ = metrics_of_inputs(inputs)
         assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
 
 
 def test_a_vehicle_exactly_at_the_limits_has_not_crashed():
-    tape = {"state": np.zeros((5, 12)), "reference": np.zeros((5, 11))}
-    tape["state"][:] = State(*[0.0] * 12)._replace(z=-0.5, roll=1.2, pitch=-1.2)
-    tape["reference"][:, 0:3] = 3.0, -4.0, -0.5
-    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2))[1] == 0.0
-    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.1999))[1] == 1.0
-    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2, position_error=4.9999))[1] == 1.0
-    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2, height=-0.4999))[1] == 1.0
+    inputs = {"state": np.zeros((5, 12)), "reference": np.zeros((5, 11))}
+    inputs["state"][:] = State(*[0.0] * 12)._replace(z=-0.5, roll=1.2, pitch=-1.2)
+    inputs["reference"][:, 0:3] = 3.0, -4.0, -0.5
+    assert metrics_of_inputs(inputs, limits=CrashLimits(tilt=1.2))[1] == 0.0
+    assert metrics_of_inputs(inputs, limits=CrashLimits(tilt=1.1999))[1] == 1.0
+    assert metrics_of_inputs(inputs, limits=CrashLimits(tilt=1.2, position_error=4.9999))[1] == 1.0
+    assert metrics_of_inputs(inputs, limits=CrashLimits(tilt=1.2, height=-0.4999))[1] == 1.0
 
 
 @pytest.mark.parametrize("component", range(4))
 def test_any_shortfall_of_the_wrench_counts_as_saturation(component):
-    tape = random_tape()
-    tape["shortfall"][:] = 0.0
-    tape["shortfall"][[3, 7, 8], component] = 0.1, -0.2, 1e-9
-    assert metrics_of_tape(tape)[0].saturated_fraction[0] == pytest.approx(3.0 / 40.0)
+    inputs = random_inputs()
+    inputs["shortfall"][:] = 0.0
+    inputs["shortfall"][[3, 7, 8], component] = 0.1, -0.2, 1e-9
+    assert metrics_of_inputs(inputs)[0].saturated_fraction[0] == pytest.approx(3.0 / 40.0)
 
 
 def test_a_single_tick_has_an_error_but_no_variation():
-    tape = random_tape()
-    metrics, _ = metrics_of_tape(tape, window=Window(0.2, 0.21))
-    error = tape["reference"][10, :3] - tape["state"][10, :3]
+    inputs = random_inputs()
+    metrics, _ = metrics_of_inputs(inputs, window=Window(0.2, 0.21))
+    error = inputs["reference"][10, :3] - inputs["state"][10, :3]
     assert metrics.rmse[0] == metrics.peak_error[0] == pytest.approx(np.linalg.norm(error))
     assert np.isnan([metrics.variation_x[0], metrics.variation_y[0], metrics.variation_z[0]]).all()
-    metrics_without_ticks, _ = metrics_of_tape(tape, window=Window(0.201, 0.219))
+    metrics_without_ticks, _ = metrics_of_inputs(inputs, window=Window(0.201, 0.219))
     assert np.isnan(
         [
             metrics_without_ticks.rmse[0],
@@ -191,18 +193,18 @@ def test_a_single_tick_has_an_error_but_no_variation():
 
 
 def test_a_crash_does_not_affect_other_vehicles():
-    tape = random_tape(num_vehicles=3)
-    tape["state"].reshape(-1, 12, 3)[15:, 0, 1] = math.nan
-    metrics, crashed = metrics_of_tape(tape, num_vehicles=3)
+    inputs = random_inputs(num_vehicles=3)
+    inputs["state"].reshape(-1, 12, 3)[15:, 0, 1] = math.nan
+    metrics, crashed = metrics_of_inputs(inputs, num_vehicles=3)
     np.testing.assert_array_equal(crashed, [0.0, 1.0, 0.0])
     for i, ticks in enumerate((slice(None), slice(15), slice(None))):
-        tape_of_vehicle = {name: values.reshape(len(values), -1, 3)[:, :, i] for name, values in tape.items()}
-        check_metrics(metrics, expected_metrics(tape_of_vehicle, ticks), i)
+        inputs_of_vehicle = {name: values.reshape(len(values), -1, 3)[:, :, i] for name, values in inputs.items()}
+        check_metrics(metrics, expected_metrics(inputs_of_vehicle, ticks), i)
 
 
-def test_metrics_of_ports_that_are_not_connected_are_nan():
-    tape = random_tape()
-    metrics, _ = metrics_of_tape({name: tape[name] for name in ("state", "reference")})
+def test_metrics_of_unconnected_ports_are_nan():
+    inputs = random_inputs()
+    metrics, _ = metrics_of_inputs({name: inputs[name] for name in ("state", "reference")})
     assert math.isfinite(metrics.rmse[0])
     assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturated_fraction[0]]).all()
 
@@ -210,61 +212,61 @@ def test_metrics_of_ports_that_are_not_connected_are_nan():
 SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1.0, 1.0))
 
 
-def tape_at_rest(num_vehicles=1, **rows):
-    """Return a tape of five ticks in which vehicles are at rest at their reference, at a height of 1 m."""
-    tape = {"state": np.zeros((5, 12, num_vehicles)), "reference": np.zeros((5, 11, num_vehicles))}
-    for port in tape:
-        tape[port][:, row(port, "z")] = 1.0
+def inputs_at_rest(num_vehicles=1, **rows):
+    """Return inputs for five ticks with vehicles at rest at their reference, at a height of 1 m."""
+    inputs = {"state": np.zeros((5, 12, num_vehicles)), "reference": np.zeros((5, 11, num_vehicles))}
+    for port in inputs:
+        inputs[port][:, row(port, "z")] = 1.0
     for name, values in rows.items():
-        tape["state"][:, row("state", name)] = values
-        tape["reference"][:, row("reference", name)] = values
-    return {port: values.reshape(5, -1) for port, values in tape.items()}
+        inputs["state"][:, row("state", name)] = values
+        inputs["reference"][:, row("reference", name)] = values
+    return {port: values.reshape(5, -1) for port, values in inputs.items()}
 
 
 def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
     """The distances to each solid are just below and just above the radius. The last vehicle is inside of a solid."""
     x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
     y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
-    monitor, context = monitor_of_tape(tape_at_rest(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
+    monitor, context = monitor_with_inputs(inputs_at_rest(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
     np.testing.assert_array_equal(monitor.obstacle_hit(context), [0, 1, 0, 2, 2])
     np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """At the beginning, no ball around the vehicle is known to be free of solids."""
+    """No ball around the vehicle is known to be free of solids at the beginning."""
     for start in ((0.4, 0.0), (0.0, 0.9)):
-        tape = tape_at_rest(x=start[0], y=start[1])
+        inputs = inputs_at_rest(x=start[0], y=start[1])
         solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
-        monitor, context = monitor_of_tape(tape, surroundings=Surroundings((solid,), 0.2))
+        monitor, context = monitor_with_inputs(inputs, surroundings=Surroundings((solid,), 0.2))
         assert monitor.obstacle_hit(context) == [1]
         assert monitor.metrics(context).crash_time == [0.0]
 
 
-def test_without_solids_the_nearest_distance_is_infinite():
+def test_the_nearest_distance_is_infinite_without_solids():
     assert nearest_solid(1.0, 2.0, 3.0, ()) == (math.inf, 0.0)
 
 
 def test_the_first_collision_is_recorded_permanently():
-    tape = tape_at_rest()
-    tape["state"][2:, row("state", "x")] = tape["reference"][2:, row("reference", "x")] = 1.4
-    tape["state"][3:, 0:2] = tape["reference"][3:, 0:2] = 0.0, 3.0
-    monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    inputs = inputs_at_rest()
+    inputs["state"][2:, row("state", "x")] = inputs["reference"][2:, row("reference", "x")] = 1.4
+    inputs["state"][3:, 0:2] = inputs["reference"][3:, 0:2] = 0.0, 3.0
+    monitor, context = monitor_with_inputs(inputs, surroundings=Surroundings(SOLIDS, 0.2))
     assert monitor.obstacle_hit(context) == [1]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
 def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
-    tape = tape_at_rest()
-    tape["state"][2, row("state", "roll")] = 1.5
-    tape["state"][3:, row("state", "x")] = tape["reference"][3:, row("reference", "x")] = 1.4
-    monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    inputs = inputs_at_rest()
+    inputs["state"][2, row("state", "roll")] = 1.5
+    inputs["state"][3:, row("state", "x")] = inputs["reference"][3:, row("reference", "x")] = 1.4
+    monitor, context = monitor_with_inputs(inputs, surroundings=Surroundings(SOLIDS, 0.2))
     assert monitor.obstacle_hit(context) == [0]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
-def test_no_collision_is_missed_if_distances_are_skipped(num_vehicles):
-    """Vehicles are slow, fast or jumping. For comparison, all distances are computed at every tick."""
+def test_skipping_distance_computations_misses_no_collision(num_vehicles):
+    """Vehicles are slow, fast or jumping. The reference solution computes all distances at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = convex_hull(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
@@ -273,12 +275,14 @@ def test_no_collision_is_missed_if_distances_are_skipped(num_vehicles):
     positions = np.cumsum(steps, axis=0) + np.array([0.0, 0.0, 1.5])[:, None]
     if num_vehicles > 1:
         positions[20:, :, 0] = np.nan
-    tape = {name: np.zeros((ticks, size, num_vehicles)) for name, size in (("state", 12), ("reference", 11))}
-    for values in tape.values():
+    inputs = {name: np.zeros((ticks, size, num_vehicles)) for name, size in (("state", 12), ("reference", 11))}
+    for values in inputs.values():
         values[:, :3] = positions
-    tape = {name: values.reshape(ticks, -1) for name, values in tape.items()}
+    inputs = {name: values.reshape(ticks, -1) for name, values in inputs.items()}
     limits = CrashLimits(height=-math.inf)
-    monitor, context = monitor_of_tape(tape, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits)
+    monitor, context = monitor_with_inputs(
+        inputs, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits
+    )
     obstacle_hit, crash_time = monitor.obstacle_hit(context), monitor.metrics(context).crash_time
     num_collisions = 0
     for i in range(num_vehicles):
@@ -325,7 +329,7 @@ def test_distances_are_computed_only_after_a_vehicle_has_left_its_free_ball():
     assert (touch, ball_after_crash, solid.count) == (CollidedSolid(), free, 3)
 
 
-def test_the_distance_of_a_hull_is_computed_only_if_it_can_be_the_nearest():
+def test_the_distance_of_a_hull_is_computed_only_if_it_can_be_the_nearest_solid():
     near, far = (
         CountingSolid(Ball((1.0, 0.0, 1.0), radius=0.5)),
         CountingSolid(convex_hull(np.add(np.eye(4, 3), [5.0, 0.0, 0.0]))),

@@ -49,7 +49,7 @@ def recorded_output(system, output, size, duration, period=0.005, column=0):
 
 
 def latest_sample_time(times, period):
-    """Return the latest multiple of the period before each time, of which a discrete update reads the sample."""
+    """Return the latest multiple of the period before each time, when the sample was taken that an update reads."""
     ticks = np.round(times / period, 6)
     return np.maximum(np.ceil(ticks) - 1, 0) * period
 
@@ -63,7 +63,7 @@ def test_motion_capture_holds_each_frame_for_a_period():
 def test_the_command_link_delays_by_whole_ticks(delay):
     link = CommandLink(period=0.02, longest_delay=delay, parameters=LinkParameters(delay, initial=INITIAL_WRENCH))
     time, value = recorded_output(link, "wrench", 4, 0.3)
-    # At a tick, the recorder reads the output before the link receives the command of that tick.
+    # The recorder reads the output at a tick before the link receives the command of this tick.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)
@@ -128,7 +128,7 @@ JET = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
 TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
 
-def test_by_default_the_laboratory_is_ideal():
+def test_the_laboratory_is_ideal_by_default():
     assert LinkParameters() == (0.0, 0.0, Wrench(0.0, 0.0, 0.0, 0.0))
     assert CameraParameters() == record_like(CameraParameters, models.Laboratory().motion_capture)
     assert Surroundings() == ((), 0.0)
@@ -140,13 +140,13 @@ def test_by_default_the_laboratory_is_ideal():
     assert TurbulenceParameters(TURBULENCE).heading == 0.0
 
 
-def test_default_crash_limits_agree_with_a_scenario():
+def test_default_crash_limits_agree_with_the_defaults_of_a_scenario():
     crash = {name: models.Crash.model_fields[name].default for name in CrashLimits._fields}
     assert CrashLimits()._asdict() == pytest.approx(crash)
 
 
 @pytest.mark.slow
-def test_before_a_simulation_begins_measurements_and_wind_are_zero():
+def test_measurements_and_wind_are_zero_before_a_simulation_begins():
     """Only the initialization events take the first samples."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (

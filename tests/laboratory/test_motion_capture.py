@@ -62,7 +62,7 @@ def state_ramp(rates):
     return PiecewisePolynomial.FirstOrderHold([0.0, 100.0], rows)
 
 
-def test_noise_has_the_given_deviation_and_no_mean():
+def test_pose_noise_has_the_given_deviation_and_zero_mean():
     n = 40
     parameters = CameraParameters(position_noise=1e-3, attitude_noise=4e-3)
     _, frames = measurements_of(
@@ -107,7 +107,7 @@ def test_the_velocity_noise_of_every_second_frame_averages_out():
     assert mean.std() < 0.1 * frames[6, :, 100:].std() / math.sqrt(200)
 
 
-def test_the_filter_is_a_first_order_lag():
+def test_the_velocity_filter_is_a_first_order_lag():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
     time, frames = measurements_of(state_ramp(rates), camera_with_filter(25.0), duration=1.0)
     # The value logged at a tick is from the previous frame. The filter takes differences over two frames, so its
@@ -148,7 +148,7 @@ def test_angle_differences_are_converted_at_the_middle_frame():
     "body_rates", [(0.0, 6.0, 0.0), (0.0, 6.0, 0.05), (1.0, -5.0, 0.4), (8.0, 0.0, 0.0), (3.0, 4.0, 7.0)]
 )
 def test_body_rates_are_correct_for_a_body_that_turns_over(body_rates, misaligned):
-    """At constant rates, the body passes pitches of ±90° and rolls of ±180°, where angles jump."""
+    """The body turns at constant rates and passes pitches of ±90° and rolls of ±180°, where angles jump."""
     times = H * np.arange(210)
     initial_rotation = Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
     rotations = initial_rotation * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, body_rates))
@@ -197,7 +197,7 @@ def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
         np.testing.assert_allclose(matrix, vertical.as_matrix(), atol=1e-7)
 
 
-def test_a_frame_without_errors_is_the_state():
+def test_a_frame_without_errors_equals_the_state():
     """This is exact even if the cameras have ports for noise and dropouts, and memory for delayed frames."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
@@ -211,7 +211,7 @@ def test_a_frame_without_errors_is_the_state():
     np.testing.assert_allclose(misaligned, ideal, atol=1e-14)
 
 
-def test_latency_is_a_whole_number_of_frames():
+def test_measurements_are_delayed_by_a_whole_number_of_frames():
     rates = [1.0] * 6
     latency = np.array([0, 3, 1])
     rows = state_ramp(rates).vector_values([0.0, 100.0])
@@ -223,8 +223,8 @@ def test_latency_is_a_whole_number_of_frames():
 
 
 @pytest.mark.parametrize("bandwidth", [None, 50.0])
-def test_before_the_first_frame_arrives_the_output_is_the_initial_frame(bandwidth):
-    """Without a filter, the initial frame contains velocity and body rates. With a filter, these are zero."""
+def test_the_output_is_the_initial_frame_until_the_first_frame_arrives(bandwidth):
+    """The initial frame contains velocity and body rates if there is no filter. Both are zero if there is a filter."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
     parameters = CameraParameters(derivative_bandwidth=bandwidth or 0.0, latency_frames=4)
     camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, parameters=parameters)

@@ -12,8 +12,8 @@ from drake_quad.laboratory.derived_signals import RowOf
 from drake_quad.laboratory.requirements import Bound, Combination, always, eventually, holds_until, robustness
 from drake_quad.signals import Wind
 
-PERIOD = 0.25
-TIME = PERIOD * np.arange(40)
+PERIOD = 0.25  # s
+TIME = PERIOD * np.arange(40)  # s
 WINDOW = (TIME >= 2.0) & (TIME <= 6.0)
 
 
@@ -66,7 +66,7 @@ def rtamt(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_robustness_equals_that_of_rtamt(seed, rtamt):
+def test_robustness_agrees_with_the_library_rtamt(seed, rtamt):
     wind = walks(seed)
     x = below("x", 1.0)
     cases = {

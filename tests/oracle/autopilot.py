@@ -29,23 +29,23 @@ class AttitudeAutopilot:
     Args:
         scenario: scenario without distributions, with an autopilot of kind attitude.
         seed: seed of the study.
-        sample: number of the sample in the study.
+        sample: index of the sample in the study.
     """
 
     def __init__(self, scenario, seed, sample):
-        self.numbers, self.inertia = scenario.laboratory.autopilot, np.diag(scenario.nominal.inertia)
-        self.steps = round(self.numbers.period / scenario.vehicle.time_step)
+        self.parameters, self.inertia = scenario.laboratory.autopilot, np.diag(scenario.nominal.inertia)
+        self.steps = round(self.parameters.period / scenario.vehicle.time_step)
         self.noise = Stream(seed, sample, NOISE, "autopilot.sensor_noise", 6)
         self.held_wrench = np.array([scenario.nominal.mass * scenario.nominal.gravity, 0.0, 0.0, 0.0])
 
     def act(self, k, state, target):
-        """Do update k for the state of the vehicle and the target that the link then gives."""
-        numbers, noise = self.numbers, self.noise.normal(k)
-        rates = state[9:12] + np.array(numbers.gyroscope_bias) + numbers.gyroscope_noise * noise[0:3]
-        error = target[1:4] - (state[3:6] + numbers.attitude_noise * noise[3:6])
+        """Perform update k, given the state of the vehicle and the link's output at this time."""
+        parameters, noise = self.parameters, self.noise.normal(k)
+        rates = state[9:12] + np.array(parameters.gyroscope_bias) + parameters.gyroscope_noise * noise[0:3]
+        error = target[1:4] - (state[3:6] + parameters.attitude_noise * noise[3:6])
         error[2] = math.remainder(error[2], math.tau)
-        wanted = target[4:7] + np.array(numbers.k_attitude) * error
-        acceleration = np.array(numbers.k_rate) * (wanted - rates)
+        wanted = target[4:7] + np.array(parameters.k_attitude) * error
+        acceleration = np.array(parameters.k_rate) * (wanted - rates)
         self.held_wrench = np.concatenate(
             [target[0:1], self.inertia @ acceleration + cross(rates, self.inertia @ rates)]
         )
@@ -65,7 +65,7 @@ AUTOPILOTS = {"none": NoAutopilot, "attitude": AttitudeAutopilot, "response": Th
 
 
 class RespondingVehicle(SmallAngleVehicle):
-    """Vehicle whose attitude follows the target independently of the torques. Its state has rates of the angles.
+    """Vehicle whose attitude follows the target independently of the torques. Its state contains angle rates.
 
     Args:
         scenario: scenario without distributions, with an autopilot of kind response.
@@ -77,7 +77,7 @@ class RespondingVehicle(SmallAngleVehicle):
         self.response = scenario.laboratory.autopilot
 
     def slope(self, attitude, velocity, rates, speeds, wind):
-        """Return the time derivatives of attitude, velocity and rates of the angles."""
+        """Return the time derivatives of attitude, velocity and angle rates."""
         acceleration = self.accelerations(rotation(*attitude), velocity, np.zeros(3), speeds, wind)[0:3]
         omega, zeta = np.array(self.response.natural_frequency), np.array(self.response.damping)
         error = self.target[1:4] - attitude
@@ -86,7 +86,7 @@ class RespondingVehicle(SmallAngleVehicle):
 
     def output_state(self, state):
         """Return the state with body rates, eq (2)."""
-        if self.numbers.attitude_kinematics == "small_angle":
+        if self.parameters.attitude_kinematics == "small_angle":
             return state
         return np.concatenate([state[0:9], euler_to_body(state[3], state[4]) @ state[9:12]])
 

@@ -9,12 +9,12 @@ from oracle.vehicle import cross, euler_to_body, rotation
 
 
 class LaggedResponse:
-    """Delayed response of the acceleration to the two summands of a command, each of which has its own lag.
+    """Delayed response of the acceleration to the two summands of a command. Each summand has its own lag.
 
     Args:
-        ticks: number of ticks of delay.
+        ticks: delay in ticks.
         lags: time constants (summands, axes), s.
-        h: tick, s.
+        h: tick period, s.
     """
 
     def __init__(self, ticks, lags, h):
@@ -43,9 +43,9 @@ class KalmanFilter:
     The gain is the limit of an iteration of the Riccati equation.
     """
 
-    def __init__(self, numbers, h, start):
+    def __init__(self, parameters, h, start):
         self.h, self.models = h, []
-        for sigma, T in zip(numbers.deviation, numbers.time_constant, strict=True):
+        for sigma, T in zip(parameters.deviation, parameters.time_constant, strict=True):
             slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / T]])
 
             def noise_rate(s, slope=slope, intensity=2.0 * sigma**2 / T):
@@ -59,7 +59,7 @@ class KalmanFilter:
             )
             P = np.eye(3)
             for _ in range(3000):
-                L = P @ C / (C @ P @ C + numbers.position_noise**2)
+                L = P @ C / (C @ P @ C + parameters.position_noise**2)
                 P = A @ (P - np.outer(L, C @ P)) @ A.T + Q
             self.models.append((A, L))
         self.x = np.array([[p, 0.0, 0.0] for p in start])
@@ -75,11 +75,11 @@ class KalmanFilter:
 
 
 class DifferenceEstimator:
-    """Filtered difference of the measured and the predicted change of velocity over a tick, divided by the tick.
+    """Filtered difference between measured and predicted velocity change over a tick, divided by the tick period.
 
     Args:
         filters: matrices (A, B, c) of each axis: x' = A x + B r, d = c x.
-        h: tick, s.
+        h: tick period, s.
         rows: rows of the measurement that are differentiated.
     """
 
@@ -93,10 +93,10 @@ class DifferenceEstimator:
         self.x = [np.zeros(len(c)) for _, c in self.filters]
 
     @classmethod
-    def adaptive(cls, numbers, h):
+    def adaptive(cls, parameters, h):
         """Return an L1 estimator: r decays with the prediction error for a tick, then passes ω / (s + ω)."""
-        decay = math.exp(-numbers.adaptation * h)
-        return cls([([[-w]], [[w]], [decay]) for w in numbers.bandwidth], h, slice(6, 9))
+        decay = math.exp(-parameters.adaptation * h)
+        return cls([([[-w]], [[w]], [decay]) for w in parameters.bandwidth], h, slice(6, 9))
 
     @classmethod
     def incremental(cls, bandwidths, h, rows):
@@ -118,10 +118,10 @@ class DifferenceEstimator:
 class CommandEstimator:
     """Disturbance estimate from a nominal model of the response to commands."""
 
-    def __init__(self, numbers, h, start):
-        response, self.limit = numbers.response, numbers.disturbance_limit
+    def __init__(self, parameters, h, start):
+        response, self.limit = parameters.response, parameters.disturbance_limit
         self.model = LaggedResponse(response.delay_ticks, [response.lag, response.feed_forward_lag or response.lag], h)
-        self.law = law_of(numbers, h, start)
+        self.law = law_of(parameters, h, start)
 
     def estimate(self, measured):
         return np.clip(self.law.estimate(measured), -self.limit, self.limit)
@@ -133,11 +133,11 @@ class CommandEstimator:
 class TiltEstimator:
     """Disturbance estimate from the measured direction of the thrust. The acceleration is linear between ticks."""
 
-    def __init__(self, numbers, h, start, gravity):
-        self.h, self.limit, self.g = h, numbers.disturbance_limit, gravity
-        self.line, self.lag = [gravity] * numbers.response.delay_ticks, numbers.response.lag
+    def __init__(self, parameters, h, start, gravity):
+        self.h, self.limit, self.g = h, parameters.disturbance_limit, gravity
+        self.line, self.lag = [gravity] * parameters.response.delay_ticks, parameters.response.lag
         self.thrust, self.before, self.pushed = gravity, np.zeros(3), np.zeros(3)
-        self.law = law_of(numbers, h, start)
+        self.law = law_of(parameters, h, start)
 
     def estimate(self, measured):
         now = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
@@ -155,20 +155,23 @@ class TiltEstimator:
         self.thrust += (1.0 - math.exp(-self.h / self.lag)) * (self.line.pop(0) - self.thrust)
 
 
-def law_of(numbers, h, start):
+def law_of(parameters, h, start):
     return {
-        "disturbance_observer": lambda: KalmanFilter(numbers, h, start),
-        "l1": lambda: DifferenceEstimator.adaptive(numbers, h),
-        "indi": lambda: DifferenceEstimator.incremental(numbers.bandwidth, h, slice(6, 9)),
-    }[numbers.kind]()
+        "disturbance_observer": lambda: KalmanFilter(parameters, h, start),
+        "l1": lambda: DifferenceEstimator.adaptive(parameters, h),
+        "indi": lambda: DifferenceEstimator.incremental(parameters.bandwidth, h, slice(6, 9)),
+    }[parameters.kind]()
 
 
 class IncrementalAttitude:
     """Incremental correction of the angular acceleration that an attitude controller commands."""
 
-    def __init__(self, numbers, h):
-        self.model, self.limit = LaggedResponse(numbers.delay_ticks, [[numbers.lag] * 3], h), numbers.disturbance_limit
-        self.law = DifferenceEstimator.incremental([numbers.bandwidth] * 3, h, slice(9, 12))
+    def __init__(self, parameters, h):
+        self.model, self.limit = (
+            LaggedResponse(parameters.delay_ticks, [[parameters.lag] * 3], h),
+            parameters.disturbance_limit,
+        )
+        self.law = DifferenceEstimator.incremental([parameters.bandwidth] * 3, h, slice(9, 12))
 
     def act(self, wanted, measured):
         corrected = wanted - np.clip(self.law.estimate(measured), -self.limit, self.limit)
@@ -179,19 +182,19 @@ class IncrementalAttitude:
 class Integral:
     """Integral i⁺ = i + h k_I e within a limit. The correction is -i, or -i⁺ with backward Euler."""
 
-    def __init__(self, numbers, h):
-        self.numbers, self.h, self.i = numbers, h, np.zeros(3)
+    def __init__(self, parameters, h):
+        self.parameters, self.h, self.i = parameters, h, np.zeros(3)
 
     def output(self, inputs):
-        return -self.i if self.numbers.integration == "forward_euler" else -self.after(inputs)
+        return -self.i if self.parameters.integration == "forward_euler" else -self.after(inputs)
 
     def signals(self):
         """Return the output signals by name."""
         return {}
 
     def after(self, inputs):
-        limit = self.numbers.integral_limit
-        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * inputs["error"], -limit, limit)
+        limit = self.parameters.integral_limit
+        return np.clip(self.i + self.h * np.array(self.parameters.k_i) * inputs["error"], -limit, limit)
 
     def learn(self, tick, inputs):
         self.i = self.after(inputs)
@@ -201,16 +204,16 @@ class Network:
     """Fuzzy network with learning consequents on some axes.
 
     Args:
-        numbers: network of the scenario.
-        h: tick, s.
+        parameters: network of the scenario.
+        h: tick period, s.
         leg_times: times at which the legs of the route begin, s.
     """
 
-    def __init__(self, numbers, h, leg_times):
-        self.numbers, self.h = numbers, h
-        learning = numbers.learning
-        self.axes = ["xyz".index(axis) for axis in numbers.axes]
-        self.R = math.prod(len(sets.centres) for _, sets in numbers.inputs if sets is not None)
+    def __init__(self, parameters, h, leg_times):
+        self.parameters, self.h = parameters, h
+        learning = parameters.learning
+        self.axes = ["xyz".index(axis) for axis in parameters.axes]
+        self.R = math.prod(len(sets.centres) for _, sets in parameters.inputs if sets is not None)
         self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
         self.memory = {axis: self._fresh() for axis in self.axes}
         self.resets = set()
@@ -219,14 +222,14 @@ class Network:
 
     def _fresh(self):
         """Return the initial covariance P₀ or the initial slope α₀."""
-        learning = self.numbers.learning
+        learning = self.parameters.learning
         if learning.kind == "covariance":
             return learning.initial_covariance * np.eye(self.R)
         return learning.initial_slope if learning.kind == "sign" else None
 
     def firing(self, axis, inputs):
         """Return the normalised firing strengths W, eq (10)."""
-        network = self.numbers
+        network = self.parameters
         given = [(name, sets) for name, sets in network.inputs if sets is not None]
 
         def strengths(exponent):
@@ -263,12 +266,12 @@ class Network:
     def signals(self):
         """Return the output signals by name."""
         weights = {"weights": np.concatenate([self.F[axis] for axis in self.axes])}
-        if self.numbers.learning.kind != "covariance":
+        if self.parameters.learning.kind != "covariance":
             return weights
         return weights | {"covariance_trace": np.array([np.trace(self.memory[axis]) for axis in self.axes])}
 
     def learn(self, tick, inputs):
-        learning, h = self.numbers.learning, self.h
+        learning, h = self.parameters.learning, self.h
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
@@ -296,7 +299,7 @@ class Network:
         The update is the exact solution of eqs (16) and (17) for constant inputs over a tick, followed by bounded-gain
         forgetting.
         """
-        learning, h, P = self.numbers.learning, self.h, self.memory[axis]
+        learning, h, P = self.parameters.learning, self.h, self.memory[axis]
         g = P @ W
         c = W @ g
         change = -learning.gain * signal * g * math.log1p(h * c) / c
@@ -318,7 +321,7 @@ class Controller:
     """
 
     def __init__(self, scenario, leg_times, duration, start):
-        self.numbers, self.nominal = scenario.control, scenario.nominal
+        self.parameters, self.nominal = scenario.control, scenario.nominal
         position, h = scenario.control.position, scenario.laboratory.command_link.period
         self.law = self.estimator = self.incremental_attitude = None
         self.duration, self.h = duration, h
@@ -331,8 +334,8 @@ class Controller:
                 self.estimator = TiltEstimator(position, h, start, scenario.nominal.gravity)
             else:
                 self.estimator = CommandEstimator(position, h, start)
-        if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
-            self.incremental_attitude = IncrementalAttitude(self.numbers.attitude, h)
+        if self.parameters.attitude is not None and self.parameters.attitude.kind == "indi":
+            self.incremental_attitude = IncrementalAttitude(self.parameters.attitude, h)
         self.attitude_integral = np.zeros(3)  # rad/s², integral term as an angular acceleration
 
     def phase(self, time):
@@ -340,8 +343,8 @@ class Controller:
         return min(time / self.duration, 1.0)
 
     def act(self, tick, measured, reference):
-        """Return the signals of a tick by name, and do the learning step."""
-        position = self.numbers.position
+        """Return the signals of a tick by name, and update the learned parameters."""
+        position = self.parameters.position
         error = reference["position"] - measured[0:3]
         on_error = position.derivative == "tracking_error"
         rate = on_error * reference["velocity"] - measured[6:9]
@@ -350,7 +353,7 @@ class Controller:
         if self.estimator is not None:
             disturbance = self.estimator.estimate(measured)
         if self.law is not None:
-            lead = 0.0 if self.numbers.network is None else self.numbers.network.lead
+            lead = 0.0 if self.parameters.network is None else self.parameters.network.lead
             now, ahead = (
                 {
                     "error": error,
@@ -373,7 +376,7 @@ class Controller:
             u = u - disturbance
             self.estimator.remember(u, correction, learned, fed_forward)
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
-        if self.numbers.attitude is None:
+        if self.parameters.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}
         else:
             command = {"wrench": np.array([thrust, *self.torque(measured, attitude, rates, accelerations)])}
@@ -390,10 +393,10 @@ class Controller:
 
     def vectored(self, u, measured, reference):
         """Return thrust, attitude, body rates and angular accelerations by eq (7), for any yaw and within limits."""
-        mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.numbers.thrust_vectoring
-        geometric = self.numbers.attitude is not None and self.numbers.attitude.kind == "geometric"
+        mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.parameters.thrust_vectoring
+        geometric = self.parameters.attitude is not None and self.parameters.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
-        square = geometric and self.numbers.attitude.euler_sequence == "zxy"
+        square = geometric and self.parameters.attitude.euler_sequence == "zxy"
         heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
         # The vertical component is limited first, and then the horizontal components.
@@ -406,7 +409,7 @@ class Controller:
         pitch, roll = math.atan(forward / up), math.asin(-left / thrust)
         jerk, snap = reference["jerk"], reference["snap"]
         psi_dot, psi_ddot = reference["yaw_rate"], reference["yaw_acceleration"]
-        order = ("none", "acceleration", "jerk", "snap").index(self.numbers.position.feed_forward)
+        order = ("none", "acceleration", "jerk", "snap").index(self.parameters.position.feed_forward)
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
         attitude = np.array([roll, pitch, reference["yaw"]])
         rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
@@ -422,8 +425,8 @@ class Controller:
         return mass * thrust, attitude, rates, accelerations
 
     def torque(self, measured, attitude, rates, accelerations):
-        """Return the torque of the PD of the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω, or of a variant."""
-        inertia, gains = np.diag(self.nominal.inertia), self.numbers.attitude
+        """Return the torque of the attitude PD, τ = I (k_P e + k_D ė + ω̇) + ω x I ω, or of a variant of it."""
+        inertia, gains = np.diag(self.nominal.inertia), self.parameters.attitude
         k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
         if gains.kind == "geometric":
             without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
@@ -460,8 +463,7 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return the body rates and angular accelerations with which F z_B has the given jerk and snap, and the yaw the
-    given rate.
+    """Return body rates and angular accelerations, given jerk and snap of F z_B and the yaw rate.
 
     p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
     derivative follow from the yaw rate by eq (2) and its derivative.
@@ -506,7 +508,7 @@ def angles_near(axes, yaw):
 
 
 def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return body rates and angular accelerations as `flat`, but with y_B perpendicular to the heading x_C.
+    """Return body rates and angular accelerations like `flat`, but with y_B perpendicular to the heading x_C.
 
     r and its derivative follow from y_B·x_C = 0, differentiated once and twice.
     """

@@ -11,7 +11,7 @@ def cross_matrix(vector):
 
 
 class Forces:
-    """Forces on a vehicle without its weight, in B, with points relative to the centre of mass, and free torques.
+    """Forces on a vehicle except its weight, and free torques, in B. Points are relative to the centre of mass.
 
     Args:
         vehicle: `QuadrotorParameters` of the vehicle.
@@ -68,8 +68,8 @@ class Forces:
 def accelerations(vehicle, state, speeds, pairs, torque, parts):
     """Return the linear acceleration in W of the vehicle's centre of mass, and the angular acceleration in B, (6,).
 
-    They solve six linear equations, the Newton-Euler equations about the vehicle's centre of mass, which is not the
-    centre of mass of the vehicle with its parts.
+    The accelerations solve the six Newton-Euler equations about the vehicle's centre of mass. This point differs from
+    the common centre of mass of the vehicle and its parts.
 
     Args:
         vehicle: `QuadrotorParameters` of the vehicle.
@@ -77,7 +77,7 @@ def accelerations(vehicle, state, speeds, pairs, torque, parts):
         speeds: rotor speeds (4,), rad/s.
         pairs: pairs of a point and a force, without weight.
         torque: free torque (3,), N m.
-        parts: mass, position and inertia (3, 3) about its own centre of mass of each carried part.
+        parts: for each carried part, its mass, its position, and its inertia (3, 3) about its own centre of mass.
     """
     R, rates = rotation(*state[3:6]), state[9:12]
     bodies = [(vehicle.mass, np.zeros(3), np.diag(vehicle.inertia)), *parts]

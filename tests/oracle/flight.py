@@ -36,7 +36,7 @@ def fly(scenario, plan):
         plan: plan of its route.
 
     Returns:
-        Signals (ticks, rows) at the ticks of the control until the end or a crash, by name, and the metrics.
+        Signals by name, (ticks, rows) arrays at the control ticks until the end or a crash, and the metrics.
     """
     laboratory, h = scenario.laboratory, scenario.vehicle.time_step
     period, seed, sample = laboratory.command_link.period, scenario.seed, scenario.sample or 0
@@ -97,7 +97,7 @@ def reference_rows(target):
 
 
 class Monitor:
-    """Monitor that detects the crash and records the data of the metrics."""
+    """Monitor that detects a crash and records the data for the metrics."""
 
     def __init__(self, scenario):
         self.limits, self.window = scenario.crash, scenario.metrics

@@ -13,7 +13,7 @@ class DelayLine:
     """Delay by a whole number of ticks.
 
     Args:
-        first: initial output.
+        first: initial output of the line.
         delay: delay, ticks.
     """
 
@@ -36,15 +36,15 @@ class Link(DelayLine):
     """Radio link that samples a command at each tick. If a packet is lost, the previous command is repeated.
 
     Args:
-        numbers: command link of the scenario.
+        parameters: command link of the scenario.
         hover: initial output.
         seed: seed of the study.
-        sample: number of the sample in the study.
+        sample: index of the sample in the study.
     """
 
-    def __init__(self, numbers, hover, seed, sample):
-        super().__init__(hover, numbers.delay_ticks)
-        self.loss_rate = numbers.loss_rate
+    def __init__(self, parameters, hover, seed, sample):
+        super().__init__(hover, parameters.delay_ticks)
+        self.loss_rate = parameters.loss_rate
         self.stream = Stream(seed, sample, NOISE, "command_link.packet_loss", 1)
 
     def send(self, tick, wrench):
@@ -56,23 +56,23 @@ class Cameras(DelayLine):
     """Cameras that measure the pose of misaligned markers with noise, and filters that estimate rates.
 
     Args:
-        numbers: motion capture of the scenario.
+        parameters: motion capture of the scenario.
         seed: seed of the study.
-        sample: number of the sample in the study.
+        sample: index of the sample in the study.
         state: initial state of the vehicle, which the first frame shows.
     """
 
-    def __init__(self, numbers, seed, sample, state):
-        self.numbers, self.R_BM = numbers, rotation(*numbers.misalignment)
+    def __init__(self, parameters, seed, sample, state):
+        self.parameters, self.R_BM = parameters, rotation(*parameters.misalignment)
         self.noise = Stream(seed, sample, NOISE, "motion_capture.camera_noise", 6)
         self.loss = Stream(seed, sample, NOISE, "motion_capture.dropout", 1)
         self.drift_noise = Stream(seed, sample, NOISE, "motion_capture.velocity_drift", 3)
-        self.drift, self.drifts = np.zeros(3), any(numbers.velocity_drift)
+        self.drift, self.drifts = np.zeros(3), any(parameters.velocity_drift)
         pose = self.pose(0, state)
-        self.factors = np.array([*(1.0 + fraction for fraction in numbers.velocity_error), 1.0, 1.0, 1.0])
-        rates = self.factors * state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
+        self.factors = np.array([*(1.0 + fraction for fraction in parameters.velocity_error), 1.0, 1.0, 1.0])
+        rates = self.factors * state[6:12] if parameters.derivative_bandwidth is None else np.zeros(6)
         self.before = pose
-        super().__init__(np.concatenate([pose, rates]), numbers.latency_frames)
+        super().__init__(np.concatenate([pose, rates]), parameters.latency_frames)
 
     def pose(self, k, state):
         """Return the measured position and attitude of the markers in frame k."""
@@ -84,25 +84,25 @@ class Cameras(DelayLine):
             -math.asin(R_WM[2, 0]),
             yaw + math.remainder(turn, math.tau),
         ]
-        deviations = np.repeat([self.numbers.position_noise, self.numbers.attitude_noise], 3)
+        deviations = np.repeat([self.parameters.position_noise, self.parameters.attitude_noise], 3)
         return np.concatenate([state[0:3], attitude]) + deviations * self.noise.normal(k)
 
     def measure(self, k, state):
         """Measure frame k of a state."""
-        numbers, last = self.numbers, self.newest
-        lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
+        parameters, last = self.parameters, self.newest
+        lost = parameters.dropout_rate > 0.0 and self.loss.uniform(k)[0] < parameters.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
         before = np.concatenate([self.drift, np.zeros(3)])
         if self.drifts:
-            d = math.exp(-numbers.period / numbers.drift_time)
-            fresh = np.array(numbers.velocity_drift) * math.sqrt(1.0 - d * d)
+            d = math.exp(-parameters.period / parameters.drift_time)
+            fresh = np.array(parameters.velocity_drift) * math.sqrt(1.0 - d * d)
             self.drift = d * self.drift + fresh * self.drift_noise.normal(k)
         drift = np.concatenate([self.drift, np.zeros(3)])
-        if numbers.derivative_bandwidth is None:
+        if parameters.derivative_bandwidth is None:
             self.put(last if lost else np.concatenate([pose, self.factors * state[6:12] + drift]))
             return
-        h = numbers.period
-        a = math.exp(-numbers.derivative_bandwidth * h)
+        h = parameters.period
+        a = math.exp(-parameters.derivative_bandwidth * h)
         # Changes are differences over two frames. Eq (2) at the middle frame converts small changes of angles to body
         # axes. Large changes are the rotation vector between the two frames.
         steps = pose - self.before

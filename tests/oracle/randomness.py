@@ -24,7 +24,7 @@ class Stream:
 
     Args:
         seed: seed of the study.
-        sample: number of the sample in the study.
+        sample: index of the sample in the study.
         kind: WIND or NOISE.
         name: name of the system and its port.
         rows: number of random numbers for each tick.

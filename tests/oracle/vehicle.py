@@ -15,25 +15,25 @@ class Rotors:
     """Positions, signs of the reaction torques, and factors of the rotors. Clockwise rotors have the sign +1.
 
     Args:
-        numbers: true or nominal vehicle of the scenario.
+        parameters: true or nominal vehicle of the scenario.
     """
 
-    def __init__(self, numbers):
-        layout = numbers.layout
+    def __init__(self, parameters):
+        layout = parameters.layout
         if layout.kind == "rotors":
             self.places = np.array([rotor.position for rotor in layout.rotors])
             self.reaction = np.array([1.0 if rotor.turns == "clockwise" else -1.0 for rotor in layout.rotors])
-            self.b = np.array([rotor.thrust_factor or numbers.thrust_factor for rotor in layout.rotors])
-            self.d = np.array([rotor.drag_factor or numbers.drag_factor for rotor in layout.rotors])
+            self.b = np.array([rotor.thrust_factor or parameters.thrust_factor for rotor in layout.rotors])
+            self.d = np.array([rotor.drag_factor or parameters.drag_factor for rotor in layout.rotors])
             return
         sides = PLUS if layout.kind == "plus" else CORNERS
         if layout.length is None:
             arms = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-            self.places = numbers.arm_length * arms
+            self.places = parameters.arm_length * arms
         else:
             self.places = 0.5 * sides * [layout.length, layout.width, 0.0]
         self.reaction = np.array([1.0, -1.0, 1.0, -1.0]) * (1.0 if layout.rotor_1_turns == "clockwise" else -1.0)
-        self.b, self.d = np.full(4, numbers.thrust_factor), np.full(4, numbers.drag_factor)
+        self.b, self.d = np.full(4, parameters.thrust_factor), np.full(4, parameters.drag_factor)
 
 
 def cross(a, b):
@@ -79,17 +79,17 @@ class Vehicle:
     """True vehicle, with battery sag and faults.
 
     Args:
-        numbers: vehicle of the scenario.
+        parameters: vehicle of the scenario.
         duration: duration of the flight, over which the battery sags, s.
     """
 
-    def __init__(self, numbers, duration):
-        self.numbers, self.sag = numbers, numbers.battery_sag / duration
-        self.rotors = Rotors(numbers)
-        self.thrust_factor = self.rotors.b * (1.0 + np.array(numbers.thrust_factor_error))
-        centre = np.array([*numbers.centre_of_mass, 0.0])
+    def __init__(self, parameters, duration):
+        self.parameters, self.sag = parameters, parameters.battery_sag / duration
+        self.rotors = Rotors(parameters)
+        self.thrust_factor = self.rotors.b * (1.0 + np.array(parameters.thrust_factor_error))
+        centre = np.array([*parameters.centre_of_mass, 0.0])
         self.levers = self.rotors.places - centre
-        self.inertia = np.diag(numbers.inertia)
+        self.inertia = np.diag(parameters.inertia)
         self.inverse_inertia = np.linalg.inv(self.inertia)
 
     def wrench(self, speeds):
@@ -102,24 +102,24 @@ class Vehicle:
         return forces.sum(), torque
 
     def hover_speeds(self):
-        """Return the rotor speeds whose wrench only balances the weight."""
+        """Return the rotor speeds whose wrench balances the weight without torque."""
         columns = []
         for unit in np.eye(4):
             thrust, torque = self.wrench(unit)
             columns.append([thrust, *torque])
-        weight = self.numbers.mass * self.numbers.gravity
+        weight = self.parameters.mass * self.parameters.gravity
         return np.sqrt(np.linalg.solve(np.array(columns).T, [weight, 0.0, 0.0, 0.0]))
 
     def accelerations(self, R, velocity, rates, speeds, wind):
         """Return the time derivatives (6,) of velocity and body rates."""
-        numbers = self.numbers
+        parameters = self.parameters
         thrust, torque = self.wrench(speeds)
         airspeed = wind - velocity
         size = math.sqrt(airspeed @ airspeed)
-        drag = (numbers.linear_drag + numbers.quadratic_drag * size) * airspeed
-        acceleration = (R @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
+        drag = (parameters.linear_drag + parameters.quadratic_drag * size) * airspeed
+        acceleration = (R @ (thrust * Z) + drag) / parameters.mass - parameters.gravity * Z
         # Eq (4) with the angular momentum of the rotors.
-        spin = -numbers.rotor_inertia * self.rotors.reaction @ speeds
+        spin = -parameters.rotor_inertia * self.rotors.reaction @ speeds
         momentum = self.inertia @ rates + spin * Z
         return np.concatenate([acceleration, self.inverse_inertia @ (torque - cross(rates, momentum))])
 
@@ -144,7 +144,7 @@ class Vehicle:
         change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
         return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
 
-    # Output of the link during a step. Only `RespondingVehicle` uses it.
+    # Output of the link during a step; only `RespondingVehicle` uses it.
     target = None
 
     def output_state(self, state):
@@ -153,12 +153,12 @@ class Vehicle:
 
     def targets(self, command, time):
         """Return the target speeds of the rotors for a command at a time."""
-        numbers = self.numbers
+        parameters = self.parameters
         fraction = np.full(4, 1.0 - self.sag * time)
-        failure = numbers.rotor_failure
+        failure = parameters.rotor_failure
         if failure is not None and time >= failure.time:
             fraction[int(failure.rotor) - 1] *= failure.speed_factor
-        return fraction * np.clip(command, numbers.min_rotor_speed, numbers.max_rotor_speed)
+        return fraction * np.clip(command, parameters.min_rotor_speed, parameters.max_rotor_speed)
 
     def step(self, state, speeds, command, wind, time, h):
         """Return state and rotor speeds after a step h that ends at a time, by the classical Runge-Kutta method.
@@ -168,7 +168,7 @@ class Vehicle:
         target = self.targets(command, time - 0.5 * h)
 
         def rotors(later):
-            return target + (speeds - target) * math.exp(-later / self.numbers.rotor_time_constant)
+            return target + (speeds - target) * math.exp(-later / self.parameters.rotor_time_constant)
 
         def slope(x, later):
             _, velocity, rates, attitude = np.split(x, [3, 6, 9])
@@ -185,7 +185,7 @@ class Vehicle:
 
 
 class SmallAngleVehicle(Vehicle):
-    """Vehicle whose body rates equal the rates of its angles, as in eq (3)."""
+    """Vehicle whose body rates equal its angle rates, as in eq (3)."""
 
     def slope(self, angles, velocity, rates, speeds, wind):
         """Return the time derivatives of angles, velocity and body rates."""
@@ -203,8 +203,8 @@ class SmallAngleVehicle(Vehicle):
 def allocate(wrench, nominal, priority):
     """Return the rotor speeds for a wrench, and the part of the wrench that the limits of the rotors do not allow.
 
-    The unknowns are thrust, fraction of roll and pitch torque, and yaw torque. For both priorities, the solution is at
-    a corner of the planes of the limits, so all corners are tried.
+    The unknowns are thrust, fraction of roll and pitch torque, and yaw torque. The solution for both priorities is at a
+    corner where planes of the limits intersect, so all corners are tried.
 
     Args:
         wrench: thrust (N) and three torques (N m).
@@ -226,7 +226,7 @@ def allocate(wrench, nominal, priority):
     thrust = wrench[0]
     if priority == "thrust":
         thrust = min(max(thrust, np.max(low / parts[:, 0])), np.min(high / parts[:, 0]))
-    # All quantities are scaled to about one: thrust by the weight, squared speeds by the distance of their limits.
+    # All quantities are scaled to about one: thrust by the weight, squared speeds by the width of their range.
     weight = nominal.mass * nominal.gravity
     scale = np.array([weight, 1.0, np.max((high - low) / np.abs(parts[:, 3]))])
     rows = np.column_stack([parts[:, 0], parts[:, 1:3] @ wrench[1:3], parts[:, 3]]) * scale / (high - low)

@@ -42,7 +42,7 @@ def test_the_second_order_filter_agrees_with_scipy():
 
 
 @pytest.mark.parametrize(("first", "offset"), [(False, 0), (True, 1)])
-def test_an_integral_saturates_and_leaves_its_limit_at_once(first, offset):
+def test_a_saturated_integral_leaves_its_limit_at_once(first, offset):
     ticks = np.arange(60)
     errors = np.where(ticks < 40, 2.0, -2.0)
     actual = run(Terms(Integral(3.0, 1.5)), errors, np.zeros(60), integrates_first=first)

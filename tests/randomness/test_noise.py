@@ -71,7 +71,7 @@ def test_a_stream_equals_an_independent_implementation(kind):
             np.testing.assert_allclose(actual.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
 
-def test_a_stream_does_not_depend_on_others_in_the_same_source():
+def test_a_stream_does_not_depend_on_other_streams_of_its_source():
     streams = [
         Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01),
         Stream("b", StreamKind.WIND, 1, UNIFORM, 0.01),
@@ -84,14 +84,14 @@ def test_a_stream_does_not_depend_on_others_in_the_same_source():
         np.testing.assert_array_equal(source_numbers(together, time), np.concatenate(apart))
 
 
-def test_no_number_is_repeated():
+def test_no_random_number_is_repeated():
     stream = numbers_of([0, 1], rows=3)
     numbers = np.concatenate([stream.at(0.01 * tick) for tick in range(3000)])
     assert np.unique(numbers.reshape(-1, 6), axis=0).shape == (3000, 6)
     assert numbers.std() == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_source_has_streams_of_several_periods():
+def test_a_source_can_have_streams_with_different_periods():
     samples = Samples(5, [0])
     streams = Stream("n", StreamKind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", StreamKind.NOISE, 1, UNIFORM, 0.02)
     fast, slow = (SourceOfOneStream(stream, samples) for stream in streams)
@@ -158,7 +158,7 @@ def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, 
         np.testing.assert_array_equal(actual, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
 
 
-def test_drakes_random_sources_can_replace_the_streams():
+def test_random_sources_of_drake_can_replace_the_streams():
     builder, ports = turbulent_builder(2)
     connect_random_sources(builder, ports)
     diagram = builder.Build()

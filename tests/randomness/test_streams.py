@@ -82,7 +82,7 @@ def states():
 
 
 @pytest.mark.slow
-def test_normal_numbers_are_normal(states):
+def test_normal_numbers_have_a_normal_distribution(states):
     numbers = normal_pairs(states, 2000)
     assert scipy.stats.kstest(numbers[:, ::10].ravel(), "norm").pvalue > 1e-3
     n = numbers.size
@@ -91,7 +91,7 @@ def test_normal_numbers_are_normal(states):
     assert (np.abs(numbers) > 5.0).sum() == pytest.approx(n * 2.0 * scipy.stats.norm.sf(5.0), abs=6.0)
 
 
-def test_uniform_numbers_are_uniform(states):
+def test_uniform_numbers_have_a_uniform_distribution(states):
     numbers = numbers_of(states, range(2000), normal=False)
     assert 0.0 < numbers.min() < 1e-5
     assert 1.0 - 1e-5 < numbers.max() < 1.0
@@ -126,7 +126,7 @@ def test_consecutive_ticks_neighbouring_vehicles_and_pairs_are_independent(state
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < limit
 
 
-def test_the_numbers_of_a_sample_do_not_depend_on_its_position():
+def test_the_numbers_of_a_sample_do_not_depend_on_its_position_in_the_fleet():
     many = stream_states(3, range(50), StreamKind.WIND, "fans.jet_noise")
     np.testing.assert_array_equal(stream_states(3, [41, 7], StreamKind.WIND, "fans.jet_noise"), many[[41, 7]])
     mass = parameter_numbers(3, range(1000), "vehicle.mass")
@@ -135,7 +135,7 @@ def test_the_numbers_of_a_sample_do_not_depend_on_its_position():
     assert np.unique(np.concatenate([mass, *others])).size == 3000
 
 
-def test_samples_of_several_studies_have_the_streams_of_each():
+def test_samples_of_several_studies_have_the_same_streams_as_in_each_study():
     together = stream_states((3, 2**40), (7, 8), StreamKind.WIND, "gust")
     alone = [stream_states(seed, (sample,), StreamKind.WIND, "gust") for seed, sample in ((3, 7), (2**40, 8))]
     np.testing.assert_array_equal(together, np.concatenate(alone))

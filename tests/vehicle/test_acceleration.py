@@ -16,7 +16,7 @@ from drake_quad.signals import Attitude, State, VehicleAcceleration
 from drake_quad.vehicle.attitude_response import AttitudeResponseQuadrotor
 from drake_quad.vehicle.quadrotor import Quadrotor
 
-TIME_STEP = 1e-4
+VEHICLE_TIME_STEP = 1e-4  # s
 MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
 INPUT_VALUES = {
     "rotor_speed_command": [222.0, 190.0, 236.0, 205.0],
@@ -53,24 +53,24 @@ def motion_and_acceleration_of(system, context):
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
 def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, parameters, structure):
     """The output agrees with central differences over steps of 0.1 ms, from 1 s on."""
-    vehicle = kind(time_step=TIME_STEP, parameters=parameters, **structure)
+    vehicle = kind(time_step=VEHICLE_TIME_STEP, parameters=parameters, **structure)
     simulator = Simulator(vehicle)
     context = fix_inputs(vehicle, simulator.get_mutable_context())
     context.SetTime(1.0)
     simulator.Initialize()
     motions, accelerations = [], []
     for step in range(10, 43):
-        simulator.AdvanceTo(1.0 + (step + 0.5) * TIME_STEP)
+        simulator.AdvanceTo(1.0 + (step + 0.5) * VEHICLE_TIME_STEP)
         motion, acceleration = motion_and_acceleration_of(vehicle, context)
         motions.append(motion)
         accelerations.append(acceleration)
-    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * TIME_STEP)
+    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * VEHICLE_TIME_STEP)
     assert np.abs(rates).min(axis=0).max() > 0.1
     np.testing.assert_allclose(np.array(accelerations)[1:-1], rates, rtol=0.0, atol=2e-5 * np.abs(rates).max())
 
 
 @pytest.mark.parametrize(("kind", "parameters", "structure"), VEHICLES.values(), ids=VEHICLES)
-def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, parameters, structure):
+def test_the_acceleration_of_a_continuous_state_is_the_derivative_of_its_velocity(kind, parameters, structure):
     """The output agrees with one small step of Euler's method."""
     vehicle = kind(time_step=0.0, parameters=parameters, **structure)
     context = fix_inputs(vehicle, vehicle.CreateDefaultContext())
@@ -106,7 +106,7 @@ def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, parameters, time_s
     assert np.abs(flying_acceleration).max() > 0.5
 
 
-def test_angular_acceleration_is_the_derivative_of_equation_2():
+def test_angular_acceleration_is_the_derivative_of_eq_2():
     rng = np.random.default_rng(0)
     angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, 3))
 

@@ -17,10 +17,10 @@ from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-TABLE_I = QuadrotorParameters()
-ROTORS = RotorModel.of(TABLE_I)
-MAX_THRUST = 4.0 * 4.13e-5 * 300.0**2
-MIN_THRUST = 4.0 * 4.13e-5 * 60.0**2
+PAPER_VEHICLE = QuadrotorParameters()
+ROTORS = RotorModel.of(PAPER_VEHICLE)
+MAX_THRUST = 4.0 * 4.13e-5 * 300.0**2  # N
+MIN_THRUST = 4.0 * 4.13e-5 * 60.0**2  # N
 
 wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)
@@ -33,8 +33,8 @@ with_both_priorities = pytest.mark.parametrize("priority", get_args(Priority))
 @with_both_allocations
 @given(rotor_speed=rotor_speeds)
 def test_allocation_inverts_eq_5_within_the_limits(allocate, rotor_speed):
-    speeds, shortfall = allocate(rotor_action(rotor_speed, TABLE_I).wrench, ROTORS)
-    # At the limits themselves, rounding can cause a very small saturation.
+    speeds, shortfall = allocate(rotor_action(rotor_speed, PAPER_VEHICLE).wrench, ROTORS)
+    # Rounding can cause a very small saturation at the limits themselves.
     np.testing.assert_allclose(speeds, rotor_speed, rtol=1e-9)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
@@ -46,7 +46,7 @@ def test_speeds_are_within_the_limits_and_the_shortfall_is_the_missing_wrench(al
     speeds, shortfall = allocate(wrench, ROTORS, priority)
     assert np.all(np.array(speeds) >= 60.0 * (1.0 - 1e-12))
     assert np.all(np.array(speeds) <= 300.0 * (1.0 + 1e-12))
-    np.testing.assert_allclose(np.subtract(wrench, shortfall), rotor_action(speeds, TABLE_I).wrench, atol=1e-9)
+    np.testing.assert_allclose(np.subtract(wrench, shortfall), rotor_action(speeds, PAPER_VEHICLE).wrench, atol=1e-9)
 
 
 def random_layout(rng):
@@ -115,7 +115,7 @@ def random_demand(rotors, rng):
 @pytest.mark.slow
 @with_both_priorities
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
-def test_each_part_of_a_wrench_is_the_best_that_the_previous_parts_allow(shape, priority):
+def test_each_part_of_a_wrench_is_optimal_given_the_parts_with_higher_priority(shape, priority):
     """Allocation agrees with linear programmes for a plus, for an X or H of any size, and for any four rotors."""
     rng = np.random.default_rng(5)
     paired = shape is not random_layout
@@ -157,7 +157,7 @@ def test_yaw_torque_increases_the_range_of_roll_and_pitch_torque(allocate, prior
 @with_both_allocations
 @given(rotor_speed=st.builds(RotorSpeed, *[st.floats(61.0, 299.0)] * 4))
 def test_the_priority_does_not_change_a_wrench_within_the_limits(allocate, rotor_speed):
-    wrench = rotor_action(rotor_speed, TABLE_I).wrench
+    wrench = rotor_action(rotor_speed, PAPER_VEHICLE).wrench
     by_priority = [allocate(wrench, ROTORS, priority) for priority in get_args(Priority)]
     assert by_priority[0] == by_priority[1]
     assert by_priority[0].shortfall == (0.0, 0.0, 0.0, 0.0)
@@ -203,7 +203,7 @@ def test_allocation_to_pairs_agrees_with_the_general_allocation(wrench, shape, l
     np.testing.assert_allclose(shortfall, paired_shortfall, rtol=0.0, atol=1e-9)
 
 
-def test_a_rotor_without_yaw_torque_does_not_limit_yaw():
+def test_a_rotor_without_drag_torque_does_not_limit_the_yaw_torque():
     model = RotorModel.of(QuadrotorParameters(rotors=Rotors.x(length=0.3, width=0.3)))
     model_without_yaw = model._replace(mixer=model.mixer._replace(rotor_1=model.mixer.rotor_1._replace(tau_z=0.0)))
     hover = model.mixer.rotor_1.thrust * 6.67
@@ -254,12 +254,12 @@ def test_the_output_is_split_into_rotor_speed_commands_and_shortfall():
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("wrench").FixValue(context, [0.68 * 9.81, 0.0, 0.0, 0.0])
     speeds = diagram.GetOutputPort("rotor_speed_command").Eval(context)
-    np.testing.assert_allclose(speeds, hover_rotor_speeds(TABLE_I))
+    np.testing.assert_allclose(speeds, hover_rotor_speeds(PAPER_VEHICLE))
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)
 
 
 def test_a_demand_that_fits_just_below_a_limit_is_met():
-    """At 0.5 rad²/s² below the maximum of the squared speed, a demand of 0.1 rad²/s² fits."""
+    """A demand of 0.1 rad²/s² fits if the squared speed is 0.5 rad²/s² below its maximum."""
     level, roll = 300.0**2 - 0.5, 0.1
     wrench = Wrench(4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
     speeds, shortfall = allocate(wrench, ROTORS)
@@ -270,7 +270,7 @@ def test_a_demand_that_fits_just_below_a_limit_is_met():
 @with_both_allocations
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
-    """At 0.1 rad²/s² below the maximum of the squared speed, a fifth of a demand of 0.5 rad²/s² fits."""
+    """A fifth of a demand of 0.5 rad²/s² fits if the squared speed is 0.1 rad²/s² below its maximum."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
     speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")
@@ -284,7 +284,7 @@ def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
 def test_rounding_errors_move_no_rotor_below_its_limit(allocate, priority):
     """Negative squared speeds would make the speeds NaN."""
     for low in (0.0, 60.0):
-        rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
+        rotors, rng = RotorModel.of(PAPER_VEHICLE._replace(min_rotor_speed=low)), np.random.default_rng(3)
         speeds, _ = allocate(Wrench(*(rng.normal(size=(1500, 4)) * [10.0, 3.0, 3.0, 0.3]).T), rotors, priority)
         assert np.min(speeds) >= low
 

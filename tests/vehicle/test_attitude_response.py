@@ -30,9 +30,9 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
-OMEGA = np.array([6.8, 6.1, 3.0])
-ZETA = np.array([0.45, 1.0, 1.4])
-RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
+NATURAL_FREQUENCIES = np.array([6.8, 6.1, 3.0])  # rad/s
+DAMPING_RATIOS = np.array([0.45, 1.0, 1.4])
+RESPONSE = AttitudeResponse(NaturalFrequencies(*NATURAL_FREQUENCIES), DampingRatios(*DAMPING_RATIOS))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 
 
@@ -66,14 +66,17 @@ def lag_response(omega, zeta, target, start, end):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
-    """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target have no effect."""
+    """The yaw turns from 3 rad to -3 rad in the shorter direction. Thrust and rates of the target have no effect."""
     vehicle = attitude_response_vehicle(start=HoverPose(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = context_after(vehicle, end, TARGET._replace(yaw=-3.0))
         state = vehicle.GetOutputPort("state").Eval(context)
         targets = [0.3, -0.2, 2.0 * np.pi - 3.0]
         angles, rates = zip(
-            *(lag_response(*config, end) for config in zip(OMEGA, ZETA, targets, [0.0, 0.0, 3.0], strict=True)),
+            *(
+                lag_response(*config, end)
+                for config in zip(NATURAL_FREQUENCIES, DAMPING_RATIOS, targets, [0.0, 0.0, 3.0], strict=True)
+            ),
             strict=True,
         )
         np.testing.assert_allclose(state[3:6], angles, atol=2e-6)
@@ -83,10 +86,10 @@ def test_each_angle_follows_its_command_with_its_own_lag(time_step):
         np.testing.assert_allclose(state[9:12], to_body @ rates, atol=2e-5)
 
 
-def test_with_small_angles_body_rates_equal_the_rates_of_the_angles():
+def test_body_rates_equal_the_angle_rates_under_small_angle_kinematics():
     vehicle = attitude_response_vehicle(kinematics="small_angle")
     state = vehicle.GetOutputPort("state").Eval(context_after(vehicle, 0.2))
-    config = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
+    config = zip(NATURAL_FREQUENCIES, DAMPING_RATIOS, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
     np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in config], atol=2e-5)
 
 
@@ -161,7 +164,7 @@ def test_only_the_sum_of_the_rotor_thrusts_acts_on_the_vehicle(asymmetric_vehicl
     np.testing.assert_allclose(speeds, expected, rtol=1e-12)
 
 
-def test_a_crashed_vehicle_stops():
+def test_a_crashed_vehicle_with_an_attitude_response_stops():
     for time_step in (0.01, 0.0):
         vehicle = attitude_response_vehicle(start=HoverPose(1.0, 2.0, 3.0, 0.4), time_step=time_step)
         context = context_after(vehicle, 0.3, crashed=[1.0])
@@ -172,7 +175,7 @@ def test_a_crashed_vehicle_stops():
 
 
 def test_battery_sag_reduces_the_rotor_speeds():
-    """After one second, the rotors turn at 90 % of the commanded speed."""
+    """The rotors turn at 90 % of the commanded speed after one second."""
     vehicle = attitude_response_vehicle(faulty=True, faults=RotorFaults(battery_sag=0.1))
     context = context_after(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)

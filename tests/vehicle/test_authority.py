@@ -15,7 +15,7 @@ def layout_of(positions, turns=ALTERNATING_DIRECTIONS, drag_factors=(8.5e-7,) * 
     )
 
 
-SQUARE = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))
+SQUARE_POSITIONS = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))  # m
 
 
 @pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])
@@ -27,9 +27,9 @@ def test_plus_and_x_layouts_produce_every_wrench(rotors):
 @pytest.mark.parametrize(
     ("rotors", "missing"),
     [
-        (layout_of(SQUARE, (1.0,) * 4), "yaw torque without thrust, since its rotors all turn the same way"),
-        (layout_of(SQUARE, (1.0, 1.0, -1.0, -1.0)), "yaw torque without roll torque"),
-        (layout_of(SQUARE, (1.0, -1.0, -1.0, 1.0)), "yaw torque without pitch torque"),
+        (layout_of(SQUARE_POSITIONS, (1.0,) * 4), "yaw torque without thrust, since its rotors all turn the same way"),
+        (layout_of(SQUARE_POSITIONS, (1.0, 1.0, -1.0, -1.0)), "yaw torque without roll torque"),
+        (layout_of(SQUARE_POSITIONS, (1.0, -1.0, -1.0, 1.0)), "yaw torque without pitch torque"),
         (layout_of([(0.2, 0.0), (0.1, 0.0), (-0.1, 0.0), (-0.2, 0.0)]), "roll torque, since its rotors are in a line"),
         (layout_of([(0.0, 0.2), (0.0, 0.1), (0.0, -0.1), (0.0, -0.2)]), "pitch torque, since its rotors are in a line"),
         (layout_of([(0.2, 0.1), (0.1, 0.1), (-0.1, 0.1), (-0.2, 0.1)]), "roll torque without thrust"),
@@ -40,7 +40,7 @@ def test_plus_and_x_layouts_produce_every_wrench(rotors):
         (layout_of([(0.0, 0.0)] * 4), "roll and pitch torque, since all its rotors are at the centre"),
     ],
 )
-def test_the_missing_part_of_a_wrench_is_named(rotors, missing):
+def test_the_message_names_the_part_of_a_wrench_that_rotors_cannot_produce(rotors, missing):
     """The map from squared speeds to the wrench of these layouts is singular."""
     assert missing_direction(rotors) == missing
     x, y, _, turns, b, d = np.array(rotors).T
@@ -67,7 +67,7 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
     rotors = Rotors(
         *(
             Rotor(x, y, 0.0, turn, b, b * r)
-            for (x, y), turn, b, r in zip(SQUARE, turns, thrust_factors, ratios, strict=True)
+            for (x, y), turn, b, r in zip(SQUARE_POSITIONS, turns, thrust_factors, ratios, strict=True)
         )
     )
     assert missing_direction(rotors).startswith("yaw torque without")
@@ -75,7 +75,7 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
 
 @pytest.mark.parametrize(("fraction", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
 def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fraction, stops):
-    """In a plus with arms of 0.2 m, if rotors 2 and 4 are e forward, rotor 1 has (0.2 - e) / 0.8 of the thrust."""
+    """Rotor 1 of a plus with arms of 0.2 m has (0.2 - e) / 0.8 of the thrust if rotors 2 and 4 are e forward."""
     e = 0.2 - 0.8 * (0.5 * fraction)
     flaw = explain_infeasible_hover(
         layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0
@@ -87,26 +87,26 @@ def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(fracti
 
 
 def test_three_rotors_with_the_same_direction_cannot_hover():
-    """Without yaw torque, the fourth rotor and the rotor opposite to it each carry half of the weight."""
-    rotors = layout_of(SQUARE, (1.0, 1.0, 1.0, -1.0))
+    """The fourth rotor and the rotor opposite to it would each carry half of the weight if the yaw torque is zero."""
+    rotors = layout_of(SQUARE_POSITIONS, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
 
 
 def test_a_vehicle_with_all_rotors_in_front_of_the_centre_of_mass_cannot_hover():
-    rotors = layout_of([(x + 0.25, y) for x, y in SQUARE])
+    rotors = layout_of([(x + 0.25, y) for x, y in SQUARE_POSITIONS])
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
 
 
-def test_a_too_large_ratio_of_hover_speeds_is_a_flaw():
+def test_a_too_large_ratio_of_hover_speeds_is_reported():
     """Rotors 0.35 m in front produce a seventh of the thrust of rotors 0.05 m behind, at 0.38 times their speed."""
-    rotors = layout_of([(x + 0.15, y) for x, y in SQUARE])
+    rotors = layout_of([(x + 0.15, y) for x, y in SQUARE_POSITIONS])
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None
     flaw = explain_infeasible_hover(rotors, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn at 0.38 times the speed of the fastest rotor")
 
 
-def test_the_rotor_whose_speed_would_be_too_small_is_named():
+def test_the_message_names_the_rotor_whose_hover_speed_would_be_too_small():
     """The right rotor of a plus is eight times as far from the centre as the left one."""
     rotors = layout_of([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
     assert explain_infeasible_hover(rotors, min_speed=60.0, max_speed=300.0) is None

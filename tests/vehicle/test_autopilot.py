@@ -29,7 +29,7 @@ from drake_quad.vehicle.autopilot import (
 from drake_quad.vehicle.parameters import Inertia
 
 I_XX, I_YY, I_ZZ = 0.0065, 0.0085, 0.0126
-NUMBERS = AutopilotParameters(
+AUTOPILOT_PARAMETERS = AutopilotParameters(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),
     Inertia(I_XX, I_YY, I_ZZ),
@@ -39,7 +39,7 @@ NUMBERS = AutopilotParameters(
 TARGET = AttitudeTarget(6.6, 0.1, -0.2, 3.0, 0.3, 0.4, -0.5)
 STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
 
-NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
+NO_CAMERA_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
 
 
 def wrench_of(noise, parameters):
@@ -61,11 +61,13 @@ def expected_wrench(target, state, parameters, noise=((0.0,) * 3, (0.0,) * 3)):
 
 
 def test_the_wrench_agrees_with_two_proportional_loops():
-    """From a yaw of -3.1 rad to one of 3.0 rad, the shorter rotation is -0.18 rad."""
-    np.testing.assert_allclose(wrench_of(None, NUMBERS), expected_wrench(TARGET, STATE, NUMBERS), rtol=1e-13)
+    """The shorter rotation from a yaw of -3.1 rad to a yaw of 3.0 rad is -0.18 rad."""
+    np.testing.assert_allclose(
+        wrench_of(None, AUTOPILOT_PARAMETERS), expected_wrench(TARGET, STATE, AUTOPILOT_PARAMETERS), rtol=1e-13
+    )
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    noisy_wrench = wrench_of(noise, NUMBERS)
-    np.testing.assert_allclose(noisy_wrench, expected_wrench(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
+    noisy_wrench = wrench_of(noise, AUTOPILOT_PARAMETERS)
+    np.testing.assert_allclose(noisy_wrench, expected_wrench(TARGET, STATE, AUTOPILOT_PARAMETERS, noise), rtol=1e-13)
     np.testing.assert_array_equal(wrench_without_torque(TARGET), [6.6, 0.0, 0.0, 0.0])
 
 
@@ -103,7 +105,7 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
     period, gains, limit, cutoffs = 0.0025, (14.0, 30.0, 0.3, 0.2), 2.5, (250.0, 120.0)
     k_p, k_i, k_d, k_ff = gains
     terms = Terms(Integral(k_i, limit, np.radians(400.0)), Derivative(k_d, first_order(cutoffs[1], period)), k_ff)
-    parameters = NUMBERS._replace(
+    parameters = AUTOPILOT_PARAMETERS._replace(
         k_rate=LoopGains(k_p, k_p, k_p),
         gyroscope=Gyroscope(),
         rate=LoopAxisTerms(terms, terms, terms),
@@ -130,8 +132,8 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
     assert np.abs(px4.integral).max() == limit
 
 
-def test_an_estimator_that_neglects_drag_measures_the_drag_as_a_tilt():
-    """At a constant velocity, the error follows the neglected drag with a first-order lag."""
+def test_an_attitude_estimator_that_neglects_drag_mistakes_drag_for_tilt():
+    """The error follows the neglected drag with a first-order lag while the velocity is constant."""
     drag, period = NeglectedDrag(0.04, 0.5), 0.002
     error = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)
@@ -142,29 +144,31 @@ def test_an_estimator_that_neglects_drag_measures_the_drag_as_a_tilt():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
 def test_the_estimated_thrust_direction_has_the_error_of_the_estimator_along_x_and_y(yaw):
-    """For small angles and any yaw, the error of the thrust direction along X and Y is the error of the estimator."""
+    """The thrust direction has the error of the estimator along X and Y for small angles and any yaw."""
 
     def direction(attitude):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
 
     state = STATE._replace(roll=0.0, pitch=0.0, yaw=yaw)
-    exact_attitude, _ = estimated_attitude_and_rates(state, None, NUMBERS)
-    estimated_attitude, _ = estimated_attitude_and_rates(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
+    exact_attitude, _ = estimated_attitude_and_rates(state, None, AUTOPILOT_PARAMETERS)
+    estimated_attitude, _ = estimated_attitude_and_rates(state, None, AUTOPILOT_PARAMETERS, LeanError(-2e-3, 1e-3))
     np.testing.assert_allclose(
         (direction(estimated_attitude) - direction(exact_attitude))[:2], [-2e-3, 1e-3], atol=1e-8
     )
     assert estimated_attitude.yaw == exact_attitude.yaw
 
 
-def test_sensors_are_exact_by_default():
-    parameters = AutopilotParameters(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
+def test_sensors_of_the_autopilot_are_exact_by_default():
+    parameters = AutopilotParameters(
+        AUTOPILOT_PARAMETERS.k_attitude, AUTOPILOT_PARAMETERS.k_rate, AUTOPILOT_PARAMETERS.inertia
+    )
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
     assert wrench_of(noise, parameters) == wrench_of(None, parameters)
     assert parameters.gyroscope.bias == parameters.initial[1:] == (0.0, 0.0, 0.0)
 
 
 def test_target_and_state_are_sampled_at_ticks_and_the_wrench_is_constant_between_them():
-    autopilot = AttitudeAutopilot(period=0.005, parameters=NUMBERS)
+    autopilot = AttitudeAutopilot(period=0.005, parameters=AUTOPILOT_PARAMETERS)
     simulator = Simulator(autopilot)
     context = simulator.get_mutable_context()
     targets = [TARGET, TARGET._replace(thrust=7.0, roll=0.3)]
@@ -173,17 +177,23 @@ def test_target_and_state_are_sampled_at_ticks_and_the_wrench_is_constant_betwee
     wrench = autopilot.GetOutputPort("wrench")
     np.testing.assert_array_equal(wrench.Eval(context), np.zeros(4))
     simulator.AdvanceTo(0.001)
-    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[0], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(
+        wrench.Eval(context), expected_wrench(targets[0], STATE, AUTOPILOT_PARAMETERS), rtol=1e-13
+    )
     autopilot.GetInputPort("attitude_target").FixValue(context, list(targets[1]))
     simulator.AdvanceTo(0.0049)
-    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[0], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(
+        wrench.Eval(context), expected_wrench(targets[0], STATE, AUTOPILOT_PARAMETERS), rtol=1e-13
+    )
     simulator.AdvanceTo(0.0051)
-    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[1], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(
+        wrench.Eval(context), expected_wrench(targets[1], STATE, AUTOPILOT_PARAMETERS), rtol=1e-13
+    )
 
 
 @pytest.mark.slow
 def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
-    """In equilibrium, k_attitude (φ_r - φ) is the bias, apart from the effect of ω × I ω."""
+    """The bias equals k_attitude (φ_r - φ) in equilibrium, apart from the effect of ω × I ω."""
     bias = np.array([0.02, -0.03, 0.01])
     flight = simulate(
         load_scenario(
@@ -191,7 +201,7 @@ def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
             [
                 "route={kind: hover, position: [0, 0, 1], duration: 20}",
                 f"laboratory.autopilot={{gyroscope_noise: 0, gyroscope_bias: {bias.tolist()}}}",
-                NO_NOISE,
+                NO_CAMERA_NOISE,
                 "laboratory.command_link.loss_rate=0",
             ],
         ),
@@ -205,7 +215,7 @@ def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
 
 
 @pytest.mark.slow
-def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
+def test_the_link_does_not_delay_the_attitude_loop_on_board(diagrams):
     """The yaw decays in the same way for any delay of the link, because no position loop affects it."""
     yaws = []
     for delay in (0, 5):
@@ -214,7 +224,7 @@ def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
                 diagrams / "onboard.yaml",
                 [
                     "route={kind: hover, position: [0, 0, 1], duration: 2}",
-                    NO_NOISE,
+                    NO_CAMERA_NOISE,
                     f"laboratory.command_link={{delay_ticks: {delay}, loss_rate: 0}}",
                     "laboratory.autopilot={gyroscope_noise: 0, gyroscope_bias: [0, 0, 0.2]}",
                 ],
@@ -230,4 +240,4 @@ def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
 
 @pytest.mark.parametrize("noisy", [False, True])
 def test_an_autopilot_uses_random_numbers_only_if_its_sensors_are_noisy(noisy):
-    assert AttitudeAutopilot(noisy=noisy, parameters=NUMBERS).HasInputPort("sensor_noise") is noisy
+    assert AttitudeAutopilot(noisy=noisy, parameters=AUTOPILOT_PARAMETERS).HasInputPort("sensor_noise") is noisy

@@ -18,9 +18,9 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-RECORD = json.loads(Path(__file__).with_name("drone_models.json").read_text(encoding="utf-8"))
-RPM = 2.0 * np.pi / 60.0  # one revolution per minute, rad/s
-RESULTS = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": slice(12, 16)}
+RECORDED_MODELS = json.loads(Path(__file__).with_name("drone_models.json").read_text(encoding="utf-8"))
+RAD_S_PER_RPM = 2.0 * np.pi / 60.0  # one revolution per minute in rad/s
+DERIVATIVE_ROWS = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": slice(12, 16)}
 
 
 def time_constant(coefficient):
@@ -38,7 +38,9 @@ class Drone:
         _, _, self.gravity = -self.numbers["gravity_vec"]
         self.inertia, self.drag = np.diag(self.numbers["J"]), -np.diag(self.numbers["drag_matrix"])
         # A rotor that turns clockwise seen from above yaws the body to the left, so directions are -yaw.
-        self.thrust_factor, self.drag_factor = (self.numbers[name][2] / RPM**2 for name in ("rpm2thrust", "rpm2torque"))
+        self.thrust_factor, self.drag_factor = (
+            self.numbers[name][2] / RAD_S_PER_RPM**2 for name in ("rpm2thrust", "rpm2torque")
+        )
         self.vehicle = self._vehicle()
         self.context = self.vehicle.CreateDefaultContext()
 
@@ -78,13 +80,13 @@ class Drone:
         return self.vehicle.EvalTimeDerivatives(self.context).CopyToVector()
 
     def additional_terms(self, sample):
-        """Return, by a description, the terms that the package adds to the accelerations of body and rotors."""
+        """Return the terms that the package adds to the accelerations of body and rotors, keyed by descriptions."""
         speeds, commands = np.array(sample["speeds"]), np.array(sample["commands"])
         (k_0, k_1, _), (c_0, c_1, _) = self.numbers["rpm2thrust"], self.numbers["rpm2torque"]
-        force, drag = k_0 + k_1 * speeds / RPM, c_0 + c_1 * speeds / RPM
+        force, drag = k_0 + k_1 * speeds / RAD_S_PER_RPM, c_0 + c_1 * speeds / RAD_S_PER_RPM
         _, square_coefficient_up, _, square_coefficient_down = self.numbers["rotor_dyn_coef"]
         square_coefficient = np.where(commands > speeds, square_coefficient_up, square_coefficient_down)
-        rotor_acceleration = square_coefficient * (commands**2 - speeds**2) / RPM
+        rotor_acceleration = square_coefficient * (commands**2 - speeds**2) / RAD_S_PER_RPM
         p_inertia = self.numbers["prop_inertia"]
         spin = -p_inertia * (self.yaw @ speeds)
         _, q, _ = sample["rates"]
@@ -112,18 +114,18 @@ class Drone:
         }
 
 
-@pytest.fixture(scope="module", params=RECORD["drones"])
+@pytest.fixture(scope="module", params=RECORDED_MODELS["drones"])
 def drone(request):
-    return Drone(RECORD["drones"][request.param])
+    return Drone(RECORDED_MODELS["drones"][request.param])
 
 
-def test_derivatives_of_drone_models_are_ours_and_three_additional_terms(drone):
+def test_derivatives_of_drone_models_equal_ours_plus_three_additional_terms(drone):
     """Every term is large enough that the derivatives would differ without it."""
-    assert RECORD["package"] == "drone-models 0.1.0"
+    assert RECORDED_MODELS["package"] == "drone-models 0.1.0"
     max_fractions = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
         ours, terms = drone.rates(sample), drone.additional_terms(sample)
-        for index, (name, rows) in enumerate(RESULTS.items()):
+        for index, (name, rows) in enumerate(DERIVATIVE_ROWS.items()):
             expected = np.array(sample[name])
             parts = {reason: term[index] for reason, term in terms.items()}
             scale = np.abs(expected).max()

@@ -25,7 +25,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_derivatives
 
-TABLE_I = QuadrotorParameters()
+PAPER_VEHICLE = QuadrotorParameters()
 NO_WIND = Wind(0.0, 0.0, 0.0)
 NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)
 
@@ -55,8 +55,8 @@ def parameters_without_drag(asymmetric_vehicle):
     return asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
 
 
-def test_accelerations_agree_with_drake_s_quadrotor_plant(parameters_without_drag):
-    """In this plant, the rotors are equal and the centre of mass is in their middle."""
+def test_accelerations_agree_with_the_quadrotor_plant_of_drake(parameters_without_drag):
+    """The rotors of Drake's plant are equal, and its centre of mass is in their middle."""
     b, d, arm = 4.15e-5, 1.1e-6, 0.165
     rotors = Rotors.plus(length=2.0 * arm, width=2.0 * arm, thrust_factor=b, drag_factor=d)
     parameters = parameters_without_drag._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
@@ -147,7 +147,7 @@ def test_accelerations_of_a_hundred_layouts_agree_with_multibody_plants(paramete
 def test_rotors_in_a_plus_agree_with_eqs_4_and_5():
     b, d, length, speeds = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
     w_1, w_2, w_3, w_4 = speeds
-    action = rotor_action(speeds, TABLE_I)
+    action = rotor_action(speeds, PAPER_VEHICLE)
     assert action.residual == pytest.approx(-w_1 + w_2 - w_3 + w_4)
     assert action.wrench.thrust == pytest.approx(b * (w_1**2 + w_2**2 + w_3**2 + w_4**2))
     assert action.wrench.tau_x == pytest.approx(length * b * (w_4**2 - w_2**2))
@@ -156,7 +156,7 @@ def test_rotors_in_a_plus_agree_with_eqs_4_and_5():
 
 
 def test_the_total_angular_momentum_of_body_and_rotors_is_constant(parameters_without_drag):
-    """For rotors with constant speed and without thrust, R_WB (I w + J_r w_r z) is constant."""
+    """The vector R_WB (I w + J_r w_r z) is constant if the rotors have constant speed and no thrust."""
     parameters = parameters_without_drag._replace(rotor_inertia=1e-3)
     residual = rotor_action(RotorSpeed(100.0, 300.0, 120.0, 280.0), parameters).residual
     assert residual == 360.0
@@ -195,7 +195,7 @@ def test_gyroscopic_torques_have_the_signs_of_the_paper(asymmetric_vehicle):
     assert slope.r == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
 
 
-def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehicle):
+def test_small_angle_kinematics_agree_with_exact_kinematics_to_second_order(asymmetric_vehicle):
     direction = np.random.default_rng(3).normal(size=16)
     direction[:3] = direction[6:9] = 0.0
 
@@ -211,11 +211,11 @@ def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehic
 
 
 def test_a_vehicle_at_hover_speeds_has_no_acceleration():
-    speeds = hover_rotor_speeds(TABLE_I)
+    speeds = hover_rotor_speeds(PAPER_VEHICLE)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
     body, rotors, *_ = quadrotor_derivatives(
-        state, speeds, NO_WIND, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS
+        state, speeds, NO_WIND, None, PAPER_VEHICLE, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS
     )
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 

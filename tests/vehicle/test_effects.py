@@ -46,7 +46,7 @@ EFFECTS = {
 }
 
 
-class Sample:
+class RandomFlightState:
     """Random vehicle state, command and wind."""
 
     def __init__(self, rng):
@@ -58,7 +58,7 @@ class Sample:
 
 def samples(count, seed):
     rng = np.random.default_rng(seed)
-    return [Sample(rng) for _ in range(count)]
+    return [RandomFlightState(rng) for _ in range(count)]
 
 
 def derivative_of(vehicle, context, sample, *more_states):
@@ -304,7 +304,7 @@ def load_velocity(state, swing):
 
 
 def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmetric_vehicle):
-    """With steps of 0.5 ms, the error is below 1e-7 J after one second, in which the load swings by 0.5 rad."""
+    """The error is below 1e-7 J after one second with steps of 0.5 ms. The load swings by 0.5 rad in this time."""
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0, rotor_time_constant=1e-3)
     effects = Effects(slung_load=SLUNG_LOAD)
     time_step, num_steps = 5e-4, 2000
@@ -349,7 +349,7 @@ def test_the_energy_of_a_swinging_load_changes_by_the_work_of_the_rotors(asymmet
     ids=["payload", "slung load", "ground effect"],
 )
 def test_steps_with_effects_are_of_fourth_order(asymmetric_vehicle, effects):
-    """At half the time step, the error after 0.2 s is a sixteenth."""
+    """The error after 0.2 s falls to a sixteenth if the time step is halved."""
     command, wind = np.array([205.0, 190.0, 200.0, 215.0]), [2.0, -1.0, 0.5]
 
     def final_state(time_step):

@@ -51,7 +51,7 @@ def test_hover_speeds_balance_any_rotors_and_any_centre_of_mass():
 
 
 def test_a_displaced_centre_of_mass_causes_a_torque():
-    """If the centre of mass is closer to rotor 1, rotor 3 has the longer lever arm, so the nose drops."""
+    """Rotor 3 has the longer lever arm if the centre of mass is closer to rotor 1, so the nose drops."""
     parameters = QuadrotorParameters(centre_of_mass=CentreOfMass(0.01, 0.02))
     speeds = RotorSpeed(210.0, 190.0, 205.0, 195.0)
     thrusts = 4.13e-5 * np.square(speeds)
@@ -115,6 +115,6 @@ def test_vehicles_of_a_fleet_have_individual_faults():
         np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
 
 
-def test_without_faults_all_factors_are_one():
+def test_all_speed_factors_are_one_without_faults():
     assert RotorFaults() == (0.0, np.inf, (1.0, 1.0, 1.0, 1.0))
     assert speed_factors(RotorFaults(), 100.0) == (1.0, 1.0, 1.0, 1.0)

@@ -37,7 +37,7 @@ def test_the_demanded_rotor_speeds_reproduce_the_trajectory(with_changing_yaw, a
     np.testing.assert_allclose(np.array(slope)[:, 2:-2], numeric, atol=5e-4)
 
 
-def test_hover_demands_hover_speed():
+def test_a_hovering_trajectory_demands_hover_speeds():
     reference = Reference(*[0.0] * 9, yaw=1.0, yaw_rate=0.0)
     demand = rotor_demand(reference, Jerk(0.0, 0.0, 0.0), Snap(0.0, 0.0, 0.0, 0.0), QuadrotorParameters())
     np.testing.assert_allclose(demand.rotor_speed, hover_rotor_speeds(QuadrotorParameters()))

@@ -32,7 +32,7 @@ RISING_CURVES = [
     ThrustCurve(0.0, 4.0, -1.9),
 ]
 # Eschmann, Albani and Loianno (arXiv 2404.07837) identified this curve. It falls before it rises.
-CRAZYFLIE = ThrustCurve(0.0227, -0.0119, 0.1284)
+CRAZYFLIE_THRUST_CURVE = ThrustCurve(0.0227, -0.0119, 0.1284)
 
 
 @pytest.mark.parametrize("curve", RISING_CURVES)
@@ -45,8 +45,8 @@ def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
 
 
 def test_the_throttle_is_on_the_rising_branch_of_a_curve_that_falls_at_first():
-    throttle = throttle_for(0.05, CRAZYFLIE)
-    root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE[::-1], u) - 0.05, 0.1, 1.0)
+    throttle = throttle_for(0.05, CRAZYFLIE_THRUST_CURVE)
+    root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE_THRUST_CURVE[::-1], u) - 0.05, 0.1, 1.0)
     assert throttle == pytest.approx(root, rel=1e-12)
 
 
@@ -60,7 +60,7 @@ def test_throttles_command_rotor_speeds_by_the_thrust_curve():
 
 
 def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
-    """If the model of the autopilot is exact, rotors that follow the throttles produce the wrench."""
+    """Rotors that follow the throttles produce the wrench if the model of the autopilot is exact."""
     b = 4.1e-5
     rotors = asymmetric_vehicle.rotors.with_thrust_factors(b, b, b, b)
     parameters = asymmetric_vehicle._replace(rotors=rotors, centre_of_mass=CentreOfMass())
@@ -112,7 +112,7 @@ def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
 
 
 @pytest.mark.parametrize("paired", [False, True])
-def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
+def test_the_system_throttle_allocation_agrees_with_its_formula(asymmetric_vehicle, paired):
     model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING_CURVES[0])
     system = ThrottleAllocation(paired=paired, parameters=model)
     context = system.CreateDefaultContext()
@@ -156,7 +156,7 @@ def test_rotors_speed_up_and_slow_down_with_different_time_constants(time_step):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_body_and_rotors_conserve_angular_momentum(time_step):
-    """Without rotor drag, the sum of the angular momenta of body and rotors about z is constant."""
+    """The sum of the angular momenta of body and rotors about z is constant if the rotors have no drag."""
     rotor_inertia = 2.0e-4
     parameters = QuadrotorParameters(rotor_inertia=rotor_inertia, rotors=Rotors.plus(drag_factor=1e-30))
     effects = Effects(reaction_torque=ReactionTorque(rotor_inertia), spin_down=SpinDown(0.09))

@@ -16,8 +16,8 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.quadrotor import HoverPose, Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.rotors import Rotors
 
-COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
-PARAMETERS = QuadrotorParameters(
+ROTOR_SPEED_COMMAND = np.array([200.0, 215.0, 205.0, 198.0])  # rad/s
+ASYMMETRIC_VEHICLE = QuadrotorParameters(
     mass=0.7,
     inertia=Inertia(0.0071, 0.0079, 0.0131),
     rotors=Rotors.plus().with_thrust_factors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
@@ -27,11 +27,11 @@ PARAMETERS = QuadrotorParameters(
 )
 
 
-def quadrotor(parameters=PARAMETERS, start=HoverPose(), **structure):
+def quadrotor(parameters=ASYMMETRIC_VEHICLE, start=HoverPose(), **structure):
     return Quadrotor(parameters=QuadrotorConfig(parameters=parameters, start=start), **structure)
 
 
-def final_state(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
+def final_state(vehicle, duration, command=ROTOR_SPEED_COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
     """Return the (16, N) states of body and rotors after a flight with constant inputs."""
     n = vehicle.num_vehicles
     context = vehicle.CreateDefaultContext()
@@ -57,7 +57,9 @@ def test_discrete_steps_converge_to_the_continuous_vehicle_with_fourth_order():
 def test_rotors_of_a_discrete_vehicle_follow_the_exact_solution_of_their_lag():
     final = final_state(Quadrotor(), 0.1)[12:, 0]
     hover = np.array(hover_rotor_speeds(QuadrotorParameters()))
-    np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
+    np.testing.assert_allclose(
+        final, ROTOR_SPEED_COMMAND + (hover - ROTOR_SPEED_COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13
+    )
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
@@ -72,10 +74,10 @@ def test_commands_beyond_the_limits_are_clipped(time_step, shift, asymmetric_veh
 
 def test_each_vehicle_of_a_fleet_has_the_flight_of_a_single_vehicle():
     masses = np.array([0.6, 0.68, 0.75])
-    commands = COMMAND + np.array([[0.0], [3.0], [-4.0]])
-    fleet = final_state(quadrotor(PARAMETERS._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
+    commands = ROTOR_SPEED_COMMAND + np.array([[0.0], [3.0], [-4.0]])
+    fleet = final_state(quadrotor(ASYMMETRIC_VEHICLE._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
     for i, mass in enumerate(masses):
-        alone = final_state(quadrotor(PARAMETERS._replace(mass=float(mass))), 0.6, command=commands[i])
+        alone = final_state(quadrotor(ASYMMETRIC_VEHICLE._replace(mass=float(mass))), 0.6, command=commands[i])
         np.testing.assert_allclose(fleet[:, i], alone[:, 0], rtol=0.0, atol=1e-12)
 
 
@@ -94,7 +96,7 @@ def test_a_crashed_vehicle_stops_and_others_are_not_affected(time_step):
 def test_autodiff_derivatives_of_a_step_agree_with_finite_differences():
     def after_a_step(state, vehicle, simulator_class):
         context = vehicle.CreateDefaultContext()
-        vehicle.GetInputPort("rotor_speed_command").FixValue(context, COMMAND)
+        vehicle.GetInputPort("rotor_speed_command").FixValue(context, ROTOR_SPEED_COMMAND)
         vehicle.GetInputPort("wind").FixValue(context, [1.0, 0.0, 0.0])
         context.SetDiscreteState(0, state[:12])
         context.SetDiscreteState(1, state[12:])
@@ -104,7 +106,7 @@ def test_autodiff_derivatives_of_a_step_agree_with_finite_differences():
         return np.concatenate([vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed")])
 
     vehicle = quadrotor()
-    state = np.concatenate([np.random.default_rng(1).normal(size=12) * 0.3, COMMAND + 5.0])
+    state = np.concatenate([np.random.default_rng(1).normal(size=12) * 0.3, ROTOR_SPEED_COMMAND + 5.0])
     differentiable = vehicle.ToAutoDiffXd()
     start = InitializeAutoDiff(state)[:, 0]
     gradient = ExtractGradient(after_a_step(start, differentiable, Simulator_[AutoDiffXd]))
@@ -136,7 +138,7 @@ def test_the_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles)
     np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_parameters_belong_to_the_context():
+def test_parameters_of_a_vehicle_are_stored_in_the_context():
     vehicle = quadrotor(QuadrotorParameters(mass=np.array([0.68, 0.7])), num_vehicles=2)
     context = vehicle.CreateDefaultContext()
     heavier = QuadrotorParameters(mass=np.array([0.68, 0.9]))
@@ -187,16 +189,16 @@ def test_set_hover_uses_the_parameters_of_the_context(time_step):
     vehicle = quadrotor(num_vehicles=2, time_step=time_step)
     context = vehicle.CreateDefaultContext()
     masses = np.array([0.65, 0.8])
-    vehicle.set_parameter(context, "parameters", PARAMETERS._replace(mass=masses))
+    vehicle.set_parameter(context, "parameters", ASYMMETRIC_VEHICLE._replace(mass=masses))
     vehicle.set_hover(context, HoverPose(1.0, np.array([2.0, -2.0]), 3.0, 0.5))
     state = vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)
     np.testing.assert_array_equal(state[:, 0], [1.0, 2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
     np.testing.assert_array_equal(state[:, 1], [1.0, -2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
     speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
-    np.testing.assert_allclose(speeds, hover_rotor_speeds(PARAMETERS._replace(mass=masses)), rtol=1e-14)
+    np.testing.assert_allclose(speeds, hover_rotor_speeds(ASYMMETRIC_VEHICLE._replace(mass=masses)), rtol=1e-14)
 
 
-def test_the_linear_model_in_hover_agrees_with_textbooks():
+def test_the_linear_model_in_hover_agrees_with_the_textbook_model():
     from pydrake.systems.primitives import Linearize
 
     vehicle = Quadrotor(time_step=0.0)
@@ -250,9 +252,9 @@ def test_impossible_parameters_are_rejected(change, words):
     Quadrotor(parameters=QuadrotorConfig(QuadrotorParameters(linear_drag=0.0, rotor_inertia=0.0, min_rotor_speed=0.0)))
 
 
-def test_linearize_accepts_a_vehicle_without_a_time_step_only():
-    """For a vehicle with a time step, Drake raises SystemExit, as `docs/how_to/plain_drake.md` says."""
-    hover = [float(speed) for speed in hover_rotor_speeds(PARAMETERS)]
+def test_linearize_accepts_only_a_vehicle_without_a_time_step():
+    """Drake raises SystemExit for a vehicle with a time step, as `docs/how_to/plain_drake.md` says."""
+    hover = [float(speed) for speed in hover_rotor_speeds(ASYMMETRIC_VEHICLE)]
     for time_step, expected in ((0.0, does_not_raise()), (0.01, pytest.raises(SystemExit))):
         vehicle = quadrotor(time_step=time_step)
         context, command = vehicle.CreateDefaultContext(), vehicle.GetInputPort("rotor_speed_command")

@@ -1,4 +1,4 @@
-"""Tests of the conditions that moments of inertia of a body satisfy, and of the nearest moments that satisfy them."""
+"""Tests of the conditions on moments of inertia, and of the nearest moments that satisfy these conditions."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def moments_of_bodies():
     return (squares.sum(axis=(1, 2))[:, None] - squares.sum(axis=1)) * 0.05
 
 
-def test_moments_of_inertia_of_any_body_are_possible(moments_of_bodies):
+def test_moments_of_inertia_of_any_rigid_body_are_accepted(moments_of_bodies):
     assert all(explain_invalid_inertia(moments) == "" for moments in moments_of_bodies.tolist())
     # The moments of flat bodies and rods satisfy the conditions up to rounding errors.
     np.testing.assert_allclose(nearest_rigid_inertia(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)
@@ -32,7 +32,7 @@ def test_moments_may_violate_the_conditions_by_no_more_than_the_rounding_of_data
 
 @pytest.mark.slow
 def test_the_nearest_moments_are_the_solution_of_a_quadratic_programme():
-    """In some samples, no possible moments are within the bounds."""
+    """Some samples have bounds that contain no possible moments of inertia."""
     rng = np.random.default_rng(1)
     triangle_inequalities = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for _ in range(100):

@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
 from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
 
-TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)
+TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)  # s
 
 
 def final_states_and_swings(parameters, tumbles, time_step, duration, load=None, swings=None):
@@ -60,7 +60,7 @@ def final_states_and_swings(parameters, tumbles, time_step, duration, load=None,
 
 @pytest.mark.slow
 def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
-    """At up to 10 rad/s, vehicles pass pitches of ±90°. With the default time step, errors are below 0.002°."""
+    """Vehicles pass pitches of ±90° at up to 10 rad/s. Errors are below 0.002° with the default time step."""
     tumbles = random_tumbles(40, seed=0)
     position, rotation, velocity, rates, *_ = flown(asymmetric_vehicle, tumbles, 2.0)
     errors = []
@@ -89,7 +89,7 @@ def flip_at(yaw_rate):
 
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 0.01, 0.02, 0.05, 0.1, 0.3])
 def test_a_flip_is_correct_however_close_it_passes_to_a_pitch_of_90_degrees(yaw_rate):
-    """The vehicle pitches at 6 rad/s for 0.6 s. Near a pitch of 90°, roll and yaw jump by 180°."""
+    """The vehicle pitches at 6 rad/s for 0.6 s. Roll and yaw jump by 180° near a pitch of 90°."""
     flip = flip_at(yaw_rate)
     final_state, _ = final_states_and_swings(FLIP_PARAMETERS, flip, 0.01, 0.6)
     _, rotation, *_ = flown(FLIP_PARAMETERS, flip, 0.6)
@@ -213,7 +213,7 @@ def jacobian(vehicle, function):
     return ExtractGradient(function(converted, context))
 
 
-def test_derivatives_are_finite_where_the_nose_points_straight_up():
+def test_derivatives_are_finite_at_a_pitch_of_90_degrees():
     """The derivatives of roll and yaw are not defined at this attitude, but must not be NaN."""
     angles = InitializeAutoDiff(np.array([0.3, -0.5 * math.pi, 0.7]))[:, 0]
     gradient = ExtractGradient(np.array(BodyAxes.of(*angles).angles()))
@@ -224,7 +224,7 @@ def test_derivatives_are_finite_where_the_nose_points_straight_up():
 @pytest.mark.parametrize("integrator", ["default", "of a flight"])
 @pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
 def test_a_continuous_state_turns_over_correctly_or_its_integrator_refuses(integrator, yaw_rate):
-    """With error control, either the steps resolve the half-turns of roll and yaw, or the integrator refuses."""
+    """An integrator with error control either resolves the half-turns of roll and yaw in its steps, or refuses."""
     flip = flip_at(yaw_rate)
     vehicle = Quadrotor(time_step=0.0, parameters=QuadrotorConfig(FLIP_PARAMETERS))
     simulator = Simulator(vehicle)
@@ -301,7 +301,7 @@ def test_the_attitude_of_a_responding_vehicle_is_the_integral_of_its_body_rates(
     assert degrees_apart(states[-1:, 3:6], rotation) < 1e-3
 
 
-LOAD = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
 
 
 @pytest.mark.slow
@@ -315,13 +315,13 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     rods = [rod_of(swing) for swing in swings]
     initial_rods = np.array([rod.direction for rod in rods]), np.array([rod.rate for rod in rods])
     position, rotation, velocity, _, load_position, load_velocity = flown(
-        asymmetric_vehicle, tumbles, 1.0, LOAD, initial_rods
+        asymmetric_vehicle, tumbles, 1.0, SLUNG_LOAD, initial_rods
     )
-    directions, rates = (load_position - position) / LOAD.length, (load_velocity - velocity) / LOAD.length
+    directions, rates = (load_position - position) / SLUNG_LOAD.length, (load_velocity - velocity) / SLUNG_LOAD.length
     assert np.abs(directions[:, 0]).max() > 0.9
     errors = []
     for step in TIME_STEPS[:3]:
-        states, swings_after = final_states_and_swings(asymmetric_vehicle, tumbles, step, 1.0, LOAD, swings)
+        states, swings_after = final_states_and_swings(asymmetric_vehicle, tumbles, step, 1.0, SLUNG_LOAD, swings)
         final_rods = [rod_of(swing) for swing in swings_after]
         errors.append(np.abs(np.array([rod.direction for rod in final_rods]) - directions).max())
         assert degrees_apart(states[:, 3:6], rotation).max() < 1e-3

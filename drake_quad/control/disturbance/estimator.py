@@ -15,8 +15,9 @@ class EstimatorParameters(NamedTuple):
 
     Attributes:
         laws: estimation laws for X, Y and Z, all of the same type, from `drake_quad.control.disturbance.laws`.
-        lags: modelled time constants of the response to feedback and to feed-forward, for X, Y and Z, s.
-        limit: largest absolute value of the output on each axis.
+        lags: modelled time constants for X, Y and Z, s: of the response to feedback, and of the response to
+            feed-forward.
+        limit: largest absolute value of the output on each axis, m/s².
         start: initial position of the vehicle, m.
     """
 

@@ -140,7 +140,7 @@ class DifferencedMemory(NamedTuple):
     Attributes:
         velocity: measured velocity at the previous tick, m/s.
         modelled: modelled change of the velocity since the previous tick, m/s.
-        disturbance: d, the output of the law's filter, m/s².
+        disturbance: disturbance d, which is the output of the law's filter, m/s².
         rate: derivative of d, m/s³; zero for a first-order filter.
     """
 

@@ -56,7 +56,7 @@ def lag_step(before: Row, target: Row, lag: Row, period: float) -> LagStep:
 def response_step(
     before: AxisCommand, command: AxisCommand, lags: AxisCommand, period: float
 ) -> tuple[AxisCommand, Row, Row]:
-    """Return the modelled response at the next tick, and its integrals over the tick: velocity (m/s) and distance (m).
+    """Return the modelled response at the next tick, and its first (m/s) and second (m) integral over the tick.
 
     Args:
         before: response at the start of the tick.

@@ -19,9 +19,9 @@ class TiltEstimatorParameters(NamedTuple):
 
     Attributes:
         laws: estimation laws for X, Y and Z, all of the same type, from `drake_quad.control.disturbance.laws`.
-        lag: modelled time constant of the thrust.
-        gravity: g of the nominal model.
-        limit: largest absolute value of the output on each axis.
+        lag: modelled time constant of the thrust, s.
+        gravity: g of the nominal model, m/s².
+        limit: largest absolute value of the output on each axis, m/s².
         start: initial position of the vehicle, m.
     """
 
@@ -33,11 +33,11 @@ class TiltEstimatorParameters(NamedTuple):
 
 
 class KnownAccelerations(NamedTuple):
-    """Known accelerations at a tick.
+    """Accelerations at a tick that are not part of the estimated disturbance.
 
     Attributes:
         tilted: acceleration due to thrust and weight.
-        learned: disturbance that a network has learned, for the time from this tick to the next.
+        learned: disturbance that a network has learned; it acts from this tick to the next.
     """
 
     tilted: Acceleration

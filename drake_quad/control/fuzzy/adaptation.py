@@ -88,7 +88,7 @@ class _Family(NamedTuple):
         output: output τ.
         of_inputs: derivatives of τ with respect to the parameters of the sets of each input; zero for the scales, which
             do not learn.
-        exponent: derivative of τ with respect to a.
+        exponent: derivative of τ with respect to the exponent a.
     """
 
     output: Row
@@ -216,7 +216,7 @@ def _clipped(value: Row, lower: Row, upper: Row) -> Row:
 
 
 def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
-    """Return the sets after a gradient step of their inner centres, limited to the largest displacement."""
+    """Return the sets after a gradient step of the inner centres, each within its largest displacement."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
     moved_centres = [

@@ -24,8 +24,8 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, total, where
 from drake_quad.signals import Number, Row
 
-# Smallest argument of a logarithm; smaller arguments are replaced with it.
-_TINY = 1e-250
+# Lower limit on the arguments of logarithms, which avoids an infinite logarithm of zero.
+_MIN_LOG_ARGUMENT = 1e-250
 # Largest double-precision number below 1.
 _BELOW_ONE = 1.0 - 2.0**-53
 
@@ -113,9 +113,9 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     The derivative is defined as zero at the centre, where the function is not differentiable, and outside the set.
     """
     distance = abs(u)
-    limited = minimum(maximum(distance, _TINY), _BELOW_ONE)
-    remainder = maximum(1.0 - exp(exponent * log(limited, normal=True)), _TINY)
-    # For a triangular set, the exact formula avoids the rounding errors of powers.
+    limited = minimum(maximum(distance, _MIN_LOG_ARGUMENT), _BELOW_ONE)
+    remainder = maximum(1.0 - exp(exponent * log(limited, normal=True)), _MIN_LOG_ARGUMENT)
+    # The exact formula for a triangular set avoids the rounding errors of powers.
     arc = where(exponent == 1.0, 1.0 - limited, exp((1.0 / exponent) * log(remainder, normal=True)))
     return where(distance < 1.0, arc, 0.0 * distance)
 

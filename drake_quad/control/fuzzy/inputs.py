@@ -1,4 +1,4 @@
-"""Inputs of the rules of a network.
+"""Inputs of a network's rules.
 
 `error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis of the network. `x` to `v_z` are the
 measured position and velocity in W; with these inputs, a network learns a map of the disturbance in space. `phase` is
@@ -18,12 +18,12 @@ InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "
 
 # Tolerance on the end of a lap, as a fraction of the lap.
 _LAP_TOLERANCE = 1e-9
-_ON_SAME_AXIS = ("error", "error_rate", "disturbance")  # inputs that use only the signal on the axis of the network
+_SIGNALS_ON_NETWORK_AXIS = ("error", "error_rate", "disturbance")  # inputs with one value for each axis
 
 
 def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:
     """Return the names of the signals that determine the inputs, without duplicates."""
-    names = [name if name in _ON_SAME_AXIS else "measurement" for name in inputs if name != "phase"]
+    names = [name if name in _SIGNALS_ON_NETWORK_AXIS else "measurement" for name in inputs if name != "phase"]
     return tuple(dict.fromkeys(names))
 
 
@@ -44,7 +44,7 @@ def input_values(
         if name == "phase":
             values.append(route_phase(time, lap_times))
         else:
-            on_own_axis = name in _ON_SAME_AXIS
+            on_own_axis = name in _SIGNALS_ON_NETWORK_AXIS
             values.append(getattr(signals[name if on_own_axis else "measurement"], axis if on_own_axis else name))
     return values
 

@@ -26,10 +26,10 @@ Rows = tuple[Row, ...]
 
 
 class LearningLaw(Protocol):
-    """Interface of all learning laws, which are records of rows.
+    """Interface of all learning laws. A law is a record of rows.
 
-    A law learns from a signal: s_p of eq (15), m/s, or the feedback τ_c, m/s². The documented units of gains apply to
-    s_p, or, in `SignLaw`, to τ_c.
+    A law learns from one of two signals: s_p of eq (15) in m/s, or the feedback τ_c in m/s². The units of gains are
+    documented for s_p; those of `SignLaw` are documented for τ_c.
     """
 
     @property
@@ -109,7 +109,7 @@ class GradientLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Placeholder for a law without memory."""
+        """Unused name, since the law has no memory."""
         return "nothing"
 
     def memory(self, num_rules: int) -> Rows:
@@ -154,7 +154,7 @@ class SignLaw(NamedTuple):
 
 
 class LearningLimits(NamedTuple):
-    """Limits of learning. The defaults have no effect.
+    """Limits of learning, all switched off by default.
 
     Attributes:
         weight: largest |F|, m/s².

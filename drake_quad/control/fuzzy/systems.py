@@ -21,17 +21,17 @@ PerNetworkAxis = tuple[Rows, ...]
 
 
 def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
-    """Return the layout of a number of rows on each axis of a network."""
+    """Return the layout of a signal that has the same number of rows for each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
 
 
 def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
-    """Return the layout of the antecedents of a network on each of its axes."""
+    """Return the layout of a network's antecedents, one axis after another."""
     return layout_of(tuple[Antecedents, ...], antecedents)
 
 
 class Lead(NamedTuple):
-    """Lead time: a correction is applied this time before the vehicle reaches the position for which it was learned."""
+    """Time by which a correction is applied before the vehicle reaches the position for which it was learned."""
 
     time: Time
 
@@ -88,7 +88,7 @@ class FuzzyRulesParameters(NamedTuple):
 
 @fleet_system(float, AutoDiffXd)
 class FuzzyRules(FleetSystem):
-    """Firing strengths of the rules of a network.
+    """Firing strengths of a network's rules.
 
     .. pydrake_system::
 

@@ -62,7 +62,7 @@ class AttitudeChain(NamedTuple):
 
 
 class LaggingAttitudeChain(TorqueChain):
-    """States along X or Y if an autopilot is on board and the model includes the lag of the rotors separately."""
+    """States along X or Y if an autopilot is on board and the rotor lag is modelled separately."""
 
 
 class VerticalChain(NamedTuple):
@@ -95,8 +95,7 @@ class Disturbances(NamedTuple):
         first: first-order disturbing acceleration d₁.
         second: second-order disturbing acceleration d₂.
         bias: bias δ of the angular motion; None along Z.
-        command_noise: square root of the spectral density of the white noise on the command, in the unit of the command
-            times √s.
+        command_noise: square root of the spectral density of white command noise, in the unit of the command times √s.
     """
 
     first: ChainNoise

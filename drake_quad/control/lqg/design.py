@@ -10,12 +10,12 @@ from drake_quad.signals import Row
 
 
 class AxisLoop(NamedTuple):
-    """Filter and regulator of one axis. Vectors of n numbers are records of the chain.
+    """Filter and regulator of one axis. A vector of n states is a record of the chain's type.
 
     Attributes:
         A: system matrix of x⁺ = A x + B u over a frame, row by row.
         B: input matrix, a single column.
-        L: gain of the filter, a column for each measured quantity.
+        L: gain of the filter, with a column for each measured quantity.
         K: gain of the regulator.
         K_pending: gains on the commands in transit, the oldest first.
         outer: divisor k that converts gains in K to gains of an outer loop; see `axis_loop`.

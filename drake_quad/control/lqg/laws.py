@@ -56,10 +56,10 @@ class TorqueParameters(NamedTuple):
         i_xx: moment of inertia of the nominal vehicle about x_B, kg m².
         i_yy: moment of inertia of the nominal vehicle about y_B, kg m².
         i_zz: moment of inertia of the nominal vehicle about z_B, kg m².
-        yaw_k_p: gain of the yaw's PD on the error, 1/s².
-        yaw_k_d: gain of the yaw's PD on the rate of the error, 1/s.
-        max_snap: largest command along X and along Y.
-        lead: lead time of the feed-forward of the snap.
+        yaw_k_p: gain of the yaw PD law on the yaw error, 1/s².
+        yaw_k_d: gain of the yaw PD law on the rate of the yaw error, 1/s.
+        max_snap: largest snap command along X and along Y, m/s⁴.
+        lead: lead time of the snap feed-forward, s.
     """
 
     i_xx: Row
@@ -88,11 +88,11 @@ class ThrustParameters(NamedTuple):
 
     Attributes:
         mass: mass, kg.
-        gravity: gravitational acceleration g.
+        gravity: gravitational acceleration g, m/s².
         tan_max_tilt: tangent of the largest angle between thrust and vertical.
-        min_thrust: smallest vertical thrust.
-        max_thrust: largest thrust.
-        lead: lead time of the feed-forward of the vertical jerk.
+        min_thrust: smallest vertical thrust, N.
+        max_thrust: largest thrust, N.
+        lead: lead time of the vertical jerk feed-forward, s.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -439,13 +439,13 @@ def next_sent(output: RegulatorOutput, snap: Snap, sent: SentCommands) -> SentCo
 
 
 def error_of(estimate: Estimate, reference: Reference) -> PositionError:
-    """Return the reference minus the estimated position."""
+    """Return the position error: reference position minus estimated position."""
     x, y, z = estimate
     return PositionError(reference.x - x.position, reference.y - y.position, reference.z - z.position)
 
 
 def error_rate_of(estimate: Estimate, reference: Reference) -> PositionErrorRate:
-    """Return the velocity of the reference minus the estimated velocity."""
+    """Return the rate of the position error: reference velocity minus estimated velocity."""
     x, y, z = estimate
     return PositionErrorRate(reference.v_x - x.velocity, reference.v_y - y.velocity, reference.v_z - z.velocity)
 
@@ -464,7 +464,7 @@ def disturbance_of(estimate: Estimate) -> Acceleration:
 
 
 def corrected_acceleration(reference: Reference, correction: Acceleration | None) -> Acceleration:
-    """Return the acceleration of the reference minus a correction."""
+    """Return the reference acceleration minus a correction."""
     a_x, a_y, a_z = reference.a_x, reference.a_y, reference.a_z
     if correction is None:
         return Acceleration(a_x, a_y, a_z)

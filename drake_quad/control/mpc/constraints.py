@@ -8,7 +8,7 @@ between a limit and the reference:
     thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
     corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width
 
-n are the m directions of the normals of a regular polygon inside the circle of the largest tilt, and M is the mass. The
+n are the m unit normals of a regular polygon inside the circle of the largest tilt, and M is the mass. The
 corridor, and the tilt in the case of torques, are constraints on states, which a disturbance can push beyond the bound.
 For these constraints, a slack ε at each tick relaxes the bound, and ζ ε² is added to the cost of the regulator.
 Constraints on commands can always be satisfied. A solution therefore always exists (P. O. M. Scokaert and J. B.
@@ -103,7 +103,7 @@ class Horizon(NamedTuple):
         parameters: parameters of the controller.
         preview: reference at all ticks; its rows are arrays (ticks of the preview,).
         corridor: corridor for the vehicle.
-        tilt_weight: ζ of the tilt constraint, for a slack in units of g.
+        tilt_weight: weight ζ of the tilt slack, which is in units of g.
         num_ticks: length of the horizon in ticks.
         tick: control period, s.
     """
@@ -184,7 +184,7 @@ def _combined(
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slack: SharedSlack | None = None,
 ) -> Constraint:
-    """Return a constraint on the sum of a response over several axes, weighted by the coefficients."""
+    """Return a constraint on the sum of the responses of several axes, weighted by coefficients."""
     free, forced = (
         np.hstack([coefficient * part for coefficient in coefficients]) for part in (response.free, response.forced)
     )

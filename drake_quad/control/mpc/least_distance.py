@@ -1,4 +1,4 @@
-"""Computation of the point of a polyhedron that is nearest to the origin, with Drake's MathematicalProgram.
+"""Solver for the point of a polyhedron that is nearest to the origin, based on Drake's MathematicalProgram.
 
 This problem is called least distance programming (C. L. Lawson and R. J. Hanson, "Solving least squares problems",
 1974, chapter 23).
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-# Tolerance on the violation of rows, relative to the largest violation at the origin, and on the signs of multipliers,
-# relative to the largest multiplier.
+# Tolerance on violations, relative to the largest violation at the origin. The same tolerance applies to negative
+# multipliers, relative to the largest multiplier.
 _TOLERANCE = 1e-9
 
 
@@ -65,7 +65,7 @@ class LeastDistance:
                 return None
             point, multipliers = result.GetSolution(self._variables), -result.GetDualSolution(self._constraint)
             binding = np.zeros(len(bounds), dtype=bool)
-            # At the exact solution, the multiplier or the slack of each row is zero. The solver returns approximations
+            # The multiplier or the slack of each row is zero at the exact solution. The solver returns approximations
             # of both, so a row counts as active if its multiplier is larger than its slack.
             binding[included] = multipliers > upper - rows @ point
             point = self._polished(point, bounds, included, binding)

@@ -51,7 +51,8 @@ def acceleration_target(
 ) -> tuple[AttitudeTarget, CascadeMemory]:
     """Return the target of a velocity loop that commands an acceleration, and the next state of the loops.
 
-    The arguments are as in `tilt_target`, except that `parameters` contains `AccelerationParameters`.
+    The arguments are as in `tilt_target`, except that the field `command` of `parameters` is an
+    `AccelerationParameters`.
     """
     command: Any = parameters.command
     feedback, position = step_loops(

@@ -24,7 +24,7 @@ class TiltParameters(NamedTuple):
     """Thrust parameters of a cascade that commands roll and pitch.
 
     Attributes:
-        hover_thrust: thrust if the output of the vertical velocity loop is zero.
+        hover_thrust: thrust when the output of the vertical velocity loop is zero.
         min_thrust: smallest thrust.
         max_thrust: largest thrust.
     """
@@ -86,7 +86,8 @@ class CascadeRules(NamedTuple):
     Attributes:
         position_integrates_first: True if the integral in the output of the position loop includes the error of the
             current tick.
-        velocity_integrates_first: the same for a velocity loop that commands a tilt.
+        velocity_integrates_first: True if the integral in the output of the velocity loop includes the error of the
+            current tick; only for a velocity loop that commands a tilt.
         decouples_vertical: True if the commanded vertical acceleration does not change the tilt.
     """
 

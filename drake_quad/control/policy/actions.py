@@ -1,4 +1,4 @@
-"""Conversion of the actions of a policy to commands. Actions are saturated at -1 and 1."""
+"""Conversion of policy actions to commands. Actions are saturated at -1 and 1."""
 
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class ThrustRange(NamedTuple):
 
 
 class AccelerationScale(NamedTuple):
-    """Accelerations that an action of 1 commands along each axis of the frame of the action."""
+    """Accelerations that an action of 1 commands along each axis of the action's frame."""
 
     x: AccelerationW
     y: AccelerationW
@@ -58,8 +58,8 @@ class AttitudeScale(NamedTuple):
 
     Attributes:
         thrust: range of the thrust, for the first row of an action.
-        tilt: roll and pitch for 1 in the second and third row.
-        yaw: yaw relative to the yaw of the reference for 1 in the fourth row.
+        tilt: roll and pitch that the value 1 commands in the second and third row of an action.
+        yaw: yaw, relative to the reference yaw, that the value 1 commands in the fourth row.
     """
 
     thrust: ThrustRange
@@ -72,11 +72,11 @@ class RatesScale(NamedTuple):
 
     Attributes:
         thrust: range of the thrust, for the first row of an action.
-        rates: body rates for 1 in the other rows.
+        rates: body rates that the value 1 commands in the other rows.
         gains: ratio of angular acceleration to body rate error, 1/s.
-        i_xx: moment of inertia of the nominal vehicle about x_B.
-        i_yy: moment of inertia of the nominal vehicle about y_B.
-        i_zz: moment of inertia of the nominal vehicle about z_B.
+        i_xx: moment of inertia of the nominal vehicle about x_B, kg m².
+        i_yy: moment of inertia of the nominal vehicle about y_B, kg m².
+        i_zz: moment of inertia of the nominal vehicle about z_B, kg m².
     """
 
     thrust: ThrustRange
@@ -88,7 +88,7 @@ class RatesScale(NamedTuple):
 
 
 class SpeedScale(NamedTuple):
-    """Maps from actions to rotor speeds, and from these to the wrench of the nominal vehicle.
+    """Maps from actions to rotor speeds, and from rotor speeds to the wrench of the nominal vehicle.
 
     Attributes:
         min_speed: rotor speed for an action of -1.
@@ -180,7 +180,7 @@ def offboard_rate_command(action: Action, measurement: State, scale: RatesScale)
 
 
 def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) -> Wrench:
-    """Return the wrench of the nominal vehicle at the commanded rotor speeds; allocation converts it back.
+    """Return the nominal vehicle's wrench at the commanded rotor speeds; allocation converts the wrench back to speeds.
 
     Args:
         action: four rows.

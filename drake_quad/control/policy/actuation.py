@@ -1,4 +1,4 @@
-"""Systems that convert the actions of a policy to commands.
+"""Systems that convert policy actions to commands.
 
 There is one system for each type of action, and two for body rates, with the rate loop on the ground or on board. The
 equations are in `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.

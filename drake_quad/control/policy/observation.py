@@ -20,7 +20,7 @@ class Observables(NamedTuple):
     Attributes:
         state: measured or true state of the vehicle.
         reference: reference that the vehicle follows.
-        ahead: future positions of the reference, m: X, Y and Z for the first time, then for the next times.
+        ahead: future positions of the reference, m: X, Y and Z at the first future time, then at each later time.
         rotor_speed: rotor speeds; None if the observation does not contain them.
         wind: velocity of the air; None if the observation does not contain it.
         action: last action.
@@ -42,7 +42,7 @@ class Observables(NamedTuple):
     attitude: BodyAxes
 
     def in_frame(self, x: Row, y: Row, z: Row) -> Vector:
-        """Return a vector in W along the axes of the frame."""
+        """Return the components, along the axes of the frame, of a vector in W."""
         return Vector(x, y, z) if self.axes is None else self.axes.in_body(Vector(x, y, z))
 
 
@@ -213,11 +213,11 @@ def observed(
     Args:
         state: measured or true state of the vehicle.
         reference: reference that the vehicle follows.
-        ahead: future positions of the reference: X, Y and Z for the first time, then for the next times.
+        ahead: future positions of the reference: X, Y and Z at the first future time, then at each later time.
         rotor_speed: rotor speeds; None if the observation does not contain them.
         wind: velocity of the air; None if the observation does not contain it.
         action: last action.
-        parameters: parameters of the vehicle.
+        parameters: parameters of the observation.
         clearance: function of X, Y and Z that returns the distance to the nearest obstacle, m; None if the observation
             does not contain it.
         spec: specification of the observation.

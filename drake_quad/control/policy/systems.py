@@ -22,8 +22,8 @@ from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
 
-# Input ports of the subsystems that become input ports of the diagram.
-_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
+# Input ports of the subsystems that the diagram exports.
+_EXPORTED_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
 def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
@@ -76,7 +76,7 @@ class Observation(FleetSystem):
         num_ahead: number of future times at which the reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
-        parameters: parameters of the vehicle.
+        parameters: parameters of the observation.
     """
 
     def declare(
@@ -191,7 +191,7 @@ def build_policy_control(
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # The given actions are an output of the diagram, like the actions of a policy.
+        # The diagram also outputs the given actions, as it outputs the actions of a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:
@@ -214,7 +214,7 @@ def build_policy_control(
         systems.append(thrust_vectoring)
     if attitude is not None:
         systems.append(builder.AddNamedSystem("attitude", attitude))
-    connect_inputs(builder, systems, sources, exported=_INPUTS)
+    connect_inputs(builder, systems, sources, exported=_EXPORTED_INPUTS)
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:

@@ -36,20 +36,21 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
-_NANOSECONDS = 10**9  # per second
-_WORLD = "world"  # name of the world frame W
-# Dimensions of drawn arms and rotors, relative to the largest horizontal distance of a rotor from the centre of mass.
+_NANOSECONDS_PER_SECOND = 10**9
+_WORLD_FRAME = "world"  # name of the world frame W
+# Dimensions of drawn arms and rotors, relative to the largest horizontal distance between a rotor and the centre of
+# mass.
 _ARM_WIDTH = 0.08
 _ROTOR_WIDTH = 0.9
 _ROTOR_HEIGHT = 0.06
 _LINE_WIDTH = 2.0  # pixels
 # Foxglove's codes for the line type LINE_STRIP and the log level ERROR.
-_LINE_STRIP = 0
-_ERROR = 4
+_LINE_STRIP_TYPE = 0
+_ERROR_LEVEL = 4
 # RGB colours of the vehicles and their paths, in the order of the flights. Plots use the same colours (palette of Okabe
 # and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
-_REFERENCE_COLOR = (0.5, 0.5, 0.5)  # RGB of the reference, and of all arms except for the first
+_REFERENCE_COLOR = (0.5, 0.5, 0.5)  # RGB colour of the reference, and of all arms except the first one
 
 
 class Message(NamedTuple):
@@ -112,7 +113,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
-    """Return the schemas of the topics of a flight, by the names of the topics."""
+    """Return the schemas of a flight's topics, by topic name."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
         f"/{name}/reference": POSE_IN_FRAME,
@@ -130,7 +131,7 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
         flight: flight to convert.
         number: index of the flight in the file, which determines its colour.
     """
-    times = [round(_NANOSECONDS * time) for time in flight.time.tolist()]
+    times = [round(_NANOSECONDS_PER_SECOND * time) for time in flight.time.tolist()]
     state, reference = flight.record("state"), flight.record("reference")
     level: Any = np.zeros(len(times))
     poses = np.column_stack([state.x, state.y, state.z, *Quaternion.of(state.roll, state.pitch, state.yaw)]).tolist()
@@ -142,24 +143,24 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
     for tick, time in enumerate(times):
         stamp = _stamp(time)
         pose = _pose(poses[tick])
-        transform = {"timestamp": stamp, "parent_frame_id": _WORLD, "child_frame_id": f"{name}/body"}
+        transform = {"timestamp": stamp, "parent_frame_id": _WORLD_FRAME, "child_frame_id": f"{name}/body"}
         transform |= {"translation": pose["position"], "rotation": pose["orientation"]}
         yield Message(time, f"/{name}/tf", transform)
-        target = {"timestamp": stamp, "frame_id": _WORLD, "pose": _pose(desired_poses[tick])}
+        target = {"timestamp": stamp, "frame_id": _WORLD_FRAME, "pose": _pose(desired_poses[tick])}
         yield Message(time, f"/{name}/reference", target)
         for signal, (keys, values) in signals.items():
             row = [value if math.isfinite(value) else None for value in values[tick]]
             fields = dict(zip(keys, row, strict=True)) if keys else {"values": row}
             yield Message(time, f"/{name}/signals/{signal}", {"timestamp": stamp, **fields})
     if flight.metrics.crashed:
-        time = max(round(_NANOSECONDS * flight.metrics.crash_time), times[-1] if times else 0)
+        time = max(round(_NANOSECONDS_PER_SECOND * flight.metrics.crash_time), times[-1] if times else 0)
         text = f"{name} {flight.crash}" + (f": {flight.cause}" if flight.cause else "")
-        line = {"level": _ERROR, "message": text, "name": name, "file": "", "line": 0}
+        line = {"level": _ERROR_LEVEL, "message": text, "name": name, "file": "", "line": 0}
         yield Message(time, f"/{name}/log", {"timestamp": _stamp(time), **line})
 
 
 def _keys(signal: str, flight: Flight) -> list[str]:
-    """Return the names of the rows of a signal; an empty list if the rows have no names."""
+    """Return the row names of a signal; an empty list if the rows have no names."""
     return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
 
 
@@ -200,7 +201,7 @@ def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dic
         f"{name}/path": (_points(flight.record("state")), _color(color)),
     }
     line_entities = [
-        {**common, "frame_id": _WORLD, "id": identity, **_primitives(lines=[_line(points, color_of_line)])}
+        {**common, "frame_id": _WORLD_FRAME, "id": identity, **_primitives(lines=[_line(points, color_of_line)])}
         for identity, (points, color_of_line) in lines.items()
     ]
     return {"deletions": [], "entities": [vehicle, *line_entities]}
@@ -218,7 +219,7 @@ def _primitives(**primitives: list[dict[str, Any]]) -> dict[str, list[dict[str, 
 
 def _line(points: np.ndarray, color: dict[str, float]) -> dict[str, Any]:
     return {
-        "type": _LINE_STRIP,
+        "type": _LINE_STRIP_TYPE,
         "pose": _pose([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
         "thickness": _LINE_WIDTH,
         "scale_invariant": True,
@@ -244,7 +245,7 @@ def _color(rgb: tuple[float, float, float], opacity: float = 1.0) -> dict[str, f
 
 
 def _stamp(time: int) -> dict[str, int]:
-    seconds, rest = divmod(time, _NANOSECONDS)
+    seconds, rest = divmod(time, _NANOSECONDS_PER_SECOND)
     return {"sec": seconds, "nsec": rest}
 
 
@@ -326,7 +327,7 @@ LOG = _object(
 
 
 def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
-    """Return the schema of the messages of a signal. In these messages, NaN and infinite values are null."""
+    """Return the message schema of a signal. Messages contain null in place of NaN and infinite values."""
     count, keys = flight[signal].shape[1], _keys(signal, flight)
     number = {"type": ["number", "null"]}
     if not keys:

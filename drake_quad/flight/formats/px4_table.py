@@ -34,15 +34,15 @@ from drake_quad.geometry.quaternion import Quaternion
 _AXIS_SIGNS = (1.0, -1.0, -1.0)
 # Indices of this package's rotors in the order in which PX4 numbers them.
 _PX4_ROTOR_ORDER = (0, 2, 3, 1)
-_RPM = 60.0 / (2.0 * math.pi)  # revolutions per minute in 1 rad/s
-_MICROSECONDS = 1e6  # per second
+_RPM_PER_RAD_S = 60.0 / (2.0 * math.pi)
+_MICROSECONDS_PER_SECOND = 1e6
 
 _Columns = dict[str, np.ndarray]
 
 
 def px4_columns(flight: Flight) -> _Columns:
     """Return the (ticks,) columns of the table by name."""
-    columns: _Columns = {"timestamp": np.round(_MICROSECONDS * flight.time).astype(np.int64)}
+    columns: _Columns = {"timestamp": np.round(_MICROSECONDS_PER_SECOND * flight.time).astype(np.int64)}
     for name, suffix in (("measurement", ""), ("state", "_groundtruth")):
         columns |= _motion_columns(flight, name, suffix)
     reference = flight.record("reference")
@@ -62,7 +62,7 @@ def px4_columns(flight: Flight) -> _Columns:
         if name in flight:
             rates = flight.record(name)
             columns |= _vector_columns("vehicle_rates_setpoint.{}", ("roll", "pitch", "yaw"), rates.p, rates.q, rates.r)
-    speeds = [_RPM * flight["rotor_speed"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
+    speeds = [_RPM_PER_RAD_S * flight["rotor_speed"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
     columns |= {f"esc_status.esc[{i}].esc_rpm": speed for i, speed in enumerate(speeds)}
     if "throttle_command" in flight:
         throttles = [flight["throttle_command"][:, rotor] for rotor in _PX4_ROTOR_ORDER]

@@ -18,10 +18,10 @@ from drake_quad.gym.stable_baselines3.vector_env import StableVectorEnv
 # Wrappers for vector environments, and for single environments, that change neither observations nor actions.
 _TRANSPARENT_VECTOR_WRAPPERS = (VecMonitor, VecCheckNan)
 _TRANSPARENT_WRAPPERS = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
-# Number of random observations for which the network to be saved is compared with the model.
-_NUM_OBSERVATIONS = 64
-# Tolerance of this comparison on actions in [-1, 1], which the model computes in single precision.
-_TOLERANCE = 1e-3
+# Number of random observations for which the actions of the saved network are compared with those of the model.
+_NUM_TEST_OBSERVATIONS = 64
+# Tolerance on the compared actions in [-1, 1]. The model computes them in single precision.
+_ACTION_TOLERANCE = 1e-3
 
 
 def save_trained(model: Any, path: Path | str) -> Path:
@@ -38,16 +38,18 @@ def save_trained(model: Any, path: Path | str) -> Path:
     """
     envs = model.get_env()
     if envs is None:
-        raise InputError("the model has no environment, which defines its observations; load the model with env=...")
+        raise InputError("the model has no environment, so its observations are not defined; load it with env=...")
     normalizer, env = _unwrapped(envs)
     layers, normalization = _layers_of(model.policy), _normalization(normalizer)
     size = layers[0].weights.shape[1]
-    observations = np.random.default_rng(0).normal(size=(_NUM_OBSERVATIONS, size))
+    observations = np.random.default_rng(0).normal(size=(_NUM_TEST_OBSERVATIONS, size))
     if normalizer is not None:
         observations = normalizer.obs_rms.mean + observations * np.sqrt(normalizer.obs_rms.var)
     inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
     expected, _ = model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
-    if not np.allclose(evaluate_layers(layers, observations, **normalization), expected, rtol=0.0, atol=_TOLERANCE):
+    if not np.allclose(
+        evaluate_layers(layers, observations, **normalization), expected, rtol=0.0, atol=_ACTION_TOLERANCE
+    ):
         raise InputError("the policy cannot be saved: its dense layers do not reproduce its actions")
     return save_policy(env, layers, path, **normalization)
 

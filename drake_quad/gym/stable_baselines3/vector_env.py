@@ -19,7 +19,7 @@ class StableVectorEnv(VecEnv):
         envs: environment that resets vehicles in the last step of an episode (`AutoresetMode.SAME_STEP`).
 
     Raises:
-        InputError: if `envs` is not a `QuadrotorVectorEnv`, or its mode of resets is another one.
+        InputError: if `envs` is not a `QuadrotorVectorEnv`, or uses another mode of resets.
     """
 
     def __init__(self, envs: QuadrotorVectorEnv) -> None:

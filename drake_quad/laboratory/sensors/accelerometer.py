@@ -6,7 +6,7 @@ The specific force is the sum of all forces on the vehicle except for its weight
 
 with the acceleration a of the origin of B, the body rates ω, the position r of the sensor in B, a bias b, and standard
 normal n (D. H. Titterton and J. L. Weston, "Strapdown Inertial Navigation Technology", 2nd edition, 2004, chapter 3).
-At rest the reading is g upwards, and in free fall it is zero. At the centre of mass of a quadrotor without drag, it
+The reading is g upwards at rest, and zero in free fall. At the centre of mass of a quadrotor without drag, it
 contains only the thrust, at any tilt (P. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor
 control", ICRA 2010).
 """

@@ -38,7 +38,7 @@ class SensorLaw(NamedTuple):
 def first_reading(
     formula: Callable[..., Any], longest_latency: int, parameters: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
-    """Return the initial values of the states of a `Sensor`."""
+    """Return the initial states of a `Sensor`."""
     reading = formula(parameters, noise, *signals)
     return reading, (reading,) * longest_latency
 
@@ -46,7 +46,7 @@ def first_reading(
 def next_reading(
     formula: Callable[..., Any], in_transit: tuple[Any, ...], parameters: Any, noise: Any, *signals: Any
 ) -> tuple[Any, tuple[Any, ...]]:
-    """Return the values of the states of a `Sensor` after a reading."""
+    """Return the states of a `Sensor` after a reading."""
     return delay_line_step(formula(parameters, noise, *signals), in_transit, parameters.latency_samples)
 
 

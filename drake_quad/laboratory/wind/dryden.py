@@ -113,7 +113,7 @@ class CrossAxisFilter(NamedTuple):
         p: factor by which f and g decay over a sampling interval.
         b: standard deviation of the noise of f.
         t: coefficient η p of f in the equation of g.
-        c: coefficient, in the noise of g, of the normal sample that is also used for f.
+        c: coefficient, in the noise of g, of the normal sample that also drives f.
         d: coefficient, in the noise of g, of an independent normal sample.
     """
 

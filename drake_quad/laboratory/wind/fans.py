@@ -23,7 +23,7 @@ CORE_LENGTH = 5.9  # length of the core, relative to the diameter of the outlet
 SPREAD = 0.094  # half-width of the jet, relative to the distance from the outlet
 _LN_2 = math.log(2.0)
 # Lower limit on the distance from the outlet, m, which avoids 0 / 0 there.
-_MIN_LENGTH = 1e-9
+_MIN_DISTANCE = 1e-9
 # Lower limit on the arguments of square roots, whose derivatives are infinite at zero.
 _MIN_SQUARE = 1e-200
 
@@ -52,7 +52,8 @@ class Jet(NamedTuple):
         direction: direction of the jet.
         exit_speed: exit speed U₀.
         diameter: diameter D of the outlet.
-        turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
+        turbulence: turbulence intensity, which is the standard deviation of the velocity on each axis, divided by the
+            mean speed.
     """
 
     outlet: Outlet
@@ -70,7 +71,8 @@ class Jet(NamedTuple):
             direction: direction of the jet, a vector of any length.
             flow: volume flow Q, m³/s.
             diameter: diameter D of the outlet, m.
-            turbulence: ratio of the standard deviation of the air's velocity on each axis to its mean.
+            turbulence: turbulence intensity, which is the standard deviation of the velocity on each axis, divided by
+                the mean speed.
         """
         length = np.sqrt(sum(part * part for part in direction))
         unit = Direction._make(part / length for part in direction)
@@ -113,7 +115,7 @@ def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
     across = sqrt(maximum(x * x + y * y + z * z - along * along, _MIN_SQUARE))
     core_length = CORE_LENGTH * jet.diameter
     core = 0.5 * jet.diameter * maximum(1.0 - along / core_length, 0.0)
-    half_width = SPREAD * maximum(along, _MIN_LENGTH)
+    half_width = SPREAD * maximum(along, _MIN_DISTANCE)
     flank = maximum(across - core, 0.0) / half_width
     centreline = jet.exit_speed * core_length / maximum(along, core_length)
     return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width

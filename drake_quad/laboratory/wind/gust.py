@@ -37,7 +37,7 @@ def gust_profile(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
 
 
 def gust_wind(gust: GustParameters, time: Row, period: float) -> Wind:
-    """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
+    """Return the wind at the middle of a period (s) that starts at a time (s); it is held over the period."""
     fraction = gust_profile(time + 0.5 * period, gust.start, gust.rise_time, gust.hold_time)
     return Wind._make(fraction * part for part in gust.velocity)
 

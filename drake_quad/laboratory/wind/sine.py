@@ -22,7 +22,7 @@ class SineParameters(NamedTuple):
 
 
 def sine_wind(sine: SineParameters, time: Row, period: float) -> Wind:
-    """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
+    """Return the wind at the middle of a period (s) that starts at a time (s); it is held over the period."""
     fraction, _ = sin_cos(sine.frequency * (time + 0.5 * period) + sine.phase)
     return Wind._make(fraction * part for part in sine.velocity)
 

@@ -50,8 +50,8 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
         - wind
 
     The input port `state`, the state of the vehicle, exists if a source depends on the position. The diagram exports
-    the random input ports of the sources under the names of their streams. The block
-    above shows a diagram with two random sources.
+    the random input ports of the sources under the names of their streams. The block above shows a diagram with two
+    random sources.
 
     Args:
         sources: systems with one output port for the wind and optionally the input port `state`, by name.

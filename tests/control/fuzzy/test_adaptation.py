@@ -31,12 +31,12 @@ from drake_quad.control.fuzzy.systems import (
 from drake_quad.framework.records import layout_of
 
 ALL_PARTS = ("centres", "widths", "exponents")
-SETS = (
+SETS_OF_INPUTS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-INITIAL = Antecedents(1.4, 0.6, 0.3, SETS)
+INITIAL_ANTECEDENTS = Antecedents(1.4, 0.6, 0.3, SETS_OF_INPUTS)
 
 
 def with_change(antecedents, index, change):
@@ -48,10 +48,10 @@ def with_change(antecedents, index, change):
 
 
 @pytest.mark.parametrize("a1", [1.0, 1.4])
-def test_the_gradient_matches_differences_of_the_output(a1):
+def test_the_output_gradient_matches_central_differences(a1):
     """Derivatives agree with central differences, except with respect to the scales, which never learn."""
     rng = np.random.default_rng(7)
-    start = INITIAL._replace(a1=a1)
+    start = INITIAL_ANTECEDENTS._replace(a1=a1)
     layout = layout_of(Antecedents, start)
     for values in rng.uniform(-0.4, 0.35, (6, 3)).tolist():
         weights = rng.normal(size=start.num_rules)
@@ -67,7 +67,7 @@ def test_the_gradient_matches_differences_of_the_output(a1):
             assert derivative == pytest.approx((up - down) / 2e-6, rel=1e-5, abs=1e-7), name
 
 
-def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
+def test_membership_slopes_are_finite_at_centre_and_edge_and_zero_outside_a_set():
     for exponent in (0.3, 0.8, 1.0, 1.4, 3.0):
         slopes = np.array([membership_derivatives(u, exponent) for u in (0.0, 1e-12, 0.999999, -0.999999)])
         by_distance, by_exponent = slopes.T
@@ -80,17 +80,22 @@ def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.01, 1e3))
-def test_sets_stay_valid_for_any_learning_signal(seed, size):
-    rng, sets = np.random.default_rng(seed), INITIAL
+def test_adapted_sets_stay_valid_for_any_learning_signal(seed, size):
+    rng, sets = np.random.default_rng(seed), INITIAL_ANTECEDENTS
     for _ in range(5):
         values, weights = rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=24).tolist()
         gradient = output_gradient(values, sets, weights)
         sets = adapt_antecedents(
-            sets, gradient, rng.normal() * size, AdaptationRates(1.0, 1.0, 1.0), initial=INITIAL, parts=ALL_PARTS
+            sets,
+            gradient,
+            rng.normal() * size,
+            AdaptationRates(1.0, 1.0, 1.0),
+            initial=INITIAL_ANTECEDENTS,
+            parts=ALL_PARTS,
         )
         assert sets.a1 > 1.0 > sets.a2 > 0.0
         assert 0.0 <= sets.q <= 1.0
-        for after, before in zip(sets.inputs, INITIAL.inputs, strict=True):
+        for after, before in zip(sets.inputs, INITIAL_ANTECEDENTS.inputs, strict=True):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
@@ -104,19 +109,19 @@ def test_sets_stay_valid_for_any_learning_signal(seed, size):
 
 
 @pytest.mark.parametrize("part", ALL_PARTS)
-def test_only_the_selected_parts_learn(part):
-    gradient = output_gradient([0.2, 0.3, -0.1], INITIAL, np.arange(24.0).tolist())
+def test_only_the_selected_parts_of_the_sets_learn(part):
+    gradient = output_gradient([0.2, 0.3, -0.1], INITIAL_ANTECEDENTS, np.arange(24.0).tolist())
     rates = AdaptationRates(0.5, 0.3, 0.2)
-    after = adapt_antecedents(INITIAL, gradient, 0.001, rates, initial=INITIAL, parts=(part,))
+    after = adapt_antecedents(INITIAL_ANTECEDENTS, gradient, 0.001, rates, initial=INITIAL_ANTECEDENTS, parts=(part,))
     changed = {
-        "exponents": after[:3] != INITIAL[:3],
-        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS, strict=True)),
-        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
+        "exponents": after[:3] != INITIAL_ANTECEDENTS[:3],
+        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
+        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS_OF_INPUTS, strict=True)),
     }
     assert [name for name, has_changed in changed.items() if has_changed] == [part]
     # The step is too small to reach a bound, so each part changes by its rate times the gradient.
-    layout = layout_of(Antecedents, INITIAL)
-    before, slopes, final = (np.array(layout.flatten(record)) for record in (INITIAL, gradient, after))
+    layout = layout_of(Antecedents, INITIAL_ANTECEDENTS)
+    before, slopes, final = (np.array(layout.flatten(record)) for record in (INITIAL_ANTECEDENTS, gradient, after))
     is_moved = final != before
     np.testing.assert_allclose((final - before)[is_moved], -0.001 * getattr(rates, part) * slopes[is_moved], rtol=1e-9)
 
@@ -124,7 +129,10 @@ def test_only_the_selected_parts_learn(part):
 @pytest.mark.parametrize("learns_from", ["surface", "feedback"])
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
     """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
-    sets = (INITIAL._replace(inputs=SETS[:2]), INITIAL._replace(a1=1.2, inputs=SETS[:2]))
+    sets = (
+        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
+        INITIAL_ANTECEDENTS._replace(a1=1.2, inputs=SETS_OF_INPUTS[:2]),
+    )
     learning = LearningParameters(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     parameters = AdaptationParameters(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
     system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, parameters=parameters)
@@ -154,7 +162,10 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
 
 def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     """The corrections of both networks are equal for the same weights and inputs."""
-    sets, parameters = INITIAL._replace(inputs=SETS[:2]), LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3)
+    sets, parameters = (
+        INITIAL_ANTECEDENTS._replace(inputs=SETS_OF_INPUTS[:2]),
+        LearningParameters(1.7, GradientLaw(0.4), initial_weight=0.3),
+    )
 
     def command(**more):
         network = build_fuzzy_network(
@@ -176,7 +187,7 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
 
 @pytest.mark.slow
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
-    """The network has a gradient law and few rules, and the error may be at most 2 % larger."""
+    """The network has few rules. The error with adaptive sets may be at most 2 % larger than with constant sets."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"

@@ -21,7 +21,7 @@ SIGNALS = {
 }
 
 
-def test_inputs_are_signals_on_the_axis_of_the_network_coordinates_or_the_phase():
+def test_rule_inputs_are_axis_signals_coordinates_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert signals_of(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
@@ -52,7 +52,7 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_firing_strengths_of_four_inputs_are_products_of_memberships():
-    """Firing strengths of four inputs are the products of the firing strengths of two pairs of inputs.
+    """The firing strengths for four inputs are products of those for two pairs of inputs.
 
     This holds for type 1, where the pairs may be normalised separately or together.
     """
@@ -66,7 +66,7 @@ def test_firing_strengths_of_four_inputs_are_products_of_memberships():
         assert sum(firing) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_the_extrapolated_position_follows_the_velocity():
+def test_the_position_is_extrapolated_by_the_velocity():
     """Attitude, velocity and body rates remain unchanged."""
     now, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolate_position(SIGNALS["measurement"], 0.2))
     np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
@@ -79,7 +79,7 @@ def test_the_phase_has_a_derivative_with_respect_to_time():
 
 
 @pytest.mark.slow
-def test_a_network_over_the_phase_flies_the_same_compiled_and_uncompiled(diagrams):
+def test_a_network_with_phase_input_flies_equally_compiled_and_uncompiled(diagrams):
     """A lap takes a third of a second, and each set learns only in its part of the lap."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal",

@@ -11,14 +11,14 @@ from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
 from drake_quad.control.fuzzy.systems import LearningParameters, WeightLearning
 
-H = 0.02  # s, step of the learning law
+TICK = 0.02  # s, period of a learning step
 
 
 class Learner:
     """System that learns on X from a given signal, with the same law for n vehicles."""
 
-    def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
-        # With a slope λ of zero, the learning signal s_p is the rate of the error.
+    def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=TICK):
+        # The learning signal s_p is the rate of the error, since the slope λ is zero.
         parameters = LearningParameters(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
@@ -84,7 +84,7 @@ def upper_triangles(P):
 
 
 def random_firing(rng, n):
-    """Return random firing strengths (9, n)."""
+    """Return random normalised firing strengths (9, n)."""
     return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
@@ -101,9 +101,9 @@ def test_a_tick_of_the_covariance_law_matches_the_matrix_equations(n, size):
     learner.learn(firing, signal)
     g = np.einsum("nij,jn->in", P, firing)
     c = np.einsum("in,in->n", firing, g)
-    expected = P - (H / (1.0 + H * c))[:, None, None] * np.einsum("in,jn->nij", g, g)
+    expected = P - (TICK / (1.0 + TICK * c))[:, None, None] * np.einsum("in,jn->nij", g, g)
     np.testing.assert_allclose(learner.P, expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(H * c) / c, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(TICK * c) / c, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_the_covariance_stays_positive_definite_and_decreases(initial, n):
     for _ in range(400):
         firing = random_firing(rng, n)
         learner.learn(firing, rng.normal(size=n))
-        information += H * np.einsum("in,jn->nij", firing, firing)
+        information += TICK * np.einsum("in,jn->nij", firing, firing)
         P = learner.P
         assert np.linalg.eigvalsh(P).min() > 0.0
         assert np.linalg.eigvalsh(before - P).min() > -1e-12 * initial
@@ -162,7 +162,7 @@ def test_the_sampled_law_converges_to_the_differential_equations():
 
 
 @pytest.mark.parametrize("initial", [1.0, 1e6])
-def test_a_tick_with_constant_inputs_is_exact(initial):
+def test_one_long_tick_with_constant_inputs_equals_many_short_ticks(initial):
     """One tick of 0.64 s gives the same result as 64 ticks of 0.01 s."""
     rng = np.random.default_rng(5)
     firing, surface = random_firing(rng, 4), rng.normal(size=4)
@@ -191,7 +191,7 @@ def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
         assert max(path) <= 45.0 * (1.0 + 1e-12)
         traces[forgetting] = path[-1]
     assert 2.0 * traces[1.0] < traces[0.999] < traces[0.9]
-    # Without firing, the covariance grows back to its initial value and stays there.
+    # The covariance grows back to its initial value, and stays there, while no rule fires.
     learner = Learner(CovarianceLaw(1.0, 5.0, 0.99))
     learner.memory = 1e-3 * learner.memory[:, 0]
     for _ in range(2500):
@@ -204,10 +204,10 @@ def test_the_gradient_law_has_a_constant_covariance():
     firing, surface = random_firing(rng, 3), rng.normal(size=3)
     learner = Learner(GradientLaw(2.5), n=3)
     learner.learn(firing, surface)
-    np.testing.assert_allclose(learner.weights, -H * 2.5 * firing * surface)
+    np.testing.assert_allclose(learner.weights, -TICK * 2.5 * firing * surface)
 
 
-def test_the_sign_law_changes_the_correction_by_its_slope():
+def test_the_sign_law_changes_the_correction_at_the_rate_of_its_slope():
     rng = np.random.default_rng(4)
     law = SignLaw(rate=0.5, initial_slope=0.2)
     command = np.array([0.3, -0.4, 0.0])
@@ -215,11 +215,11 @@ def test_the_sign_law_changes_the_correction_by_its_slope():
     firing = random_firing(rng, 3)
     learner.learn(firing, command)
     # The correction changes at the rate α against the sign of the command, for any firing strengths.
-    np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * H, 0.2 * H, 0.0], atol=1e-15)
-    np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * H * np.abs(command))
+    np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * TICK, 0.2 * TICK, 0.0], atol=1e-15)
+    np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * TICK * np.abs(command))
 
 
-def test_learning_stays_within_its_limits():
+def test_weights_stay_within_the_learning_limits():
     rng = np.random.default_rng(6)
     firing = random_firing(rng, 2)
 
@@ -233,13 +233,13 @@ def test_learning_stays_within_its_limits():
     assert weights.min() == -0.6
     np.testing.assert_array_equal(weights_after(GradientLaw(1.0), LearningLimits(deadzone=0.1), [0.09, -0.09]), 0.5)
     np.testing.assert_allclose(
-        weights_after(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H)
+        weights_after(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * TICK)
     )
 
 
 @pytest.mark.slow
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
-    """For one rule with firing strength 1 on a double integrator, e falls as t^(-K_D λ / k_P), because P = 1 / t."""
+    """The error falls as t^(-K_D λ / k_P) for one rule with firing strength 1, because P = 1 / t."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4
     learner = Learner(CovarianceLaw(gain, 1.0), 1, period=h)
     one = np.ones(1)
@@ -276,7 +276,7 @@ def test_a_vehicle_in_a_large_fleet_learns_like_a_single_vehicle(law):
     assert 0 < np.sum(np.abs(fleet.weights) == 0.4) < fleet.weights.size
 
 
-def test_laws_have_unit_gains_and_no_limits_by_default():
-    """By default gains are one, and there are no limits."""
+def test_learning_laws_have_unit_gains_and_no_limits_by_default():
+    """All gains are one, and no limit is active."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

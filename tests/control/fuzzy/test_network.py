@@ -76,8 +76,8 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
         (("y",), "surface", True),
     ],
 )
-def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator):
-    """The correction of each tick follows from the weights before it, and the weights from the equations of the law.
+def test_the_network_diagram_matches_the_learning_equations(law, axes, learns_from, has_estimator):
+    """The correction of each tick follows from the previous weights. The weights follow from the equations of the law.
 
     Without an estimator, the network learns only from the feedback of the PD.
     """
@@ -135,7 +135,7 @@ def test_each_vehicle_of_a_fleet_learns_like_a_single_vehicle():
 
 
 @pytest.mark.parametrize(("reset_time", "tick"), [(0.8, 40), (0.801, 41), (0.819, 41), (0.82, 41)])
-def test_a_reset_acts_at_the_first_tick_at_or_after_its_time(reset_time, tick):
+def test_a_covariance_reset_acts_at_the_first_tick_at_or_after_its_time(reset_time, tick):
     """Learning at this tick already uses the initial covariance."""
     inputs, law = smooth_inputs(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
     learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), parameters=LearningParameters(law=law))
@@ -156,7 +156,7 @@ def test_a_reset_acts_at_the_first_tick_at_or_after_its_time(reset_time, tick):
         assert covariance_trace == pytest.approx(np.trace(after), rel=1e-12)
 
 
-def test_the_error_grows_with_the_opposite_sign_of_eq_14():
+def test_reversing_the_sign_in_eq_14_increases_the_error():
     """The correction reduces a steady error of 0.5 / k_P. With the opposite sign it increases the error."""
     errors = {}
     for sign in (1.0, -1.0):
@@ -207,13 +207,13 @@ def test_a_sample_has_the_same_error_in_a_single_flight_and_in_a_fleet(scenario_
         "{kind: covariance, slope: 2.1, gain: 0.7, initial_covariance: 6.0, reset: at_segments}",
     ],
 )
-def test_every_law_reduces_the_error_in_flight(scenario_with, learning):
+def test_every_learning_law_reduces_the_error_in_flight(scenario_with, learning):
     own = [f"control.network.learning={learning}"]
     error = simulate(scenario_with("pd_t2fnn", *own), sample=0).metrics.rmse
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 
-def test_the_axes_of_the_network_can_be_chosen(scenario_with):
+def test_a_network_corrects_only_its_chosen_axes(scenario_with):
     flight = simulate(scenario_with("pd_t2fnn", "control.network.axes=[z]", "duration=4"), sample=0)
     assert flight["weights"].shape[1] == 9
     x, y, z = flight.record("correction")
@@ -225,7 +225,7 @@ def test_the_axes_of_the_network_can_be_chosen(scenario_with):
 
 
 def test_weights_are_ordered_by_axis_and_the_set_of_the_last_input_varies_fastest():
-    """On each axis a single rule fires: the error and the error rate are at centres of their sets."""
+    """A single rule fires on each axis, because the error and the error rate are at centres of their sets."""
     sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
     (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))

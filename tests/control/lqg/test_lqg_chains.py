@@ -18,23 +18,24 @@ from drake_quad.control.lqg.chains import (
 )
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
-LAG = 0.043  # s
+ROTOR_LAG = 0.043  # s
 AUTOPILOT_RESPONSE = SecondOrderResponse(9.1, 0.72)
-LATERAL = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
-VERTICAL = LATERAL._replace(bias=None)
+LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
+VERTICAL_DISTURBANCES = LATERAL_DISTURBANCES._replace(bias=None)
 MODELS = {
-    "torques": torque_model(LAG, LATERAL),
-    "autopilot": attitude_model(AUTOPILOT_RESPONSE, LATERAL),
-    "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, LAG, LATERAL),
-    "height": vertical_model(LAG, VERTICAL),
+    "torques": torque_model(ROTOR_LAG, LATERAL_DISTURBANCES),
+    "autopilot": attitude_model(AUTOPILOT_RESPONSE, LATERAL_DISTURBANCES),
+    "autopilot and `lag`": lagging_attitude_model(AUTOPILOT_RESPONSE, ROTOR_LAG, LATERAL_DISTURBANCES),
+    "height": vertical_model(ROTOR_LAG, VERTICAL_DISTURBANCES),
 }
 FIELD_NAMES = {
     "p": "position", "v": "velocity", "s": "thrust", "j": "jerk", "a": "snap",
     "d_1": "first", "d_2": "second", "e": "second_rate", "δ": "bias",
 }  # fmt: skip
 SYMBOL_VALUES = {
-    "T": LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
-    "T_1": LATERAL.first.time, "T_2": LATERAL.second.time, "T_δ": LATERAL.bias.time,
+    "T": ROTOR_LAG, "ω": AUTOPILOT_RESPONSE.natural_frequency, "ζ": AUTOPILOT_RESPONSE.damping,
+    "T_1": LATERAL_DISTURBANCES.first.time, "T_2": LATERAL_DISTURBANCES.second.time,
+    "T_δ": LATERAL_DISTURBANCES.bias.time,
 }  # fmt: skip
 
 
@@ -58,7 +59,7 @@ def python_of(text):
 
 
 @pytest.mark.parametrize("chain", MODELS)
-def test_a_model_matches_the_equations_on_the_page(chain):
+def test_chain_models_match_the_equations_on_the_documentation_page(chain):
     """A right-hand side is linear in states and command, so its value at a unit vector is an entry of A or B."""
     model = MODELS[chain]
     equations = page_equations()
@@ -75,13 +76,13 @@ def test_a_model_matches_the_equations_on_the_page(chain):
         assert disturbed == (model.Q[row, row] > 0.0), state
 
 
-def test_disturbances_have_the_given_deviations_and_the_second_is_critically_damped():
+def test_disturbances_have_their_deviations_and_the_second_one_is_critically_damped():
     model = MODELS["torques"]
     indices = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
     block = np.ix_(indices, indices)
     covariance = scipy.linalg.solve_continuous_lyapunov(model.A[block], -model.Q[block])
     deviations = np.sqrt(np.diag(covariance))[[0, 1, 3]]
-    np.testing.assert_allclose(deviations, [noise.deviation for noise in LATERAL[:3]], rtol=1e-12)
+    np.testing.assert_allclose(deviations, [noise.deviation for noise in LATERAL_DISTURBANCES[:3]], rtol=1e-12)
     # Both poles of the second disturbance are at -1 / T, which is critical damping.
     characteristic = np.poly(model.A[np.ix_(indices[1:3], indices[1:3])])
     np.testing.assert_allclose(characteristic, np.poly([-1.0 / 0.6] * 2), rtol=1e-12)

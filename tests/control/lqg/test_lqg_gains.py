@@ -23,11 +23,11 @@ from drake_quad.control.lqg.design import (
 )
 
 DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNoise(12.0, 20.0), 2.0)
-VERTICAL = DISTURBANCES._replace(bias=None)
+VERTICAL_DISTURBANCES = DISTURBANCES._replace(bias=None)
 MODELS = {
     "torque": torque_model(0.04, DISTURBANCES),
     "attitude": attitude_model(SecondOrderResponse(9.0, 0.6), DISTURBANCES),
-    "vertical": vertical_model(0.07, VERTICAL),
+    "vertical": vertical_model(0.07, VERTICAL_DISTURBANCES),
 }
 for_each_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 H = 0.01  # s, camera frame
@@ -35,7 +35,7 @@ TICK = 0.02  # s, control tick
 
 
 @for_each_model
-def test_a_sampled_model_matches_scipy(model):
+def test_a_discretised_model_matches_scipy(model):
     A, B = discretise(model.A, model.B, TICK)
     expected, forced, *_ = scipy.signal.cont2discrete((model.A, model.B, model.C, np.zeros((len(model.C), 1))), TICK)
     np.testing.assert_allclose(A, expected, atol=1e-12)
@@ -43,14 +43,14 @@ def test_a_sampled_model_matches_scipy(model):
 
 
 @for_each_model
-def test_sampled_noise_is_the_integral_of_propagated_white_noise(model):
+def test_discrete_noise_covariance_is_the_integral_of_propagated_white_noise(model):
     nodes, weights = np.polynomial.legendre.leggauss(20)
     parts = [discretise(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
     expected = sum(0.5 * TICK * w * part @ model.Q @ part.T for w, part in zip(weights, parts, strict=True))
     np.testing.assert_allclose(discretise_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_noise_of_modes_that_decay_within_a_period_is_stationary():
+def test_noise_of_fast_decaying_modes_is_stationary():
     """The time constant of the fast mode is a thousandth of the period."""
     A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
     P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
@@ -59,7 +59,7 @@ def test_noise_of_modes_that_decay_within_a_period_is_stationary():
 
 
 @for_each_model
-def test_coloured_noises_have_their_deviation_and_time_constant(model):
+def test_coloured_noise_has_the_given_deviation_and_time_constant(model):
     """The autocorrelations of first and second order are exp(-τ/T) and (1 + τ/T) exp(-τ/T)."""
     names = [*model.kind._fields]
     noisy = [i for i, name in enumerate(names) if name in ("first", "second", "second_rate", "bias")]
@@ -76,7 +76,7 @@ def test_coloured_noises_have_their_deviation_and_time_constant(model):
 
 
 @for_each_model
-def test_gains_match_python_control(model):
+def test_filter_and_regulator_gains_match_python_control(model):
     import control
 
     A, _ = discretise(model.A, model.B, H)
@@ -91,7 +91,7 @@ def test_gains_match_python_control(model):
     np.testing.assert_allclose(gain, expected, rtol=1e-6)
 
 
-def test_the_filter_has_the_smallest_variance():
+def test_the_kalman_gain_gives_the_smallest_error_variance():
     """If the gain is changed by 5 % in either direction, the error variance is larger."""
     model = MODELS["torque"]
     A, _ = discretise(model.A, model.B, H)
@@ -107,7 +107,7 @@ def test_the_filter_has_the_smallest_variance():
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_commands_on_the_link_act_after_the_delay(delay):
+def test_commands_in_transit_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = discretise(model.A, model.B, TICK)
     whole = augment_with_delay(A, B, delay)
@@ -120,14 +120,13 @@ def test_commands_on_the_link_act_after_the_delay(delay):
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
 
-def test_the_outer_gain_is_the_gain_of_the_position_in_equilibrium():
-    """With constant commands, a position deviation p causes the specific thrust -K_p p / k, with the outer gain k."""
+def test_the_outer_gain_divides_the_position_gain_in_equilibrium():
+    """A position deviation p under constant commands causes the specific thrust -K_p p / k, with the outer gain k."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]
         loop = axis_loop(model, timing, noise=np.array(noise), command_weight=1e-3)
-        # In equilibrium K [x; u, u] + u = 0. The command u determines s with an attitude or a thrust, but is zero for
-        # torques.
+        # In equilibrium K [x; u, u] + u = 0. The command u equals s for attitudes and thrusts, and is zero for torques.
         s, p = 1.0, 0.7
         u = 0.0 if name == "torque" else s
         rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u

@@ -30,7 +30,7 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 H = 0.01  # s, camera frame
 TICK = 0.02  # s, control tick
-UPWARD = 8.9  # m/s², vertical specific thrust of the last command
+LAST_VERTICAL_THRUST = 8.9  # m/s², vertical specific thrust of the last command
 RNG = np.random.default_rng(5)
 MEASUREMENT = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
@@ -49,7 +49,7 @@ def running_filter(kind):
 def sent_commands(delay, snap):
     commands = tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
     return SentCommands(
-        commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap
+        commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), LAST_VERTICAL_THRUST, snap
     )
 
 
@@ -67,7 +67,7 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
     estimate = estimator_step(MEASUREMENT, before, sent, None, TORQUE_LQG, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
-    thrust = UPWARD * np.array([x_B, y_B]) / z_B
+    thrust = LAST_VERTICAL_THRUST * np.array([x_B, y_B]) / z_B
     for axis, measured, s, u in zip(
         "xyz", (MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z), [*thrust, None], sent.commands[0], strict=True
     ):
@@ -77,18 +77,22 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
         # The specific thrust f̄ keeps the height. Additional thrust acts along the measured attitude.
-        offset = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
+        offset = (
+            0.0
+            if s is None
+            else chain_before.thrust * (9.81 + before.estimate.z.thrust - LAST_VERTICAL_THRUST) / LAST_VERTICAL_THRUST
+        )
         expected[:2] += 0.5 * H**2 * offset, H * offset
         np.testing.assert_allclose(getattr(estimate, axis), expected, rtol=1e-12)
 
 
-def test_a_repeated_frame_is_ignored():
+def test_a_repeated_camera_frame_is_ignored():
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
     lost = before._replace(last_x=MEASUREMENT.x)
     estimate = estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
     x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
-    # Without lost frames, cameras may still measure the same position twice.
+    # Cameras may measure the same position twice even if no frame is lost.
     assert estimator_step(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimator_step(
         MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )
@@ -103,7 +107,7 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
     assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
 
 
-def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
+def test_a_known_acceleration_changes_the_estimated_motion_but_not_the_estimated_disturbance():
     before, sent, known = running_filter(TorqueChain), sent_commands(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
         estimator_step(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)
@@ -179,7 +183,7 @@ def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
     assert output.acceleration[:2] == output.command[:2]
 
 
-def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
+def test_commands_stay_within_the_tilt_thrust_and_snap_limits():
     """The horizontal part is shortened in its own direction. Deviations are computed from the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulator_output(
@@ -205,7 +209,7 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     assert torques.command.x - torques.deviation.x == pytest.approx(SNAP.x)
 
 
-def test_sent_commands_advance_at_each_tick():
+def test_the_queue_of_sent_commands_advances_at_each_tick():
     sent = sent_commands(2, SNAP)
     requested = regulator_output(
         running_filter(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, TORQUE_LQG, TICK
@@ -261,7 +265,7 @@ def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
-def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
+def test_the_vertical_thrust_compensates_the_estimated_disturbance():
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     correction = Acceleration(0.2, -0.3, 0.1)

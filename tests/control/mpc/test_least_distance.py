@@ -21,7 +21,7 @@ def by_nonnegative_least_squares(rows, bounds):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_nearest_point_matches_another_algorithm(seed):
-    """The polyhedra do not contain the origin. The same `LeastDistance` solves all bounds."""
+    """The polyhedra do not contain the origin. One `LeastDistance` solves the problem for all bounds."""
     rng = np.random.default_rng(seed)
     rows, inside = rng.normal(size=(40, 6)), rng.normal(size=6)
     programme = LeastDistance(rows, group=4)
@@ -39,7 +39,7 @@ def test_the_origin_is_the_nearest_point_of_a_polyhedron_that_contains_it():
     assert not binding.any()
 
 
-def test_constraints_that_a_first_solution_violates_are_added():
+def test_violated_constraints_are_added_after_the_first_solution():
     """The nearest point on the first wall lies beyond the second wall."""
     rows = np.array([[-1.0, 0.0], [1.0, -1.0]])
     point, binding = LeastDistance(rows, group=1).solve(np.array([-1.0, 0.5]))
@@ -48,7 +48,7 @@ def test_constraints_that_a_first_solution_violates_are_added():
 
 
 @pytest.mark.parametrize("size", [1e-7, 1e-3, 1e6])
-def test_violations_may_have_any_size(size):
+def test_the_nearest_point_is_found_for_violations_of_any_size(size):
     rng = np.random.default_rng(2)
     rows, inside = rng.normal(size=(12, 5)), rng.normal(size=5)
     bounds = rows @ inside + rng.uniform(0.0, 0.5, 12)
@@ -57,5 +57,5 @@ def test_violations_may_have_any_size(size):
     np.testing.assert_allclose(programme.solve(size * bounds).point / size, expected, atol=1e-9)
 
 
-def test_an_empty_polyhedron_has_no_point():
+def test_an_empty_polyhedron_has_no_nearest_point():
     assert LeastDistance(np.array([[1.0], [-1.0]]), group=1).solve(np.array([-1.0, -1.0])) is None

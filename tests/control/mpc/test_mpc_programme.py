@@ -31,21 +31,21 @@ from drake_quad.signals import Jerk, Reference, Snap
 TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)
 NUM_TICKS = 7  # ticks of the horizon
 NUM_INSTANTS = 12  # times in the preview
-NOW = 3  # index of the preview time at which the horizon begins
-WEIGHT = {"lateral": 2e-6, "vertical": 3e-4}
-ATTITUDE_WEIGHT = 2e-3
-THRUST = ThrustParameters(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
-TORQUES = TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
-TARGET = TargetParameters(0.2, 0.03)
-BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
+HORIZON_START = 3  # index of the preview time at which the horizon begins
+COMMAND_WEIGHTS = {"lateral": 2e-6, "vertical": 3e-4}  # weights of the squared commands
+AUTOPILOT_COMMAND_WEIGHT = 2e-3
+THRUST_PARAMETERS = ThrustParameters(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
+TORQUE_PARAMETERS = TorqueParameters(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
+TARGET_PARAMETERS = TargetParameters(0.2, 0.03)
+MODELLED_DISTURBANCES = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
-    "torques": torque_model(0.045, BELIEF),
-    "attitude": attitude_model(SecondOrderResponse(8.5, 0.7), BELIEF),
-    "height": vertical_model(0.04, BELIEF._replace(bias=None)),
+    "torques": torque_model(0.045, MODELLED_DISTURBANCES),
+    "attitude": attitude_model(SecondOrderResponse(8.5, 0.7), MODELLED_DISTURBANCES),
+    "height": vertical_model(0.04, MODELLED_DISTURBANCES._replace(bias=None)),
 }
 CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
-TILT_WEIGHT = 8.0
-CORRECTION = np.array([0.1, -0.2, 0.15])
+TILT_WEIGHT = 8.0  # weight of the squared tilt slack
+CORRECTION = np.array([0.1, -0.2, 0.15])  # m/s²
 
 
 def horizon_of(kind, corridor=CORRIDOR):
@@ -56,13 +56,15 @@ def horizon_of(kind, corridor=CORRIDOR):
     parts[0][2] += 1.0
     preview = Preview(*(record(*rows) for record, rows in zip((Reference, Jerk, Snap, Snap), parts, strict=True)))
     lateral = axis_loop(MODELS[kind], TIMING, noise=np.array([0.001, 0.02]), command_weight=lateral_weight(kind))
-    vertical = axis_loop(MODELS["height"], TIMING, noise=np.array([0.001]), command_weight=WEIGHT["vertical"])
-    parts = (TORQUES, None) if kind == "torques" else (None, TARGET)
-    return Horizon(LqgParameters(lateral, vertical, THRUST, *parts), preview, corridor, TILT_WEIGHT, NUM_TICKS, 0.02)
+    vertical = axis_loop(MODELS["height"], TIMING, noise=np.array([0.001]), command_weight=COMMAND_WEIGHTS["vertical"])
+    parts = (TORQUE_PARAMETERS, None) if kind == "torques" else (None, TARGET_PARAMETERS)
+    return Horizon(
+        LqgParameters(lateral, vertical, THRUST_PARAMETERS, *parts), preview, corridor, TILT_WEIGHT, NUM_TICKS, 0.02
+    )
 
 
 def lateral_weight(kind):
-    return WEIGHT["lateral"] if kind == "torques" else ATTITUDE_WEIGHT
+    return COMMAND_WEIGHTS["lateral"] if kind == "torques" else AUTOPILOT_COMMAND_WEIGHT
 
 
 class ExplicitAxis:
@@ -104,14 +106,17 @@ def excess(values):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
-def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
+def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states(kind):
     """Each limit applies at its tick, and the slack variables add their cost."""
     horizon = horizon_of(kind)
     axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
     n = len(axis.A)
     rng = np.random.default_rng(1)
     x, y = 0.1 * rng.normal(size=n), 0.1 * rng.normal(size=n)
-    now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    now, later = (
+        slice(HORIZON_START, HORIZON_START + NUM_TICKS),
+        slice(HORIZON_START + 1, HORIZON_START + 1 + NUM_TICKS),
+    )
     _, jerk, snap, before = horizon.preview
     if kind == "torques":
         ahead = [s + 0.05 / 0.02 * (s - b) for s, b in ((snap.x, before.x), (snap.y, before.y))]
@@ -155,7 +160,7 @@ def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
     assert np.abs(margins(solution)).min() < 1e-7
     regulator = regulator_of(MODELS[kind], TIMING, lateral_weight(kind))
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
-    added = programme.perturbations(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
+    added = programme.perturbations(HORIZON_START, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
     K = np.array(regulator.K)
     assert np.abs(added).max() > 1e-3 * scale[0]
     expected = [solution[0] + K @ x, solution[NUM_TICKS] + K @ y]
@@ -167,11 +172,11 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
     """Distances are in metres along each axis of W. A corridor that follows the reference is centred on it."""
     horizon = horizon_of("torques", CORRIDOR._replace(follows_reference=follows_reference))
     rng = np.random.default_rng(6)
-    later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    later = slice(HORIZON_START + 1, HORIZON_START + 1 + NUM_TICKS)
     walls = {name: (getattr(CORRIDOR.lower, name), getattr(CORRIDOR.upper, name)) for name in "xyz"}
     for names, model, weight, constraints in (
-        ("xy", "torques", WEIGHT["lateral"], horizontal_constraints),
-        ("z", "height", WEIGHT["vertical"], vertical_constraints),
+        ("xy", "torques", COMMAND_WEIGHTS["lateral"], horizontal_constraints),
+        ("z", "height", COMMAND_WEIGHTS["vertical"], vertical_constraints),
     ):
         regulator, axis = regulator_of(MODELS[model], TIMING, weight), ExplicitAxis(MODELS[model], weight)
         starts, added = (rng.normal(size=(len(names), size)) for size in (len(axis.A), NUM_TICKS))
@@ -196,11 +201,14 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
-def test_vertical_commands_solve_the_problem_in_explicit_states(height):
+def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(height):
     horizon = horizon_of("torques")
-    axis, r = ExplicitAxis(MODELS["height"], WEIGHT["vertical"]), horizon.preview.reference
+    axis, r = ExplicitAxis(MODELS["height"], COMMAND_WEIGHTS["vertical"]), horizon.preview.reference
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
-    now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    now, later = (
+        slice(HORIZON_START, HORIZON_START + NUM_TICKS),
+        slice(HORIZON_START + 1, HORIZON_START + 1 + NUM_TICKS),
+    )
     forward = (r.a_z - 0.15 + 0.07 * horizon.preview.jerk.z)[now]
     max_command = np.sqrt((7.2 / 0.7) ** 2 - r.a_x**2 - r.a_y**2)[now] - 9.8
 
@@ -216,14 +224,14 @@ def test_vertical_commands_solve_the_problem_in_explicit_states(height):
 
     scale = np.repeat([1.0, 0.05], NUM_TICKS)
     solution = minimised(cost, margins, 2 * NUM_TICKS, scale)
-    regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
+    regulator = regulator_of(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
-    added = programme.perturbations(NOW, z[:, None], CORRECTION[:, None]).item()
+    added = programme.perturbations(HORIZON_START, z[:, None], CORRECTION[:, None]).item()
     assert abs(added) > 1e-2
     assert added == pytest.approx(solution[0] + np.array(regulator.K) @ z, abs=1e-4)
 
 
-def test_a_limit_beyond_the_horizon_has_no_influence():
+def test_a_violated_limit_beyond_the_horizon_has_no_influence():
     """The reference demands too much snap at one tick. Nothing changes until the horizon includes this tick."""
     still = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
     calm = Preview(
@@ -232,8 +240,8 @@ def test_a_limit_beyond_the_horizon_has_no_influence():
     spike = np.zeros(NUM_INSTANTS)
     spike[9] = 30.0
     preview = calm._replace(snap=calm.snap._replace(x=spike), before=calm.before._replace(x=spike))
-    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
-    limited = still.parameters._replace(torques=TORQUES._replace(max_snap=20.0))
+    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
+    limited = still.parameters._replace(torques=TORQUE_PARAMETERS._replace(max_snap=20.0))
     programme = Programme(
         list(horizontal_constraints(regulator, still._replace(preview=preview, parameters=limited))), regulator.weight
     )
@@ -247,42 +255,47 @@ def test_a_limit_beyond_the_horizon_has_no_influence():
     assert not np.array(perturbations)[10:].any()
 
 
-def test_there_is_always_a_solution():
+def test_the_programme_has_a_solution_for_any_deviation():
     """Deviations may have any size. The solution satisfies the limits on commands."""
-    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
+    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
     rng = np.random.default_rng(8)
     n = len(regulator.K)
     for size in (0.3, 3.0, 30.0):
         deviation = size * rng.normal(size=(2 * n, 1))
-        added = programme.perturbations(NOW, deviation, np.zeros((3, 1)))[:, 0]
+        added = programme.perturbations(HORIZON_START, deviation, np.zeros((3, 1)))[:, 0]
         _, _, snap, before = horizon.preview
         for axis, (s, b) in enumerate(((snap.x, before.x), (snap.y, before.y))):
-            forward = (s + 2.5 * (s - b))[NOW]
+            forward = (s + 2.5 * (s - b))[HORIZON_START]
             command = forward - np.array(regulator.K) @ deviation[axis * n : (axis + 1) * n, 0] + added[axis]
             assert abs(command) <= 40.0 * (1.0 + 1e-6)
 
 
-def test_derivatives_hold_for_fixed_active_constraints():
+def test_derivatives_are_those_for_fixed_active_constraints():
     horizon = horizon_of("torques")
-    regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
+    regulator = regulator_of(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
-    ((perturbation,),) = programme.perturbations(NOW, InitializeAutoDiff(z), correction)
+    ((perturbation,),) = programme.perturbations(HORIZON_START, InitializeAutoDiff(z), correction)
     expected = [
-        np.diff([programme.perturbations(NOW, (z + d)[:, None], correction).item() for d in (-direction, direction)])
+        np.diff(
+            [
+                programme.perturbations(HORIZON_START, (z + d)[:, None], correction).item()
+                for d in (-direction, direction)
+            ]
+        )
         / (2.0 * step)
         for direction in step * np.eye(len(z))
     ]
-    assert perturbation.value() == pytest.approx(programme.perturbations(NOW, z[:, None], correction).item())
+    assert perturbation.value() == pytest.approx(programme.perturbations(HORIZON_START, z[:, None], correction).item())
     assert np.abs(expected).max() > 1.0
     np.testing.assert_allclose(perturbation.derivatives(), np.ravel(expected), atol=1e-4)
 
 
-def test_predictions_match_the_simulated_axis():
+def test_predictions_match_a_simulation_of_the_axis():
     """The axis is simulated tick by tick with random perturbations of its commands."""
-    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
+    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     A, B, K = (np.array(part) for part in regulator[:3])
     rng = np.random.default_rng(3)
     x, c = rng.normal(size=len(A)), 100.0 * rng.normal(size=NUM_TICKS)
@@ -299,7 +312,10 @@ def test_predictions_match_the_simulated_axis():
 
 def test_a_perturbation_adds_its_weighted_square_to_the_cost():
     """The sum of p² + ρ u² over all time is the regulator's cost plus w Σ c² for perturbations c of its commands."""
-    regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), ExplicitAxis(MODELS["torques"], 2e-6)
+    regulator, axis = (
+        regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"]),
+        ExplicitAxis(MODELS["torques"], 2e-6),
+    )
     K = np.array(regulator.K)
     rng = np.random.default_rng(6)
     x, c = 0.1 * rng.normal(size=len(K)), 50.0 * rng.normal(size=NUM_TICKS)

@@ -20,38 +20,40 @@ from drake_quad.control.policy.actions import (
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import BodyRates, Reference, State, Wrench
 
-THRUST = ThrustRange(2.0, 12.0)
-RATES = RatesScale(THRUST, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.006, 0.007, 0.011)
+THRUST_RANGE = ThrustRange(2.0, 12.0)
+RATES_SCALE = RatesScale(THRUST_RANGE, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.006, 0.007, 0.011)
 REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
 SATURATED_ACTIONS = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 
 
-SCALE = AccelerationScale(5.0, 4.0, 3.0)
+ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
 
 
-def test_an_acceleration_is_scaled_axis_by_axis():
-    assert commanded_acceleration((0.5, -0.25, 1.0), None, None, SCALE, "world", 0.0) == (2.5, -1.0, 3.0)
-    assert commanded_acceleration((-1.5, 2.0, 1.0), None, None, SCALE, "world", 0.0) == (-5.0, 4.0, 3.0)
+def test_an_acceleration_action_is_scaled_axis_by_axis():
+    assert commanded_acceleration((0.5, -0.25, 1.0), None, None, ACCELERATION_SCALE, "world", 0.0) == (2.5, -1.0, 3.0)
+    assert commanded_acceleration((-1.5, 2.0, 1.0), None, None, ACCELERATION_SCALE, "world", 0.0) == (-5.0, 4.0, 3.0)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 @pytest.mark.parametrize(("frame", "yaw"), [("heading", 1.1), ("reference_heading", REFERENCE.yaw)])
-def test_an_acceleration_along_a_heading_is_rotated_into_the_world_frame(frame, yaw, turn):
+def test_an_acceleration_action_along_a_heading_is_rotated_into_the_world_frame(frame, yaw, turn):
     measured = State(*[0.0] * 3, 0.3, -0.2, 1.1, *[0.0] * 6)
-    command = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, SCALE, frame, turn)
+    command = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, ACCELERATION_SCALE, frame, turn)
     expected = RotationMatrix.MakeZRotation(yaw + turn) @ np.array([2.5, -1.0, 3.0])
     np.testing.assert_allclose(command, expected, atol=1e-14)
 
 
 def test_the_thrust_of_an_action_ranges_from_the_smallest_to_the_largest():
     for action, thrust in ((-1.0, 2.0), (0.0, 7.0), (1.0, 12.0), (3.0, 12.0), (-3.0, 2.0)):
-        assert onboard_rate_command((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
-        assert offboard_rate_command((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
-        assert commanded_attitude((action, 0.0, 0.0, 0.0), REFERENCE, AttitudeScale(THRUST, 0.5, 0.2))[0] == (thrust,)
+        assert onboard_rate_command((action, 0.0, 0.0, 0.0), RATES_SCALE).thrust == thrust
+        assert offboard_rate_command((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES_SCALE).thrust == thrust
+        assert commanded_attitude((action, 0.0, 0.0, 0.0), REFERENCE, AttitudeScale(THRUST_RANGE, 0.5, 0.2))[0] == (
+            thrust,
+        )
 
 
 def test_the_yaw_of_an_action_is_relative_to_the_reference():
-    scale = AttitudeScale(THRUST, 0.5, 0.2)
+    scale = AttitudeScale(THRUST_RANGE, 0.5, 0.2)
     commanded = commanded_attitude((0.0, 0.5, -1.0, 0.5), REFERENCE, scale)
     np.testing.assert_allclose(commanded.attitude_command, [0.25, -0.5, 0.4])
     assert commanded.body_rate_command == commanded.angular_acceleration_command == (0.0, 0.0, 0.0)
@@ -59,18 +61,20 @@ def test_the_yaw_of_an_action_is_relative_to_the_reference():
     assert saturated == beyond
 
 
-def test_rates_for_an_autopilot_command_no_attitude():
-    assert onboard_rate_command((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
-    assert onboard_rate_command(SATURATED_ACTIONS[0], RATES) == onboard_rate_command(SATURATED_ACTIONS[1], RATES)
+def test_an_onboard_rate_command_contains_no_attitude():
+    assert onboard_rate_command((0.0, 0.2, -0.5, 1.0), RATES_SCALE) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
+    assert onboard_rate_command(SATURATED_ACTIONS[0], RATES_SCALE) == onboard_rate_command(
+        SATURATED_ACTIONS[1], RATES_SCALE
+    )
 
 
-def test_the_rate_loop_on_the_ground_makes_body_rates_a_first_order_lag():
+def test_body_rates_follow_the_rate_loop_on_the_ground_as_a_first_order_lag():
     """The torque follows from Euler's equations with ω̇ = k (ω_r - ω), for any present rates."""
-    rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
+    rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES_SCALE[3:])
     measured = State(*[0.0] * 9, *rates)
-    wrench = offboard_rate_command((0.0, 0.2, -0.5, 1.0), measured, RATES)
+    wrench = offboard_rate_command((0.0, 0.2, -0.5, 1.0), measured, RATES_SCALE)
     slope = (np.array(wrench[1:]) - np.cross(rates, inertia * rates)) / inertia
-    np.testing.assert_allclose(slope, np.array(RATES.gains) * (np.array([1.0, -2.0, 2.0]) - rates))
+    np.testing.assert_allclose(slope, np.array(RATES_SCALE.gains) * (np.array([1.0, -2.0, 2.0]) - rates))
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 0, 3, 1)])

@@ -20,7 +20,7 @@ def arrays_of(matrix):
     return np.array(weights), np.array(biases)
 
 
-FORMULAS = {
+EXPECTED_ACTIVATIONS = {
     "identity": lambda x: x,
     "relu": lambda x: np.maximum(x, 0.0),
     "tanh": np.tanh,
@@ -37,7 +37,7 @@ FORMULAS = {
 def test_activations_match_their_formulas(activation):
     x = np.linspace(-4.0, 4.0, 41)
     values = [ACTIVATIONS[activation](each) for each in x.tolist()]
-    np.testing.assert_allclose(values, FORMULAS[activation](x), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(values, EXPECTED_ACTIVATIONS[activation](x), rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(ACTIVATIONS[activation](x), values, rtol=1e-12, atol=1e-15)
 
 
@@ -75,7 +75,7 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
     np.testing.assert_allclose(slopes, differences, atol=1e-8)
 
 
-def test_dense_layers_follow_the_scaled_input():
+def test_dense_layers_act_on_the_scaled_input():
     rng = np.random.default_rng(0)
     layers = Dense(matrix_of(rng, 5, 3), "tanh"), Dense(matrix_of(rng, 2, 5), "elu")
     offset, scale = (0.1, -0.2, 0.3), (2.0, 0.5, 8.0)
@@ -85,7 +85,7 @@ def test_dense_layers_follow_the_scaled_input():
     assert rows[2] == 1.5
     for layer in layers:
         weights, biases = arrays_of(layer.matrix)
-        rows = FORMULAS[layer.activation](weights @ rows + biases)
+        rows = EXPECTED_ACTIVATIONS[layer.activation](weights @ rows + biases)
     step = evaluate_network(network, inputs.tolist(), ())
     np.testing.assert_allclose(step.output, rows, rtol=1e-13)
     assert step.memory == network.memory == ()
@@ -111,7 +111,7 @@ def test_recurrent_units_match_their_equations():
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_activations_of_large_inputs_have_their_limits(activation):
+def test_activations_reach_their_limits_for_large_inputs(activation):
     above = {"tanh": 1.0, "sigmoid": 1.0}.get(activation, 1000.0)
     below = {"identity": -1000.0, "tanh": -1.0, "elu": -1.0, "leaky_relu": -10.0}.get(activation, 0.0)
     for x, expected in ((1000.0, above), (-1000.0, below)):

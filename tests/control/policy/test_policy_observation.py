@@ -18,11 +18,11 @@ from drake_quad.signals import Reference, RotorSpeed, State, Wind
 
 STATE = State(0.3, -0.2, 1.1, 0.4, -0.3, 0.7, 0.5, 0.6, -0.4, 1.1, -1.2, 1.3)
 REFERENCE = Reference(0.5, 0.1, 1.4, 0.2, -0.1, 0.3, 0.11, 0.12, 0.13, 0.9, 0.05)
-REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)
+REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)  # m, two future reference positions
 ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)
 WIND = Wind(1.0, 2.0, -3.0)
 ACTION = (0.1, -0.2, 0.3)
-ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
+BODY_ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
 
 
 def observed_signal(name, frame="world", turn=0.0):
@@ -49,11 +49,11 @@ def axes_of(frame, turn=0.0):
         "world": RotationMatrix(),
         "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
         "reference_heading": RotationMatrix.MakeZRotation(REFERENCE.yaw + turn),
-        "body": ROTATION @ RotationMatrix.MakeZRotation(turn),
+        "body": BODY_ROTATION @ RotationMatrix.MakeZRotation(turn),
     }[frame]
 
 
-VECTORS = {
+EXPECTED_VECTORS = {
     "position_error": np.subtract(REFERENCE[:3], STATE[:3]),
     "velocity": STATE[6:9],
     "velocity_error": np.subtract(REFERENCE[3:6], STATE[6:9]),
@@ -65,9 +65,9 @@ VECTORS = {
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 @pytest.mark.parametrize("frame", get_args(Frame))
-def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
+def test_observed_vectors_are_expressed_in_the_chosen_frame(frame, turn):
     to_frame = axes_of(frame, turn).inverse()
-    for name, vector in VECTORS.items():
+    for name, vector in EXPECTED_VECTORS.items():
         np.testing.assert_allclose(
             observed_signal(name, frame, turn), to_frame @ np.array(vector), atol=1e-14, err_msg=name
         )
@@ -76,9 +76,9 @@ def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
-def test_the_observed_rotation_is_the_matrix_of_the_body_row_by_row(turn):
+def test_the_observed_rotation_is_the_body_rotation_matrix_row_by_row(turn):
     turn_rotation = RotationMatrix.MakeZRotation(turn)
-    body = ROTATION @ turn_rotation
+    body = BODY_ROTATION @ turn_rotation
     for frame in ("world", "body"):
         np.testing.assert_allclose(observed_signal("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
     for frame in ("heading", "reference_heading"):
@@ -114,7 +114,7 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
 
 
-def test_signals_without_a_frame_are_unchanged():
+def test_signals_without_a_direction_do_not_depend_on_the_frame():
     np.testing.assert_array_equal(observed_signal("position", "body"), STATE[:3])
     np.testing.assert_array_equal(observed_signal("attitude", "body"), STATE[3:6])
     np.testing.assert_allclose(observed_signal("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
@@ -123,7 +123,7 @@ def test_signals_without_a_frame_are_unchanged():
     np.testing.assert_array_equal(observed_signal("action"), ACTION)
 
 
-def test_signals_have_the_order_of_the_specification():
+def test_observed_signals_have_the_order_of_the_specification():
     names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
     rows = observed(

@@ -72,7 +72,7 @@ def context_at(source, time):
 
 
 @pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
-def test_an_observation_has_inputs_only_for_its_signals(signals):
+def test_an_observation_has_input_ports_only_for_its_signals(signals):
     spec = ObservationSpec(signals, "world", 1)
     observation = Observation(spec=spec, num_actions=2, parameters=ObservationParameters(1.0, (0.0, 0.0)))
     for name in ("wind", "rotor_speed"):

@@ -26,7 +26,7 @@ from drake_quad.laboratory.wind.dryden import (
 )
 from drake_quad.randomness.streams import Samples, StreamKind
 
-# At a height of ten feet, the length scales are 3 m and 23 m.
+# Turbulence at a height of ten feet, where the length scales are 3 m and 23 m.
 NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, airspeed=5.0)
 
 
@@ -57,7 +57,7 @@ def test_turbulence_starts_in_the_stationary_distribution():
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 def test_sampled_covariances_agree_with_the_continuous_process(period):
-    """By Dryden's spectra, the covariances are σ² exp(-t / T) for u and σ² (1 - t / 2T) exp(-t / T) for v and w."""
+    """Dryden's spectra give the covariances σ² exp(-t / T) for u, and σ² (1 - t / 2T) exp(-t / T) for v and w."""
     A, B, C = matrices(NEAR_GROUND, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     for steps in (1, 7, 100):
@@ -143,17 +143,18 @@ def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
             assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
 
 
-def test_intensities_are_15_30_and_45_knots():
+def test_turbulence_levels_are_winds_of_15_30_and_45_knots():
     expected = {"light": 7.71667, "moderate": 15.43333, "severe": 23.15}
     assert pytest.approx(expected, rel=1e-5) == WIND_AT_20_FEET
 
 
 def test_length_scales_and_deviations_agree_with_the_specification():
-    """At 1000 feet, all lengths are 1000 feet and all deviations are a tenth of the wind."""
+    """All lengths are 1000 feet, and all deviations are a tenth of the wind, at a height of 1000 feet."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
     np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
-    # At 100 feet, 0.177 + 0.0823 = 0.2593, 100 / 0.2593^1.2 = 505.2 feet and 0.2593^-0.4 = 1.7160.
+    # The values at 100 feet follow from 0.177 + 0.0823 = 0.2593, 100 / 0.2593^1.2 = 505.2 feet and 0.2593^-0.4 =
+    # 1.7160.
     middle = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
     np.testing.assert_allclose(np.array(middle.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
     np.testing.assert_allclose(middle.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)

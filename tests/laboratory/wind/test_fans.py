@@ -18,7 +18,7 @@ from drake_quad.signals import State
 
 D = 0.75  # diameter of the outlet, m
 Q = 2.5  # flow, m³/s
-AXIS = (0.0, 0.6, 0.8)
+JET_DIRECTION = (0.0, 0.6, 0.8)
 JET = Jet.of_fan(outlet=Outlet(1.0, 2.0, 3.0), direction=Direction(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
 
 
@@ -41,12 +41,12 @@ def integral_of_speed(along, power):
     return sum(integrals)
 
 
-def test_a_direction_may_have_any_length():
+def test_the_direction_of_a_fan_may_have_any_length():
     other_arguments = {"outlet": Outlet(1.0, 2.0, 3.0), "diameter": D, "turbulence": 0.22}
     for length in (0.1, 5.0):
-        direction = Direction(*(length * part for part in AXIS))
+        direction = Direction(*(length * part for part in JET_DIRECTION))
         jet = Jet.of_fan(direction=direction, flow=np.array([Q, 2.0 * Q]), **other_arguments)
-        np.testing.assert_allclose(jet.direction, AXIS, rtol=1e-15)
+        np.testing.assert_allclose(jet.direction, JET_DIRECTION, rtol=1e-15)
         np.testing.assert_allclose(jet.exit_speed, np.array([4.0, 8.0]) * Q / (math.pi * D**2))
         assert (jet.outlet, jet.diameter, jet.turbulence) == (Outlet(1.0, 2.0, 3.0), D, 0.22)
 
@@ -54,15 +54,15 @@ def test_a_direction_may_have_any_length():
 def test_the_exit_speed_follows_from_flow_and_diameter():
     assert JET.exit_speed == pytest.approx(5.66, abs=0.005)
     assert integral_of_speed(1e-6, 1) == pytest.approx(Q, rel=1e-4)
-    np.testing.assert_allclose(JET.direction, AXIS)
+    np.testing.assert_allclose(JET.direction, JET_DIRECTION)
 
 
 @pytest.mark.parametrize("diameters", [6.0, 10.0, 25.0])
-def test_far_from_the_fan_the_jet_has_its_centreline_speed_and_half_width(diameters):
+def test_the_jet_has_the_published_speed_and_half_width_far_from_the_fan(diameters):
     along = diameters * D
     assert speed(along) == pytest.approx(5.9 * JET.exit_speed * D / along, rel=1e-12)
     assert speed(along, 0.094 * along) == pytest.approx(0.5 * speed(along), rel=1e-12)
-    # At twice the half-width, a Gaussian profile has a sixteenth of the centreline speed.
+    # A Gaussian profile has a sixteenth of the centreline speed at twice the half-width.
     assert speed(along, 0.188 * along) == pytest.approx(speed(along) / 16.0, rel=1e-12)
 
 
@@ -76,7 +76,7 @@ def test_the_momentum_flux_is_constant_far_away_and_close_to_the_exit_value_in_t
     assert max(near_shares) < 1.01
 
 
-def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
+def test_the_core_of_a_jet_has_the_exit_speed_and_joins_the_far_jet_smoothly():
     for diameters in (0.5, 3.0, 5.8):
         assert speed(diameters * D) == JET.exit_speed
     for across in (0.1, 0.3, 0.6):
@@ -86,13 +86,13 @@ def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
 
 
 @pytest.mark.parametrize("along", [0.0, -0.01, -3.0])
-def test_behind_the_outlet_the_air_is_at_rest(along):
+def test_the_air_behind_the_outlet_is_at_rest(along):
     for across in (0.0, 0.3, 2.0):
         mean, variance, rate = local_air(state_at(along, across), (JET,))
         assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_variances_and_rates_of_several_jets_add_up():
+def test_turbulence_variances_and_decay_rates_of_several_jets_add_up():
     state = state_at(4.0, 0.3)
     other = JET._replace(outlet=Outlet(1.0, 1.0, 2.0), turbulence=0.4)
     (speed_1, width_1), (speed_2, width_2) = jet_speed(state, JET), jet_speed(state, other)
@@ -115,11 +115,11 @@ def wind_at(state, *jets, n, duration, seed=0):
     return log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
 
 
-def test_the_wind_has_the_mean_and_turbulence_of_its_position():
+def test_the_wind_has_the_mean_and_turbulence_at_the_position_of_the_vehicle():
     state = state_at(5.0, 0.2)
     wind = wind_at(state, JET, n=2000, duration=3.0)
     mean, _ = jet_speed(state, JET)
-    np.testing.assert_allclose(wind.mean(axis=(1, 2)), mean * np.array(AXIS), atol=0.02 * mean)
+    np.testing.assert_allclose(wind.mean(axis=(1, 2)), mean * np.array(JET_DIRECTION), atol=0.02 * mean)
     np.testing.assert_allclose(wind.std(axis=(1, 2)), 0.22 * mean, rtol=0.03)
     np.testing.assert_allclose(wind[:, :, 0].std(axis=1), 0.22 * mean, rtol=0.06)
 
@@ -133,14 +133,14 @@ def test_the_correlation_time_of_turbulence_is_the_half_width_divided_by_the_spe
         assert correlation == pytest.approx(math.exp(-0.01 * ticks * mean / half_width), abs=0.06)
 
 
-def test_winds_of_jets_add_up():
+def test_the_winds_of_several_jets_add_up():
     other_jet = JET._replace(direction=Direction(1.0, 0.0, 0.0), outlet=Outlet(-2.0, 5.0, 7.0), turbulence=0.0)
     jet_without_turbulence = JET._replace(turbulence=0.0)
     state = state_at(5.0, 0.0)
     wind = wind_at(state, jet_without_turbulence, other_jet, n=1, duration=0.1)
     along_x = jet_speed(state, other_jet)[0]
     assert along_x > 1.0
-    expected = jet_speed(state, jet_without_turbulence)[0] * np.array(AXIS) + [along_x, 0.0, 0.0]
+    expected = jet_speed(state, jet_without_turbulence)[0] * np.array(JET_DIRECTION) + [along_x, 0.0, 0.0]
     np.testing.assert_allclose(wind[:, 0, -1], expected, rtol=1e-12)
 
 

@@ -13,7 +13,7 @@ from drake_quad.signals import Wind
 
 
 def test_a_gust_has_the_given_shape():
-    """Relative to its final value, the velocity is 0, then (1 - cos(π t / d)) / 2 while the gust rises, and then 1."""
+    """The velocity, divided by its final value, is 0, then (1 - cos(π t / d)) / 2 while the gust rises, and then 1."""
     times = [1.0, 2.0, 2.75, 3.5, 4.25, 5.0, 50.0]
     expected = [0.0, 0.0, 0.5 - 0.5 * math.cos(math.pi / 4), 0.5, 0.5 + 0.5 * math.cos(math.pi / 4), 1.0, 1.0]
     fractions = [gust_profile(time, 2.0, 3.0, math.inf) for time in times]

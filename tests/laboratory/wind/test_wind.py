@@ -26,7 +26,7 @@ G = 9.81  # m/s²
 
 
 def test_drag_balances_the_weight_at_terminal_velocity():
-    """With idle rotors, the drag is c₁ v + c₂ v² = m g - 4 b ω²."""
+    """The drag c₁ v + c₂ v² equals m g - 4 b ω² if the rotors turn at idle speed."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
     vehicle = Quadrotor(parameters=QuadrotorConfig(parameters))
     simulator = Simulator(vehicle)
@@ -43,7 +43,7 @@ def test_drag_balances_the_weight_at_terminal_velocity():
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
 def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
-    """The tilt is atan(D / (m g)). Without integral action, the position error is D / (m k_P) downwind."""
+    """The tilt is atan(D / (m g)). The position error is D / (m k_P) downwind, since there is no integral action."""
     wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
     drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
     long_flight = ["route.duration=40", "crash.position_error=20"]
@@ -61,7 +61,7 @@ def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
 
 
 def test_the_velocity_of_a_vehicle_in_a_gust_agrees_with_the_closed_form():
-    """For a level vehicle, m v' = c (w - v) with w = h (1 - cos(π t / d)) / 2 is solved by hand."""
+    """The equation m v' = c (w - v) of a level vehicle, with w = h (1 - cos(π t / d)) / 2, is solved by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
@@ -131,7 +131,7 @@ def test_sources_of_wind_add_up(diagrams):
     np.testing.assert_allclose(flight["wind"][-1], [2.0, 2.0, 0.0], atol=1e-12)
 
 
-def test_turbulence_follows_the_steady_wind_by_default(diagrams):
+def test_turbulence_has_the_speed_and_heading_of_the_steady_wind_by_default(diagrams):
     steady = "{kind: steady, velocity: [0, 6, 0]}"
     winds = []
     for dryden in ("{kind: dryden}", f"{{kind: dryden, airspeed: 6, heading: {math.pi / 2}}}"):
@@ -189,7 +189,7 @@ WITHOUT_TURBULENCE = ["duration=6", "laboratory.wind.0.turbulence=0", "laborator
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
+def test_a_user_defined_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
     fans = load_scenario(diagrams / "laboratory.yaml:low_wind", WITHOUT_TURBULENCE)
     without_fans = load_scenario(diagrams / "laboratory.yaml:low_wind", [*WITHOUT_TURBULENCE[:1], "laboratory.wind=[]"])
     flights = [simulate(fans), simulate(without_fans, wind=UserJets(jets(fans.laboratory.wind)))]
@@ -199,7 +199,7 @@ def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_is_added_to_the_scenario_s_wind_in_single_flights_and_fleets(diagrams):
+def test_a_user_defined_wind_is_added_to_the_scenario_wind_in_single_flights_and_fleets(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
