@@ -178,7 +178,7 @@ def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: LogComparison, statistic: str, axis: int, *, unit: str = "") -> str:
-    """Return the median of an error statistic over the simulated flights in cm, with a 95 % interval if they differ."""
+    """Return the median simulated error statistic, cm, with a 95 % interval if the simulated flights differ."""
     median, low, high = (float(end[axis]) for end in comparison.interval(statistic))
     interval = Interval(median, low, high)
     return (interval if comparison.varies else interval.without_interval()).text(

@@ -1,7 +1,8 @@
 """Design a linear-quadratic-Gaussian controller for a scenario, and print its stability margins.
 
-The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays, which
-follow from the distributions of the scenario or, without distributions, are typical deviations from the given values.
+The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays. The
+distributions of the scenario determine these plants. If there are none, the plants have typical deviations from the
+given values.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Documentation pages with the arguments of all commands, and with the functions of formulas."""
+"""Documentation pages with the arguments of all commands, and with the functions that formulas can call."""
 
 import argparse
 import inspect
@@ -26,7 +26,7 @@ def command_page(page: str) -> str:
 
 
 def formula_page(page: str) -> str:
-    """Return the page on formulas with an updated generated part: functions that accept rows, and replacements.
+    """Return the page on formulas with an updated generated part: its functions, and replacements for NumPy functions.
 
     Args:
         page: current text of the page, as in `command_page`.
@@ -87,5 +87,5 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text in which characters are escaped that a cell of a Markdown table cannot contain."""
+    """Return a text as a cell of a Markdown table, with special characters escaped."""
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")

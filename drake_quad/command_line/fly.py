@@ -100,7 +100,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def instruction_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
-    """Return the row with the largest number of instructions of a step, if exported code ran on an emulated board."""
+    """Return a row with the largest number of instructions per step, if exported code ran on an emulated board."""
     count = getattr(getattr(scenario.control, "system", None), "max_instructions", 0)
     return [("instructions per step", f"{count:,}", "at most")] if count else []
 

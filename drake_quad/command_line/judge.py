@@ -103,7 +103,7 @@ def main(arguments: argparse.Namespace) -> None:
 def user_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers that `--controller` names.
 
-    If a designed controller has the same short name, the full name of the user's controller is used.
+    If a designed controller has the same short name, the user's controller is listed by its full name.
 
     Raises:
         InputError: if a controller cannot be loaded, or two controllers have the same name.

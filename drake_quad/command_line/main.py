@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _versions() -> str:
-    """Return the versions of the packages on which results depend, as text."""
+    """Return a text with the versions of the packages that affect results."""
     return f"drake_quad {__version__} (Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()})"
 
 

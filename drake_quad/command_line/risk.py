@@ -104,7 +104,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def parse_percent(text: str) -> float:
-    """Return the number that a text such as `30%` states in per cent.
+    """Return the fraction that a text such as `30%` states.
 
     Raises:
         InputError: if the text is not a percentage above 0 %.

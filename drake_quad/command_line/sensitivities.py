@@ -32,9 +32,10 @@ _GAINS = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the fields of a scenario with respect to which metrics are differentiated by default.
+    """Return the scenario fields by which metrics are differentiated by default.
 
-    Inertia and rotor positions are left out if the autopilot models the attitude response, which replaces them.
+    Inertia and rotor positions are left out if the autopilot models the attitude response, since they then have no
+    effect.
     """
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
     # Gains of 0 are left out, because the diagram may not contain their terms, and then has no derivative.

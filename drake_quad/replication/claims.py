@@ -290,7 +290,7 @@ def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Inte
 
 
 def published_effort_ratios() -> dict[Cell, tuple[float, float]]:
-    """Return the printed mean efforts on X and Y of each network, divided by the PD's in the same wind, by cell.
+    """Return each network's printed mean efforts on X and Y, relative to the PD's effort in the same wind, by cell.
 
     A ratio is NaN if one of the two efforts is missing in the paper.
     """

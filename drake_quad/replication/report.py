@@ -77,7 +77,7 @@ class Findings(NamedTuple):
         entries: entries of Table II.
         claims: claims of the paper, with verdicts.
         fair: comparison with controllers that the paper does not consider.
-        efforts: agreement of each definition of control effort with the paper; the closest definition is first.
+        efforts: agreement of each definition of control effort with the paper; the best agreement is first.
     """
 
     entries: Sequence[TableEntry]
@@ -158,7 +158,7 @@ def _experiment_fields(experiment: Experiment) -> dict[str, Any]:
 
 
 def _scenario_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return the template's fields on the assumptions in the scenario of PD+T2FNN in low wind."""
+    """Return the template fields that state the assumptions of the scenario PD+T2FNN in low wind."""
     plan, laboratory = plan_route(scenario), scenario.laboratory
     link, network = laboratory.command_link, cast(Network, scenario.cascade.network)
     first, second = jets(laboratory.wind)
