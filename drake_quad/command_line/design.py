@@ -58,6 +58,7 @@ _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID use by default.
 _DEFAULT_INTEGRAL_FRACTION = 0.15
 _MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
+# Smallest and largest values of options: margins in degrees, dB and ticks, and a fraction of the phase margin.
 _RANGES = {
     "phase-margin": (0.0, 180.0),
     "gain-margin": (0.0, 60.0),

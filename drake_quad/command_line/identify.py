@@ -38,7 +38,7 @@ from drake_quad.visualization.style import save_figures
 # Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
-_MAX_WIND = 100.0  # m/s, the limit of scenarios
+_MAX_WIND = 100.0  # m/s, the largest wind speed that a scenario may contain
 _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
 

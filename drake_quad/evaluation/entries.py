@@ -65,9 +65,9 @@ NETWORKS = {
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers to which a type-2 network is added. Networks of every kind are added to the PD.
+# Controllers to which a type-2 network is added. All kinds of networks are added to the PD.
 NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
-# Controllers to which a network over the position is added.
+# Controllers to which a network with the position as input is added.
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 

@@ -84,7 +84,7 @@ class EvaluationSizes(NamedTuple):
 
 
 QUICK = EvaluationSizes(samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0)
-# Either laboratory, controller and metrics; or family, controller and traits.
+# A result consists of laboratory, controller and metrics, or of family, controller and traits.
 Result = tuple[str, str, Metrics | Traits]
 
 

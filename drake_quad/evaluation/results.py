@@ -12,7 +12,7 @@ from drake_quad.reports.results import read_groups, write_groups
 _FLIGHT_KEYS = ("laboratory", "controller")
 _TRAIT_KEYS = ("family", "controller")
 _DIGITS = 9  # significant digits in the files
-LAPS_LABORATORY = "high wind"  # laboratory in which networks over the position fly several laps
+LAPS_LABORATORY = "high wind"  # laboratory in which networks with the position as input fly several laps
 # "Priced" designs have different limits on the peak sensitivity, and show how much accuracy the stability margin costs.
 PRICED_DESIGNS = "priced"  # name of the file of these designs
 PRICED_LABORATORY = "high wind"  # laboratory in which these designs are tuned and flown

@@ -1,7 +1,7 @@
 """Probabilities of rare events of a scenario, by subset simulation on fleets.
 
 A sample of the scenario is a point of standard normal space, with a coordinate for each independent random number, and
-a whole number for each period of the flight, which determines wind and noise in this period.
+an integer for each period of the flight, which determines wind and noise in this period.
 """
 
 import math
@@ -99,14 +99,14 @@ class Event(NamedTuple):
         return np.asarray(self.sign * (values - self.bound))
 
     def value(self, performance: np.ndarray) -> np.ndarray:
-        """Return the values of the metric for performances."""
+        """Return the metric values that correspond to performances."""
         return np.asarray(self.bound + self.sign * performance)
 
 
 class Coordinate(NamedTuple):
     """Coordinate of the samples at which an event occurs.
 
-    In all samples of the scenario, its mean is 0 and its standard deviation is 1.
+    Over all samples of the scenario, the coordinate has the mean 0 and the standard deviation 1.
 
     Attributes:
         name: path of the field, or name of the shared variable.
@@ -130,7 +130,7 @@ class Risk:
     """Estimated probability of an event.
 
     Attributes:
-        event: event.
+        event: event whose probability is estimated.
         probability: estimate with its 95 % interval.
         runs: independent runs of subset simulation.
         coordinates: all coordinates of the samples at which the event occurs, the most important one first.
@@ -150,7 +150,7 @@ class Risk:
     def exceedance(self, thresholds: np.ndarray) -> list[Interval]:
         """Return the probabilities that the metric is beyond each of the (k,) thresholds, with intervals.
 
-        A threshold that not every run has reached has no interval.
+        If a run has not reached a threshold, the probability has no interval.
         """
         levels = self.event.sign * (np.asarray(thresholds) - self.event.bound)
         rows = np.stack([run.exceedance(levels, _FRACTION) for run in self.runs])
@@ -184,7 +184,8 @@ def estimate_risk(
     Args:
         scenario: scenario, whose seed determines all random numbers.
         event: event, or text such as `peak_error > 0.8`.
-        half_width: half of the width of the interval, relative to the estimate, at which no further run begins.
+        half_width: half the width of the interval relative to the estimate; when it is this small, no further run
+            begins.
         max_flights: number of flights after which no further run begins.
         size: number of samples in each step of a run, a multiple of 10 and at least 500.
         noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.

@@ -1,8 +1,8 @@
 """Rules that stop a study as soon as an estimate is precise enough.
 
-A rule is evaluated after fixed numbers of samples only, so that the end of a study does not depend on the number of
-workers or on their speed. The interval of the estimate is that of a confidence sequence, which stays valid although it
-is computed repeatedly (`drake_quad.statistics.sequential`).
+A rule is evaluated only after fixed numbers of samples, so that the number and the speed of the workers do not affect
+when a study ends. The interval of the estimate is that of a confidence sequence, which stays valid although it is
+computed repeatedly (`drake_quad.statistics.sequential`).
 """
 
 import math
@@ -34,7 +34,8 @@ class StoppingRule(NamedTuple):
     Attributes:
         quantity: name of a metric whose mean is estimated, or `crash` or the name of a requirement, whose probability
             is estimated.
-        half_width: largest half-width of the interval: of a probability itself, and of a mean relative to the mean.
+        half_width: largest permitted half-width of the interval: absolute for a probability, and relative to the mean
+            for a metric.
         is_probability: True if a probability is estimated.
     """
 

@@ -223,7 +223,7 @@ def format_of(scenario: Scenario) -> RowFormat:
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
-    """Return the content of a results file, with a row invalid if its drawn numbers do not follow from the seed."""
+    """Return the content of a results file, with each row marked invalid whose draws do not follow from the seed."""
     if not len(stored.rows):
         return stored
     columns = dict(zip(columns_of(scenario), stored.rows.T, strict=True))

@@ -90,7 +90,7 @@ def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
 
 
 def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
-    """They are single numbers, where the gains of shipped controllers have one number per axis."""
+    """Each gain of this controller is one number. Gains of shipped controllers have one number per axis."""
     fields = default_fields(scenario_of(arguments(controller=f"{mine}:Mine")))
     assert "control.position.k_p" in fields
     assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
@@ -193,8 +193,8 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert "drake_quad" not in "".join(traceback)
 
 
-def saved_and_forgotten(scenario, path):
-    """Save a scenario, remove the kinds that its Python files have registered, and return the refusal of the file."""
+def load_error_without_registered_kinds(scenario, path):
+    """Save a scenario, unregister the kinds of its Python files, load it, and return the error message."""
     save_scenario(scenario, path)
     for registry in REGISTRIES:
         for name, member in [*registry.members.items()]:
@@ -207,7 +207,7 @@ def saved_and_forgotten(scenario, path):
 
 @pytest.mark.usefixtures("own_folder")
 def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(run, mine, root) -> None:
-    """The command in the message is complete: with it, the saved scenario flies."""
+    """The command in the message is complete: it flies the saved scenario."""
     for name in ("wind_shear", "ceiling_effect"):
         import_file(root / "scripts" / f"{name}.py")
     own_parts = scenario_of(
@@ -221,7 +221,7 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
             ],
         )
     )
-    refusal = saved_and_forgotten(own_parts, Path("saved.yaml"))
+    refusal = load_error_without_registered_kinds(own_parts, Path("saved.yaml"))
     assert refusal.startswith("saved.yaml:")
     options = Path("saved.yaml").read_text(encoding="utf-8").splitlines()[0].partition("options ")[2]
     assert f"--controller {mine.name}:Mine" in options
@@ -269,7 +269,7 @@ def test_controllers_with_equal_names_are_called_by_their_files_or_their_numbers
 
 
 def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> None:
-    """They also take precedence over `--set`, which applies to all controllers."""
+    """The assignments also take precedence over `--set`, which applies to all controllers."""
     specs = [f"{mine}:Mine", f"{mine}:Mine control.position.k_p=0.4", "controllers/paper:pd control.position.k_p.0=3"]
     first, second, third = controlled_scenarios(arguments(controller=specs)).values()
     assert (first.control.position.k_p, second.control.position.k_p) == (0.2, 0.4)

@@ -56,7 +56,7 @@ def test_a_vehicle_may_be_edited_and_another_file_may_contain_the_same_vehicle(r
 
 
 def test_a_scenario_that_a_command_has_written_belongs_to_the_input_of_that_command(reserved):
-    """A vehicle that is edited, designed again and flown from the written scenario keeps its folders."""
+    """If a vehicle is edited, designed again and flown from the written scenario, all results go to the same folders."""
     for mass in (0.6, 0.7):
         folder = reserved("a/mine.yaml", mass)
         save_scenario(load_undesigned("a/mine.yaml"), folder / "scenario.yaml")
@@ -106,7 +106,7 @@ def test_a_comparison_with_a_log_belongs_to_the_log_and_the_scenario(tmp_path):
 
 
 def test_every_default_folder_that_is_named_after_a_scenario_is_reserved():
-    """A command that names its folder itself would not check to whom the folder belongs."""
+    """A command that does not call `folder_of` could overwrite the results of another input."""
     for command in COMMANDS:
         module = module_of(command)
         if "default_output" in vars(module.options())["_defaults"]:

@@ -89,7 +89,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
 
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
 def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
-    """The scenario has a wind without an effect; the designs are replaced by an error."""
+    """The wind of the scenario has no effect. An error replaces the designs."""
     module = module_of(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 

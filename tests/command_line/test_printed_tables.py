@@ -150,7 +150,7 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
 def compared():
     """Return twenty predictions of a log, two of which crash.
 
-    Along z, the errors of the log are a tenth of the others.
+    The logged errors along z are a tenth of those along x and y.
     """
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
@@ -337,7 +337,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
 
 
 def identified():
-    """Return an identification of three parameters; the first is known to vary, and the last explains no variance."""
+    """Return an identification of three parameters. The first varies between flights; the last explains no variance."""
     estimates = Estimates(
         ("mass", "autopilot.damping[0]", "linear_drag"),
         np.array([0.5, 0.7, 0.1]),

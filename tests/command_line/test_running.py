@@ -15,7 +15,7 @@ from drake_quad import InputError
 
 
 def status_of(words, error):
-    """Return the exit status of a process that prints words and then raises the given error, if any."""
+    """Return the exit status of a process that prints a text and then raises the given error, if any."""
 
     def command():
         print(words)

@@ -292,7 +292,9 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
 
 
 @pytest.mark.slow
-def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
+def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_linear_loop(
+    tuned, monkeypatch, diagrams, tmp_path
+):
     """The additional delay is the delay that the controller tolerates without a network.
 
     The earlier design is a candidate.

@@ -72,7 +72,7 @@ def named(wind, controller):
 def fieller(values, baseline):
     """Return the ratio of means of finite values, and the limits R at which a t-test of a - R b becomes significant.
 
-    At the limits (mean a - R mean b)² is t² / n times the variance of a - R b.
+    At the limits, (mean a - R mean b)² is t² / n times the variance of a - R b.
     """
     a, b = np.stack([values, baseline])[:, np.isfinite(values) & np.isfinite(baseline)]
     (var_a, cov), (_, var_b) = scipy.stats.t.ppf(0.975, len(a) - 1) ** 2 / len(a) * np.cov(a, b)

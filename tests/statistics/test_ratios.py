@@ -12,7 +12,7 @@ from drake_quad.studies.statistics import compare
 
 
 def holds(ratio, values, baseline, confidence=0.95):
-    """Return whether Student's interval of the mean of a - R b contains zero, by SciPy."""
+    """Return whether Student's interval of the mean of a - R b, computed by SciPy, contains zero."""
     return scipy.stats.ttest_1samp(values - ratio * baseline, 0.0).pvalue >= 1.0 - confidence
 
 

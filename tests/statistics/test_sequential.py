@@ -37,7 +37,7 @@ def test_sequences_are_longer_than_intervals_and_not_much():
 
 @pytest.mark.parametrize("probability", [1e-3, 0.01, 0.3, 0.97])
 def test_all_intervals_of_a_probability_contain_it_in_95_percent_of_studies(probability):
-    """An ordinary interval, computed as often, does not."""
+    """Ordinary intervals that are computed equally often do not."""
     generator = np.random.default_rng(1)
     events = generator.random((1000, CHECKS[-1])) < probability
     counts = np.cumsum(events, axis=1)[:, np.array(CHECKS) - 1]

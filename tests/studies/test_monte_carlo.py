@@ -236,7 +236,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
-    """The batch of 5 is split into 2 and 3, and the 3 again. A later run flies the failed sample."""
+    """The batch of 5 is split into 2 and 3 samples, and the 3 samples are split again. A later run flies the sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
@@ -519,7 +519,7 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
 
 
 class Known(WorkerPool):
-    """Pool with a known outcome of a trial."""
+    """Pool whose trial has a given outcome."""
 
     num_workers = capacity = 1
 
@@ -679,8 +679,8 @@ def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, 
     assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
 
 
-def test_wind_and_noise_of_designed_draws_are_those_of_independent_samples():
-    """With fields that have no effect, the flights are those of independent draws."""
+def test_designed_draws_do_not_change_wind_and_noise():
+    """The drawn field has no effect, so the flights equal those with independent draws."""
     harmless = load_scenario(
         "laboratory:low_wind", ["duration=0.3", "vehicle.gravity={uniform: {min: 9.81, max: 9.8100001}}"]
     )

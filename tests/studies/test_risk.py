@@ -53,7 +53,7 @@ def test_an_estimate_is_repeated_by_its_seed_for_any_noise_period(scenario, risk
     assert again.probability == risk.probability
     other = estimate_risk(scenario, f"peak_error > {BOUND}", noise_period=0.2, **options)
     assert len(other.scenarios[0].noise.samples) == 3
-    # Both estimate the same probability.
+    # Both noise periods give the same probability, so the intervals overlap.
     assert other.probability.low < risk.probability.high
     assert risk.probability.low < other.probability.high
 

@@ -20,7 +20,7 @@ def scenario():
 
 @pytest.fixture
 def evaluated(monkeypatch):
-    """Return a function that replaces the flights by a function of three numbers and of the noise, from 0 to 1."""
+    """Return a function that replaces the flights by a function of three parameters and the noise, all in [0, 1]."""
 
     def replace(function, crashed=lambda points: np.zeros(len(points), dtype=bool)):
         class Evaluator:

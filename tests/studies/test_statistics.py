@@ -93,7 +93,7 @@ def test_the_interval_of_a_fraction_is_exact():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
-def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
+def test_the_interval_of_a_rank_correlation_has_its_nominal_coverage(r):
     """The rank correlation of normal variables with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     fraction = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)

@@ -96,7 +96,7 @@ def test_system_exit_becomes_an_outcome(make):
     pool = make()
     (outcome,) = fly_batches(pool, leaving, [[4]])
     assert (outcome.argument, outcome.result) == ([4], None)
-    # A new process does not inherit the fixture of this file, so that it reports file and line.
+    # A new process does not inherit the fixture of this file, so its message may contain file and line.
     assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
     pool.abandon()
 

@@ -368,7 +368,7 @@ def test_a_uniform_wind_is_drawn_as_arrows_with_its_speed_and_direction(velocity
 
 
 def test_views_from_above_have_x_to_the_right_and_y_up(flight):
-    """Also where the region is longer along Y."""
+    """This is also the case if the region is longer along Y."""
     fan = "laboratory.wind=[{kind: fan, position: [0, -5, 1], direction: [0, 1, 0], flow: 1.0, diameter: 0.6}]"
     tall = simulate(load_scenario("hover", ["duration=0.2", fan]))
     for axes in (plot_wind(tall).axes[0], plots.plot_path(flight).axes[1]):

@@ -127,9 +127,9 @@ def test_the_vehicle_of_the_sample_is_drawn():
 
 @pytest.mark.slow
 def test_an_existing_diagram_can_be_shown():
-    """The scene is Drake's own Meshcat.
+    """The scene is Drake's Meshcat.
 
-    With steps of 10 ms, frames are 40 ms apart, the smallest multiple above 1/32 s.
+    With steps of 10 ms, frames are 40 ms apart, the smallest multiple of 10 ms above 1/32 s.
     """
     scenario = load_scenario("outdoor", ["duration=1"])
     simulator = Simulator(build_tracking_diagram(scenario))

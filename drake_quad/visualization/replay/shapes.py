@@ -48,7 +48,8 @@ class Frame(NamedTuple):
 
     Attributes:
         rotors: rotors 1 to 4.
-        roots: start of the arm of each rotor in B, (3,), m: the middle, or an end of the crossbar of an H frame.
+        roots: point in B, (3,), m, at which the arm of each rotor begins: the centre, or an end of the crossbar of an H
+            frame.
     """
 
     rotors: Rotors
