@@ -9,14 +9,14 @@ from drake_quad.command_line.main import COMMANDS, COMMANDS_BY_PURPOSE, module_o
 from drake_quad.framework import elementary
 from drake_quad.framework.replacements import names_and_replacements
 
-_MARK = "<!-- What follows is written by scripts/development/document_scenarios.py. -->\n"
+_GENERATED_PART_MARK = "<!-- What follows is written by scripts/development/document_scenarios.py. -->\n"
 
 
 def command_page(page: str) -> str:
     """Return the page on the command line with an updated generated part.
 
     Args:
-        page: current text of the page. The generated part follows the line `_MARK`.
+        page: current text of the page. The generated part follows the line `_GENERATED_PART_MARK`.
     """
     parts = []
     for purpose, commands in COMMANDS_BY_PURPOSE.items():
@@ -52,8 +52,8 @@ def formula_page(page: str) -> str:
 
 
 def _updated(page: str, text: str) -> str:
-    """Return a page with a new text after the line `_MARK`."""
-    before, mark, _ = page.partition(_MARK)
+    """Return a page with a new text after the line `_GENERATED_PART_MARK`."""
+    before, mark, _ = page.partition(_GENERATED_PART_MARK)
     return before + mark + text
 
 

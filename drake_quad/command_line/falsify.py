@@ -64,7 +64,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.flights < MIN_FLIGHTS * arguments.noise:
         raise InputError(
             f"--flights {arguments.flights}: one generation needs {MIN_FLIGHTS} candidates with {arguments.noise}"
-            f" samples of noise each, {MIN_FLIGHTS * arguments.noise} flights"
+            f" samples of noise each, so at least {MIN_FLIGHTS * arguments.noise} flights"
         )
     scenario = scenario_of(arguments)
     metric = arguments.minimize or arguments.maximize or "peak_error"

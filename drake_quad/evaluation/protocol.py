@@ -26,7 +26,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
-_HORIZON = 0.6  # s, horizon of model predictive control, as in controllers/mpc.yaml
+_MPC_HORIZON = 0.6  # s, horizon of model predictive control, as in controllers/mpc.yaml
 
 
 class DesignResult(NamedTuple):
@@ -107,7 +107,7 @@ def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
     """Write a model predictive controller with the regulator of the family's LQG design, if there is such a design."""
     regulator = designs_in(path).get("lqg")
     if regulator is not None:
-        control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
+        control = {**regulator["control"], "kind": "mpc", "horizon": _MPC_HORIZON}
         description = "the regulator of lqg, with limits over a horizon"
         write_designs(path, {"mpc": {"control": control}}, comments={"mpc": description})
         yield DesignResult("mpc", description)

@@ -11,7 +11,7 @@ from drake_quad.reports.results import read_groups, write_groups
 
 _FLIGHT_KEYS = ("laboratory", "controller")
 _TRAIT_KEYS = ("family", "controller")
-_DIGITS = 9  # significant digits in the files
+_NUM_DIGITS = 9  # significant digits in the files
 LAPS_LABORATORY = "high wind"  # laboratory in which networks with the position as input fly several laps
 # "Priced" designs have different limits on the peak sensitivity, and show how much accuracy the stability margin costs.
 PRICED_DESIGNS = "priced"  # name of the file of these designs
@@ -86,8 +86,8 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
         for name, each in results.items()
     }
     return [
-        write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_DIGITS),
-        write_groups(folder / "traits.csv", _TRAIT_KEYS, traits, digits=_DIGITS),
+        write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_NUM_DIGITS),
+        write_groups(folder / "traits.csv", _TRAIT_KEYS, traits, digits=_NUM_DIGITS),
     ]
 
 

@@ -100,7 +100,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RA
 
 
 # Paths of the fields that are set to the value of each parameter.
-_PATHS = {
+_FIELD_PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],
     "a1": [f"{_NETWORK}.a1"],
@@ -131,5 +131,5 @@ def fly_legs(
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
     """Return the batch of all samples with the first setting, then all samples with the second setting, and so on."""
     columns = all_combinations(settings, {"sample": np.asarray(samples)})
-    varying = {path: columns[name] for name in settings for path in _PATHS[name]}
+    varying = {path: columns[name] for name in settings for path in _FIELD_PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

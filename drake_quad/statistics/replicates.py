@@ -25,7 +25,7 @@ from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
 
 MIN_REPLICATES = 16
 """Smallest number of replicates of a complete study. Student's factor is then 2.13, and 1.96 for many replicates."""
-_NUM_STOPS = 60  # number of points at which the running mean of dependent samples is computed
+_NUM_RUNNING_MEANS = 60  # number of points at which the running mean of dependent samples is computed
 
 
 class Replicates:
@@ -95,7 +95,7 @@ class Replicates:
         """
         if self.indices is None:
             return np.arange(1, len(values) + 1), *running_mean(values, confidence)
-        stops = np.unique(np.geomspace(1, max(len(values), 1), _NUM_STOPS).astype(int))
+        stops = np.unique(np.geomspace(1, max(len(values), 1), _NUM_RUNNING_MEANS).astype(int))
         means = [self.take(slice(stop)).mean(values[:stop], confidence) for stop in stops]
         return stops, *(np.array(each) for each in zip(*means, strict=True))
 

@@ -125,7 +125,7 @@ class Influence(NamedTuple):
 
     @property
     def strongest(self) -> Interval:
-        """Rank correlation with the number or with its distance from the median: the one with the larger absolute value."""
+        """Rank correlation with the number or with its distance from the median: the larger one in absolute value."""
         return max(self.correlation, self.distance, key=lambda each: abs(np.nan_to_num(each.value)))
 
     @property

@@ -23,9 +23,9 @@ from drake_quad.studies.statistics import values_with_crashes, values_without_cr
 _CRASH = "crash"
 # Numbers of samples after which rules are evaluated. The first number is large enough for the normal approximation of
 # the mean, and the ratio limits the number of evaluations.
-_FIRST_CHECK = 256
-_RATIO = 1.25
-_TEXT = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")
+_FIRST_CHECKPOINT = 256
+_CHECKPOINT_RATIO = 1.25
+_RULE_PATTERN = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")
 
 
 class StoppingRule(NamedTuple):
@@ -50,7 +50,7 @@ class StoppingRule(NamedTuple):
         Raises:
             InputError: if the text is not a rule, or the scenario has no such metric or requirement.
         """
-        match = _TEXT.fullmatch(text)
+        match = _RULE_PATTERN.fullmatch(text)
         if match is None or match[3] != "%":
             raise InputError(
                 f"{short_repr(text)} is not a stopping rule; write it as in 'crash ± 0.2 %' or 'rmse ± 1 %'"
@@ -97,8 +97,8 @@ class StoppingRule(NamedTuple):
 
 def checkpoints(num_samples: int) -> Iterator[int]:
     """Yield the numbers of samples after which rules are evaluated, up to the largest number of samples."""
-    count = float(_FIRST_CHECK)
+    count = float(_FIRST_CHECKPOINT)
     while count < num_samples:
         yield round(count)
-        count *= _RATIO
+        count *= _CHECKPOINT_RATIO
     yield num_samples

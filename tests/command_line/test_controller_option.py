@@ -23,7 +23,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import NAME, REGISTRIES
 from drake_quad.scenario.paths import distributions_in
 
-MINE = """
+CONTROLLERS_SOURCE = """
 from typing import NamedTuple
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Acceleration, Reference, State, Wrench
@@ -56,7 +56,7 @@ class Whole(FleetSystem):
 def mine(tmp_path, request):
     """Return the path of a file with controllers, whose module no other test has imported."""
     path = tmp_path / f"controllers_{abs(hash(request.node.name))}.py"
-    path.write_text(MINE, encoding="utf-8")
+    path.write_text(CONTROLLERS_SOURCE, encoding="utf-8")
     return path
 
 
@@ -130,7 +130,7 @@ def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
         controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
 
 
-FAILING = """
+FAILING_CONTROLLERS_SOURCE = """
 from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad.framework.elementary import sqrt
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
@@ -181,7 +181,7 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = f"failing_{abs(hash(request.node.name))}.py"
-    (tmp_path / file).write_text(FAILING, encoding="utf-8")
+    (tmp_path / file).write_text(FAILING_CONTROLLERS_SOURCE, encoding="utf-8")
     samples = [] if command == ["fly"] else ["--samples", 2]
     options = [*samples, "--set", "duration=1", "--controller", f"{file}:{name}", "--output", tmp_path / "out"]
     result = run(*command, "hover", *options)
@@ -283,7 +283,7 @@ def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> N
         scenario_of(arguments(controller="controllers/paper:pd control.position.k_x=3"))
 
 
-DRAWN = """
+RANDOM_SCENARIO = """
 drawn:
   extends: laboratory:low_wind
   vehicle:
@@ -311,11 +311,11 @@ replacing: {control: {thrust_vectoring: {max_tilt: 0.55}}, vehicle: {mass: 0.7}}
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("loads_several", [False, True])
-def test_a_distribution_is_kept_or_named_in_a_remark(
+def test_a_controller_keeps_each_distribution_or_a_remark_names_it(
     controller, overrides, replaced, loads_several, mine, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "drawn.yaml").write_text(DRAWN, encoding="utf-8")
+    (tmp_path / "drawn.yaml").write_text(RANDOM_SCENARIO, encoding="utf-8")
     spec, drawn = controller.format(mine=mine), "drawn.yaml:drawn"
     if loads_several:
         (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
@@ -331,13 +331,13 @@ def test_a_distribution_is_kept_or_named_in_a_remark(
         assert path in distributions_in(scenario) or f" {path} " in printed or path in given
 
 
-FLY_DESIGN_OR_JUDGE = (
+COMMANDS_WITH_CONTROLLER = (
     "fly", "study", "compare", "replay", "draw", "design", "design-lqg", "tune", "map", "sensitivities", "judge",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("command", FLY_DESIGN_OR_JUDGE)
-def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) -> None:
+@pytest.mark.parametrize("command", COMMANDS_WITH_CONTROLLER)
+def test_each_command_that_flies_designs_or_judges_has_the_controller_option(command: str) -> None:
     assert command in COMMANDS
     module = import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
     assert "--controller" in module.options().format_help()

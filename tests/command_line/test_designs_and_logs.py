@@ -97,7 +97,7 @@ def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
 
 ATTITUDE_LOOPS = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 3], k_rate: [14, 14, 8]}"
 INTEGRAL_ON_BOARD = "laboratory.autopilot.rate_terms={k_i: [9, 9, 9]}"
-PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
+POSITION_PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
 
 
 @pytest.mark.parametrize(
@@ -106,11 +106,11 @@ PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0
         ([], True, True),
         ([], False, False),
         ([INTEGRAL_ON_BOARD], True, False),
-        ([PID], True, False),
+        ([POSITION_PID], True, False),
         (["vehicle.centre_of_mass=[0, 0]"], True, False),
     ],
 )
-def test_a_design_without_an_integral_tells_the_error_that_remains(overrides, on_board, is_remarked):
+def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides, on_board, is_remarked):
     designed = load_scenario(
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
@@ -120,7 +120,7 @@ def test_a_design_without_an_integral_tells_the_error_that_remains(overrides, on
 
 
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
-def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scenario):
+def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
     design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
     told = design_remarks(design, load_scenario(scenario))
@@ -131,7 +131,7 @@ def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scen
 
 
 @pytest.mark.slow
-def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkeypatch, tmp_path):
+def test_gains_are_designed_for_the_median_vehicle_and_for_its_autopilot(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     drawn = "vehicle.mass={choice: [0.6, 0.7, 0.8]}"
     result = run("design", "onboard", "--set", drawn, "--on-board", "--output", tmp_path)

@@ -30,14 +30,14 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.studies.study import Study
 
 DOCS = Path(__file__).parent.parent.parent / "docs" / "replication"
-SAMPLES = 6
+NUM_SAMPLES = 6
 NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
-NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
+WIND_NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
 
 
 @pytest.fixture(scope="module")
 def found():
-    return invented_experiment(SAMPLES)
+    return invented_experiment(NUM_SAMPLES)
 
 
 def interval(values):
@@ -66,7 +66,7 @@ def metres(estimate):
 
 
 def named(wind, controller):
-    return f"{NAMES[wind]}, {CONTROLLERS[controller]}"
+    return f"{WIND_NAMES[wind]}, {CONTROLLERS[controller]}"
 
 
 def fieller(values, baseline):
@@ -117,15 +117,15 @@ def test_the_committed_claims_are_current(found):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_reductions_compared_with_the_pd(found):
+def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     half, without_wind, *_ = all_claims(found)
     cuts = {
         (wind, name): opposite(over(found, wind, name, "pd"), 1.0)
-        for wind in NAMES
+        for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     over_slope = {}
-    for wind in NAMES:
+    for wind in WIND_NAMES:
         baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
         over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
@@ -134,7 +134,7 @@ def test_reductions_compared_with_the_pd(found):
         " which is a fitted number"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
-    slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
+    slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
     # Reductions are about 0.55 with narrow sets, 0.45 with wide sets, and larger with another λ.
     assert half.verdict == "holds in part"
@@ -148,11 +148,11 @@ def test_reductions_compared_with_the_pd(found):
     )
 
 
-def test_type_2_compared_with_type_1(found):
+def test_claims_about_type_2_and_type_1_are_judged(found):
     _, _, against, wider, *_ = all_claims(found)
     gains = {
         (wind, name): opposite(over(found, wind, name, "pd_t1fnn"), 1.0)
-        for wind in NAMES
+        for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
@@ -192,7 +192,7 @@ def test_type_2_compared_with_type_1(found):
     )
 
 
-def test_claims_about_peaks_pd_output_and_effort(found):
+def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
@@ -216,7 +216,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     left, returned = (
         {
             (wind, name): interval(found.recorded[Cell(wind, name)][measure])
-            for wind in NAMES
+            for wind in WIND_NAMES
             for name in ("pd", "pd_t2fnn")
         }
         for measure in ("pd_fade", "pd_return")
@@ -234,7 +234,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
 
     fractions = {
         (wind, name, axis): over(found, wind, name, "pd", f"effort_{axis}")
-        for wind in NAMES
+        for wind in WIND_NAMES
         for name in NETWORKS
         for axis in "xy"
     }
@@ -254,7 +254,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     assert windy.verdict == "holds in part"
 
 
-def test_claims_about_gains(found):
+def test_claims_about_gains_are_judged(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
     # A sample crashed with the third pair of gains on a straight line.
@@ -295,7 +295,7 @@ def test_claims_about_gains(found):
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
     entries = fair_entries(found)
     compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
-    assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in NAMES for name in compared]
+    assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in WIND_NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
         for metric in ("rmse", "peak_error", "effort_x", "effort_y"):
@@ -306,7 +306,7 @@ def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
         np.testing.assert_allclose(entry.over_network, over(found, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_effort_ratios_compared_with_the_printed_ones(found):
+def test_effort_ratios_are_compared_with_the_printed_ratios(found):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
@@ -349,15 +349,15 @@ def test_effort_ratios_compared_with_the_printed_ones(found):
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_compared_with_the_printed_one(found, tmp_path):
+def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
     cells = dict(found.cells)
     crashed = cells[Cell("low_wind", "pd")]
-    crash_time = np.where(np.arange(SAMPLES) == 1, 2.0, np.inf)
+    crash_time = np.where(np.arange(NUM_SAMPLES) == 1, 2.0, np.inf)
     cells[Cell("low_wind", "pd")] = replace(crashed, metrics=crashed.metrics._replace(crash_time=crash_time))
     entries = table_entries(cells)
     names = ["rmse", "effort_x", "effort_y"]
     assert [(entry.quantity, *entry.cell) for entry in entries] == [
-        (quantity, wind, name) for quantity in names for wind in NAMES for name in CONTROLLERS
+        (quantity, wind, name) for quantity in names for wind in WIND_NAMES for name in CONTROLLERS
     ]
     for entry in entries:
         values = getattr(cells[entry.cell].metrics, entry.quantity).copy()

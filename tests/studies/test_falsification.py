@@ -46,7 +46,7 @@ def test_a_worst_case_flies_again_with_the_same_metric(found):
 
 
 @pytest.mark.slow
-def test_a_search_is_repeated_by_its_seed(scenario, found):
+def test_the_same_seed_repeats_a_search(scenario, found):
     again = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
     np.testing.assert_array_equal(again.point, found.point)
 

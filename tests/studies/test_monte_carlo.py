@@ -41,7 +41,7 @@ class Draught(LeafSystem):
         output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
 
 
-N = 24
+NUM_SAMPLES = 24
 OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
 
 
@@ -54,7 +54,7 @@ def simple():
     return load_scenario("figure_eight", ["duration=0.4", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}"])
 
 
-def run(folder=None, num_samples=N, **options):
+def run(folder=None, num_samples=NUM_SAMPLES, **options):
     return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
 
 
@@ -74,9 +74,10 @@ def whole(tmp_path_factory):
 
 
 def test_some_samples_crash_and_others_do_not(whole):
-    assert 3 < whole[1].metrics.crashed.sum() < N - 3
-    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn fields: vehicle.mass, "
-    assert repr(whole[1]).startswith(told)
+    assert 3 < whole[1].metrics.crashed.sum() < NUM_SAMPLES - 3
+    crashes = whole[1].metrics.crashed.sum()
+    words = f"<Study of robustness: {NUM_SAMPLES} samples, {crashes} crashed; drawn fields: vehicle.mass, "
+    assert repr(whole[1]).startswith(words)
 
 
 @pytest.mark.slow
@@ -133,8 +134,8 @@ def test_a_resumed_study_can_have_more_samples(whole, tmp_path):
     run(tmp_path, num_samples=9)
     found = run(tmp_path, resume=True, progress=lambda done, total: seen.append((done, total)))
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
-    assert seen[0] == (9, N)
-    assert seen[-1] == (N, N)
+    assert seen[0] == (9, NUM_SAMPLES)
+    assert seen[-1] == (NUM_SAMPLES, NUM_SAMPLES)
     assert found.simulated_time == pytest.approx(whole[1].flight_time[9:].sum())
     assert run(tmp_path, resume=True).simulated_time == 0.0
 
@@ -199,7 +200,7 @@ def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
 
     with pytest.raises(StudyInterrupted, match=r"interrupted: \d+ of 24 samples are in .*results.csv"):
         run(tmp_path, progress=interrupt)
-    assert 0 < len(read_study(tmp_path).samples) < N
+    assert 0 < len(read_study(tmp_path).samples) < NUM_SAMPLES
     run(tmp_path, resume=True)
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
@@ -244,7 +245,7 @@ def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reaso
         found = run(folder)
     assert len(list(attempts.iterdir())) == 3
     assert found.failures == {7: reason}
-    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, N)])
+    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, NUM_SAMPLES)])
     assert (folder / "failed.csv").read_text() == f"sample,reason\n7,{reason}\n"
     run(folder, resume=True)
     assert (folder / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
@@ -386,7 +387,7 @@ def test_a_study_is_not_overwritten(whole):
 def test_a_different_study_is_not_resumed(whole, overrides, seed, words):
     before = {path: path.read_bytes() for path in whole[0].iterdir()}
     with pytest.raises(InputError, match=words):
-        run_monte_carlo(study(*overrides), N, seed, folder=whole[0], resume=True)
+        run_monte_carlo(study(*overrides), NUM_SAMPLES, seed, folder=whole[0], resume=True)
     assert {path: path.read_bytes() for path in whole[0].iterdir()} == before
 
 
@@ -395,7 +396,7 @@ def test_resuming_with_fewer_samples_is_refused(whole):
         run(whole[0], num_samples=10, resume=True)
 
 
-def test_a_table_of_another_origin_is_not_resumed(tmp_path):
+def test_a_results_file_that_is_not_a_study_is_not_resumed(tmp_path):
     (tmp_path / "results.csv").write_text("time,x\n0,1\n")
     with pytest.raises(InputError, match=r"study.yaml"):
         run(tmp_path, resume=True)
@@ -409,7 +410,7 @@ def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, mo
     """The disk is full in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
 
-    append, count = ResultsFile.append, iter(range(N))
+    append, count = ResultsFile.append, iter(range(NUM_SAMPLES))
 
     def failing(self, rows):
         if next(count) == 2:
@@ -457,11 +458,11 @@ def test_a_difference_inside_a_list_is_named(whole):
     """The message names the old value first, then the new one."""
     other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
     with pytest.raises(InputError, match=r"its vehicle.inertia.1.normal.mean is 0\.007, not 0\.0071$"):
-        run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
+        run_monte_carlo(other, NUM_SAMPLES, 5, folder=whole[0], resume=True)
 
 
 def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
-    with open_study(tmp_path, study("seed=5"), N, 0.4, UserSystems(), compiled=True, resume=False) as rows:
+    with open_study(tmp_path, study("seed=5"), NUM_SAMPLES, 0.4, UserSystems(), compiled=True, resume=False) as rows:
         rows.add(Outcome([7], reason="late"))
         rows.add(Outcome([3], reason="early, with a comma"))
     assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'

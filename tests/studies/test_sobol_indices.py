@@ -10,12 +10,12 @@ from drake_quad import InputError, load_scenario
 from drake_quad.studies import sobol_indices as module
 from drake_quad.studies.sobol_indices import CRASHED, NOISE, sobol_indices
 
-MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("hover", ["duration=0.3", MASS])
+    return load_scenario("hover", ["duration=0.3", MASS_DISTRIBUTION])
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from drake_quad.visualization.style import AXES
 # margin is 0.7 m for the vehicle of the paper.
 _MARGIN_RATIO = 4.0
 # Positions of the vehicle that are farther from the reference than this, m, do not enlarge the room.
-_MAX_DISTANCE = 3.0
+_MAX_DISTANCE_FROM_REFERENCE = 3.0
 _LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
@@ -87,7 +87,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_
     """
     path = reference_points(plan)
     margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).max_rotor_distance
-    limits = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
+    limits = path.min(axis=0) - _MAX_DISTANCE_FROM_REFERENCE, path.max(axis=0) + _MAX_DISTANCE_FROM_REFERENCE
     nearby = np.vstack([path, np.clip(visited_positions, *limits)])
     low, high = nearby.min(axis=0) - margin, nearby.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
