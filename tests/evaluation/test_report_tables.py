@@ -54,11 +54,11 @@ def test_the_committed_report_has_the_default_sizes(root):
         f" laboratories with {whole.samples} samples each",
         f"| MPC ({whole.uncompiled} samples) |",
         f"in lap {whole.max_laps} its RMSE is smaller by",
-        f"none of {whole.delayed} samples crashes",
     ):
         assert words in text
     budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
     for words in (
+        f"none of {whole.delayed} samples crashes",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
@@ -204,7 +204,7 @@ def test_the_report_describes_the_protocol_with_its_values(found):
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
         f"checked for {budget.checks} candidates in each round",
         f"(COBYLA) of {budget.steps} steps",
-        "trained in some of them: laboratory: low wind and high wind; outdoor: outdoor;",
+        "trained in some of these laboratories: laboratory: low wind and high wind; outdoor: outdoor;",
         f"in machine code on {machine()}.",
     ):
         assert words in text
