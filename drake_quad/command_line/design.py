@@ -91,6 +91,7 @@ class LoopRequests(Model):
 
 
 _LOOP_OF_AXIS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
+# Weight of the rate relative to the weight of the controlled value in the LQR cost, s, by loop.
 _DEFAULT_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 

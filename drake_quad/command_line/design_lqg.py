@@ -28,6 +28,7 @@ from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
+# Smallest and largest value of each option; the delay margin is in s, snap in m/s⁴, and acceleration in m/s².
 _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1, 1e4), "acceleration": (0.01, 1e3)}
 
 

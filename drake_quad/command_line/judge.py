@@ -26,6 +26,7 @@ from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import crash_probability, values_without_crashes
 
+# Smallest and largest value of each option.
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 

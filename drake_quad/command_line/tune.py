@@ -30,6 +30,7 @@ from drake_quad.studies.statistics import values_without_crashes
 _DEFAULT_RANGE_FACTOR = 4.0
 # Number of held-out samples on which the tuned controller is tested. They follow the training samples.
 _NUM_TEST_SAMPLES = 32
+# Smallest and largest value of each option; the delay margin is in s.
 _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 200)}
 
 

@@ -18,7 +18,7 @@ _BETA_PRIOR = 0.5, 0.5
 # Number of samples at which the intervals of means are narrowest, relative to ordinary intervals. The sequence is valid
 # for any number that is chosen in advance.
 _TUNED_NUM_SAMPLES = 1000
-_MIN_PROBABILITY = 1e-15
+_MIN_PROBABILITY = 1e-15  # the likelihood ratio is not finite at 0 and 1
 
 
 def probability_sequence(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:

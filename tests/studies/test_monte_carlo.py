@@ -519,7 +519,7 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
         run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
-class Known(WorkerPool):
+class PoolWithOutcome(WorkerPool):
     """Pool whose trial has a given outcome."""
 
     num_workers = capacity = 1
@@ -543,7 +543,7 @@ def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    pool = Known(Outcome([0], rows, reason, invalid_input, in_user_code))
+    pool = PoolWithOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return pool
@@ -634,7 +634,7 @@ def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
 def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
     given_up = []
 
-    class Here(Known):
+    class Here(PoolWithOutcome):
         def submit(self, function, given):
             self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
 

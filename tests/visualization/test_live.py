@@ -36,11 +36,11 @@ class Page:
 @pytest.fixture
 def page(monkeypatch):
     found = Page()
-    monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", Unseen)
+    monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", NullVisualizer)
     return found
 
 
-class Unseen:
+class NullVisualizer:
     """Visualizer that draws nothing."""
 
     def __init__(self, *_):

@@ -35,7 +35,7 @@ _ROTATION_FACTOR = 0.1
 _ARROW_LENGTH_PER_SPEED = 0.15
 # Flight time along one piece of a trail, s.
 TRAIL_PIECE_DURATION = 0.25
-_TRAIL_RADIUS = 0.018
+_TRAIL_RADIUS = 0.018  # m
 ERROR_COLORS = colormaps["viridis"]
 # Rotors whose x is at least this fraction of the x of the foremost rotor have arms in the colour of the front.
 _MIN_FRONT_FRACTION = 0.5
