@@ -20,7 +20,8 @@ from drake_quad.visualization.style import AXES
 _MARGIN_RATIO = 4.0
 # Positions of the vehicle that are farther from the reference than this, m, do not enlarge the room.
 _MAX_DISTANCE_FROM_REFERENCE = 3.0
-_LINE_WIDTH = 2.0  # pixels
+# Width of the line along the reference path, pixels.
+_LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
 _LIGHT_INTENSITIES = {
