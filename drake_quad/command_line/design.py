@@ -1,8 +1,8 @@
 """Design the gains of a scenario's cascade for its laboratory, and print the stability margins of each loop.
 
 If an autopilot controls the attitude on board, only the position gains are designed, around the attitude loop of the
-autopilot. With --firmware, nothing is designed: the command writes the controller of a flight-controller firmware, with
-the gains from the firmware's parameters.
+autopilot. The option --firmware designs nothing. It writes the controller of a flight-controller firmware, with the
+gains from the firmware's parameters.
 """
 
 import argparse

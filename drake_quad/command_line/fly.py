@@ -106,7 +106,7 @@ def instruction_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
 
 
 def start_meshcat() -> Meshcat:
-    """Start Meshcat and print its address; on a terminal, wait until the user has opened it in a browser."""
+    """Start Meshcat and print its address; in a terminal, wait until a browser is connected."""
     from drake_quad.visualization.replay.scene import local_meshcat
 
     meshcat = local_meshcat()
@@ -139,7 +139,7 @@ def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> 
 
 
 def show_replay(meshcat: Meshcat, name: str, flight: Flight) -> None:
-    """Send the whole flight to the browser for replay; on a terminal, wait for Enter."""
+    """Send the whole flight to the browser for replay; wait for Enter if the command runs in a terminal."""
     from drake_quad.visualization.replay.page import draw_replay
 
     meshcat.Delete()

@@ -1,7 +1,7 @@
 """Fly all designed controllers in all laboratories, and write a report that compares their performance.
 
-With --tune, the command instead designs the controllers for families of laboratories by one protocol, and writes them
-into diagrams/controllers/designed. A second run without --tune then writes the report.
+The option --tune designs the controllers for families of laboratories by one protocol instead, and writes them into
+diagrams/controllers/designed. A second run without --tune then writes the report.
 """
 
 import argparse

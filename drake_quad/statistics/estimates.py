@@ -22,8 +22,8 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
 
     The ends of the interval are NaN for fewer than two values, or if a value is infinite.
 
-    For few values from a skewed distribution, the interval is too short. The interval is reliable if the number of
-    values is larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
+    The interval is too short for few values from a skewed distribution. It is reliable if the number of values is
+    larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
     """
     if len(values) < 2 or not np.isfinite(values).all():
         with np.errstate(invalid="ignore"):  # the mean of values that are infinite with both signs is NaN

@@ -23,7 +23,10 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 MIN_RUNS = 6
 """Smallest number of runs from which an interval is computed."""
 MIN_SIZE = 500
-"""Smallest number of samples in each step. With 200, estimates of 1e-6 are 37 % too large, and intervals too short."""
+"""Smallest number of samples in each step.
+
+If a step has 200 samples, estimates of 1e-6 are 37 % too large, and their intervals are too short.
+"""
 MAX_NOISE = 2**31
 """Upper bound (exclusive) on the integers that determine noise."""
 

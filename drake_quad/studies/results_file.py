@@ -119,7 +119,7 @@ def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFil
     Raises:
         InputError: the file belongs to another study, or another run is writing to it.
     """
-    # With a buffer, the data of a failed write could be written later.
+    # A buffered file could write the data of a failed write later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)

@@ -73,7 +73,7 @@ class LiveFlight:
         self.plan = plan_route(drawn)
         self.duration = flight_duration(drawn, self.plan)
         self._meshcat, self._sample = meshcat, sample
-        # With an autopilot that models the attitude response, the diagram has no rotors that could fail.
+        # The diagram has no rotors that could fail if the autopilot models the attitude response.
         self._can_fail = not drawn.laboratory.autopilot.models_vehicle
         self._scenario = self._given = _with_failing_motor(drawn) if self._can_fail else drawn
         self._wind: Any = ConstantVectorSource(np.zeros(3))

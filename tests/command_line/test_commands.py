@@ -626,7 +626,7 @@ def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words)
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
 def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
-    """For example, `..` would be the parent folder."""
+    """A folder that is named `..`, for example, would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
     result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
@@ -816,7 +816,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     result = run("identify", CRAZYFLIE_LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # For each parameter, the table states how many estimates from held-out segments are within the interval.
+    # The table states how many held-out segments have an estimate within the interval, for each parameter.
     held = re.findall(r"  (\d+) of 10\b", result.stdout)
     assert len(held) >= 8
     assert min(map(int, held)) >= 9

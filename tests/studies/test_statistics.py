@@ -83,7 +83,7 @@ def test_a_crash_is_worse_than_any_error():
 
 
 def test_the_interval_of_a_fraction_is_exact():
-    """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
+    """If no event occurs in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert proportion_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = proportion_interval(7, 50)
     assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)

@@ -179,14 +179,14 @@ def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values
     assert bounded_mean_interval(np.zeros(100)) == proportion_interval(0, 100)
     assert bounded_mean_interval(np.ones(100)) == proportion_interval(100, 100)
     assert math.isnan(bounded_mean_interval(np.zeros(1)).high)
-    # For a precise mean, the interval is close to Student's.
+    # The interval of a precise mean is close to Student's.
     values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
     half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
     assert bounded_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
 def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
-    """With two values and a confidence close to 1, the odds of the ends would overflow."""
+    """The odds of the ends would overflow for two values and a confidence close to 1."""
     assert bounded_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 

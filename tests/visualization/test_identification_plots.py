@@ -250,7 +250,7 @@ def test_prediction_errors_have_intervals_and_are_side_by_side():
                 np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
     assert first.get_ylabel() == "RMS error of attitude (°)"
     assert second.get_ylabel() == "RMS error of velocity (m/s)"
-    # Without position and attitude, the first two of the other quantities are drawn.
+    # If position and attitude are missing, the first two remaining quantities are drawn.
     (only,) = plots.plot_predictions(replace(given, errors={"velocity": errors})).axes
     assert only.get_ylabel() == "RMS error of velocity (m/s)"
 

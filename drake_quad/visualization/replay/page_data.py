@@ -52,7 +52,7 @@ def page_data(
         "frame": [*np.round(room.corners, 3).tolist(), *(mark["at"] for mark in marks)],
         "marks": marks,
     }
-    # Without the backslash, a name that contains "</script>" would end the script.
+    # A name that contains "</script>" would end the script if it had no backslash.
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 

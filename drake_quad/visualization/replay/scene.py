@@ -66,7 +66,7 @@ def local_meshcat() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
-    # With diffuse light, the colours match the legend.
+    # The colours match the legend only if the light is diffuse.
     for light, intensity in _LIGHT_INTENSITIES.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     for end in ("top", "bottom"):

@@ -31,7 +31,7 @@ _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25  # m, length of the housing of a fan
 # Speed of the drawn rotors relative to the real rotors, which turn at 200 rad/s, too fast for 30 frames per second.
 _ROTATION_FACTOR = 0.1
-# Length of the arrow of a wind of 1 m/s, m.
+# Length of a wind arrow per wind speed, m per m/s.
 _ARROW_LENGTH_PER_SPEED = 0.15
 # Flight time along one piece of a trail, s.
 TRAIL_PIECE_DURATION = 0.25
@@ -213,7 +213,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
     lengths = np.linspace(0.0, length, 9)
     x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # With depth writing, a jet that is drawn first would hide the trails inside and behind the jet.
+    # A jet that writes depth and is drawn first would hide the trails inside and behind the jet.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
