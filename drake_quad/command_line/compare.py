@@ -1,4 +1,4 @@
-"""Fly several controllers in several laboratories on the same samples, and compare the errors of the controllers."""
+"""Fly several controllers on the same samples in several laboratories, and compare their errors."""
 
 import argparse
 from collections.abc import Mapping
@@ -92,7 +92,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
-    """Return the scenarios to fly, by laboratory and controller."""
+    """Return the scenarios to fly, by laboratory and then by controller."""
     arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _DEFAULT_CONTROLLERS]
     if arguments.quick:
         arguments.set = ["duration=6", *arguments.set]
@@ -110,8 +110,8 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]], replicates: M
     """Print a row for each laboratory and controller.
 
     Args:
-        flights: metrics of each controller, by laboratory and controller.
-        replicates: replicates of the samples, by laboratory.
+        flights: flight metrics, by laboratory and then by controller.
+        replicates: assignment of the samples to independent replicates, by laboratory.
     """
     rows = []
     for laboratory, metrics_by_controller in flights.items():
@@ -136,7 +136,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]], replicates: M
 
 
 def mean_and_deviation(values: np.ndarray) -> str:
-    """Return the mean and the standard deviation of values as text."""
+    """Return a text with the mean and the standard deviation of values."""
     if len(values) > 1:
         return plus_minus(values.mean(), values.std(ddof=1))
     return mean_interval(values).text()

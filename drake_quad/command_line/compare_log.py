@@ -40,7 +40,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import Interval
 
-_MAX_SAMPLES = 10_000
+_MAX_SAMPLES = 10_000  # largest number of simulated flights
 # Scenarios need a route to be valid, although the reference of the log replaces it.
 _PLACEHOLDER_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
 _STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
@@ -178,7 +178,7 @@ def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: LogComparison, statistic: str, axis: int, *, unit: str = "") -> str:
-    """Return the median of an error statistic over the simulated flights in cm, with a 95 % interval if they differ."""
+    """Return the median simulated error statistic, cm, with a 95 % interval if the simulated flights differ."""
     median, low, high = (float(end[axis]) for end in comparison.interval(statistic))
     interval = Interval(median, low, high)
     return (interval if comparison.varies else interval.without_interval()).text(

@@ -1,4 +1,4 @@
-"""Print a script with which a shell completes commands, options, files and the names of shipped scenarios.
+"""Print a shell script that completes commands, options, files and the names of shipped scenarios.
 
 For bash, add `source <(drake-quad completion bash)` to ~/.bashrc. For zsh, write the script to a file called
 _drake-quad in a folder of $fpath.
@@ -46,7 +46,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _complete(action: argparse.Action) -> None:
-    """Set the attribute of an argument from which shtab reads the completion."""
+    """Set the attribute that tells shtab how to complete an argument."""
     function = "_drake_quad_scenarios"
     if action.dest in _SCENARIO_ARGUMENTS:
         action.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]

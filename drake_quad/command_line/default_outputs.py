@@ -1,7 +1,7 @@
-"""Default output paths, which commands reserve for their input, so that they do not overwrite results of another input.
+"""Default output paths, which are reserved so that a command does not overwrite the results of another input.
 
-The default path follows from the name of a scenario or of a log, and two files may contain the same name. A hidden file
-in the output folder, or beside an output file, records the input for which the output was written.
+The default path follows from the name of a scenario or log, and two inputs may have the same name. Therefore, a hidden
+file in the output folder, or beside an output file, records the input for which the output was written.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ class Origin(NamedTuple):
 
     Attributes:
         source: absolute path of the file, followed by the name of the scenario if the file contains scenarios.
-        content: digest of the nominal vehicle of a scenario; empty for other inputs.
+        content: digest of a scenario's nominal vehicle; empty if the input is not a scenario.
     """
 
     source: str
@@ -32,7 +32,7 @@ class Origin(NamedTuple):
     def of_scenario(cls, spec: str, scenario: Mission) -> "Origin":
         """Return the origin of a scenario.
 
-        A scenario that a command wrote to its default folder has the origin of the input of that command.
+        If a command wrote the scenario to its default folder, the origin is the input of that command.
 
         Args:
             spec: FILE or FILE:NAME from which the scenario was loaded.
@@ -50,20 +50,21 @@ class Origin(NamedTuple):
         return cls(str(path.resolve()))
 
     def differs(self, other: "Origin") -> bool:
-        """Return whether two inputs are different, and not scenarios with the same nominal vehicle.
+        """Return whether two inputs have different sources and are not scenarios with the same nominal vehicle.
 
-        The vehicle of a file may be edited, and different files may contain scenarios with the same vehicle.
+        Therefore, a file remains the same input after its vehicle is edited, and so does a scenario with the same
+        vehicle in another file.
         """
         return self.source != other.source and (self.content != other.content or not self.content)
 
 
 def reserve(path: Path, origins: Sequence[Origin], *, is_file: bool = False) -> Path:
-    """Return a default output path after recording the inputs for which it is written.
+    """Record the inputs for which a default output is written, and return the path of the output.
 
     Args:
-        path: folder or file.
+        path: output folder or output file.
         origins: inputs of the command, always in the same order.
-        is_file: True if the path is a file.
+        is_file: True if the output is a file, False if it is a folder.
 
     Raises:
         InputError: if the output was written for other inputs, or cannot be written.
@@ -79,7 +80,7 @@ def reserve(path: Path, origins: Sequence[Origin], *, is_file: bool = False) -> 
 
 
 def _read(record: Path) -> list[Origin]:
-    """Return the recorded origins; an empty list if there is no record or it is damaged."""
+    """Return the recorded origins; an empty list if the record is missing or damaged."""
     try:
         lines = record.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):

@@ -1,8 +1,8 @@
 """Design the gains of a scenario's cascade for its laboratory, and print the stability margins of each loop.
 
 If an autopilot controls the attitude on board, only the position gains are designed, around the attitude loop of the
-autopilot. With --firmware, nothing is designed: the command writes the controller of a flight-controller firmware, with
-the gains from the firmware's parameters.
+autopilot. The option --firmware designs nothing. It writes the controller of a flight-controller firmware, with the
+gains from the firmware's parameters.
 """
 
 import argparse
@@ -58,6 +58,7 @@ _AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # Fraction of the phase margin that the integral gains of a PID use by default.
 _DEFAULT_INTEGRAL_FRACTION = 0.15
 _MIN_REMARKED_OFFSET = 0.01  # m; the errors of the shipped flights are 1 to 10 cm
+# Smallest and largest values of options: margins in degrees, dB and ticks, and a fraction of the phase margin.
 _RANGES = {
     "phase-margin": (0.0, 180.0),
     "gain-margin": (0.0, 60.0),
@@ -72,7 +73,7 @@ class LoopRequest(Model):
     Attributes:
         bandwidth: bandwidth of the pole pair, rad/s.
         damping: damping ratio of the pole pair.
-        rate_time: weight of the rate, relative to the weight of the value, in the cost of the method lqr, s.
+        rate_time: weight of the rate relative to the weight of the controlled value in the LQR cost, s.
     """
 
     bandwidth: Annotated[float, Field(ge=1e-3, le=100.0)] | None = None
@@ -90,6 +91,7 @@ class LoopRequests(Model):
 
 
 _LOOP_OF_AXIS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
+# Weight of the rate relative to the weight of the controlled value in the LQR cost, s, by loop.
 _DEFAULT_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 
@@ -147,7 +149,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
-    """Return sentences on loops that a slow pole limits, and on an error that no integral of the loops removes."""
+    """Return remarks on loops that a slow pole limits, and on a hover offset that no integral action removes."""
     remarks = []
     limited = [axis for axis in _AXIS_ORDER if axis in design.loops and SLOWER_POLE in design.loops[axis].limits]
     if limited and designed.laboratory.autopilot.controls_attitude:
@@ -169,7 +171,7 @@ def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
 
 
 def refuse_design_options(arguments: argparse.Namespace) -> None:
-    """Raise InputError if the arguments contain an option of the design, which `--firmware` excludes."""
+    """Raise InputError if the arguments contain a design option, since `--firmware` designs nothing."""
     parser = argparse.ArgumentParser(add_help=False)
     add_design_options(parser)
     for name, default in vars(parser.parse_args([])).items():
@@ -230,11 +232,11 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
 
 
 def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[str, LoopOptions]:
-    """Return the design options of each axis: the defaults, with the changes that the arguments request.
+    """Return the design options of each axis: the defaults, changed as the command-line arguments request.
 
     Raises:
-        InputError: if a value is out of range, or an option belongs to the other method or to an attitude loop on the
-            ground that the scenario does not contain.
+        InputError: if a value is out of range, an option belongs to the other method, or an option concerns attitude
+            control on the ground although the autopilot controls the attitude on board.
     """
     check_ranges(arguments, _RANGES)
     requests = model_of(LoopRequests, overrides_of(arguments.loop, "--loop"))
@@ -265,7 +267,7 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
 
 
 def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOptions) -> LoopOptions:
-    """Return the options of an axis, with the margins that the arguments request."""
+    """Return the options of an axis, with the margins that the command-line arguments request."""
     requested = {"phase": arguments.phase_margin, "gain": arguments.gain_margin}
     if options.requirements.delay and arguments.delay_margin is not None:
         requested["delay"] = arguments.delay_margin * period
@@ -276,8 +278,8 @@ def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOpt
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: str) -> None:
     """Write the gains as YAML that a scenario can extend, with the command that designed them in a comment.
 
-    The file also contains the kind of the controller, its derivative and its feed-forward, so that it completely
-    replaces any other controller.
+    The file also contains the fields `kind`, `derivative` and `feed_forward`, so that it completely replaces any other
+    controller.
     """
     yaml = YAML()
     yaml.default_flow_style = None
@@ -327,7 +329,7 @@ def print_design(design: CascadeDesign) -> None:
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Print the modes of the whole loop, sampled at each tick, from the slowest to the fastest mode."""
+    """Print the modes of the whole closed loop, sampled at each tick, from the slowest to the fastest mode."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):

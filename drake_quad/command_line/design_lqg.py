@@ -1,7 +1,8 @@
 """Design a linear-quadratic-Gaussian controller for a scenario, and print its stability margins.
 
-The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays, which
-follow from the distributions of the scenario or, without distributions, are typical deviations from the given values.
+The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays. The
+distributions of the scenario determine these plants. If there are none, the plants have typical deviations from the
+given values.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
+# Smallest and largest value of each option; the delay margin is in s, snap in m/s⁴, and acceleration in m/s².
 _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1, 1e4), "acceleration": (0.01, 1e3)}
 
 

@@ -1,4 +1,4 @@
-"""Documentation pages with the arguments of all commands, and with the functions of formulas."""
+"""Documentation pages with the arguments of all commands, and with the functions that formulas can call."""
 
 import argparse
 import inspect
@@ -9,14 +9,14 @@ from drake_quad.command_line.main import COMMANDS, COMMANDS_BY_PURPOSE, module_o
 from drake_quad.framework import elementary
 from drake_quad.framework.replacements import names_and_replacements
 
-_MARK = "<!-- What follows is written by scripts/development/document_scenarios.py. -->\n"
+_GENERATED_PART_MARK = "<!-- What follows is written by scripts/development/document_scenarios.py. -->\n"
 
 
 def command_page(page: str) -> str:
     """Return the page on the command line with an updated generated part.
 
     Args:
-        page: current text of the page. The generated part follows the line `_MARK`.
+        page: current text of the page. The generated part follows the line `_GENERATED_PART_MARK`.
     """
     parts = []
     for purpose, commands in COMMANDS_BY_PURPOSE.items():
@@ -26,7 +26,7 @@ def command_page(page: str) -> str:
 
 
 def formula_page(page: str) -> str:
-    """Return the page on formulas with an updated generated part: functions that accept rows, and replacements.
+    """Return the page on formulas with an updated generated part: its functions, and replacements for NumPy functions.
 
     Args:
         page: current text of the page, as in `command_page`.
@@ -52,8 +52,8 @@ def formula_page(page: str) -> str:
 
 
 def _updated(page: str, text: str) -> str:
-    """Return a page with a new text after the line `_MARK`."""
-    before, mark, _ = page.partition(_MARK)
+    """Return a page with a new text after the line `_GENERATED_PART_MARK`."""
+    before, mark, _ = page.partition(_GENERATED_PART_MARK)
     return before + mark + text
 
 
@@ -87,5 +87,5 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text in which characters are escaped that a cell of a Markdown table cannot contain."""
+    """Return a text as a cell of a Markdown table, with special characters escaped."""
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")

@@ -1,7 +1,8 @@
 """Search for the worst case of a scenario, and explain it beside the nominal flight.
 
-The evolution strategy CMA-ES searches for the random parameters, within some standard deviations, that make a metric
-worst. A requirement is violated if its robustness, the metric with its name, is negative.
+The evolution strategy CMA-ES varies the random parameters within some standard deviations, and searches for the worst
+value of a metric. The metric can be the robustness of a requirement, which has the requirement's name and is negative
+if the requirement is violated.
 """
 
 import argparse
@@ -63,7 +64,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.flights < MIN_FLIGHTS * arguments.noise:
         raise InputError(
             f"--flights {arguments.flights}: one generation needs {MIN_FLIGHTS} candidates with {arguments.noise}"
-            f" samples of noise each, {MIN_FLIGHTS * arguments.noise} flights"
+            f" samples of noise each, so at least {MIN_FLIGHTS * arguments.noise} flights"
         )
     scenario = scenario_of(arguments)
     metric = arguments.minimize or arguments.maximize or "peak_error"

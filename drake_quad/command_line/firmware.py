@@ -72,6 +72,6 @@ def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Pat
 
 
 def _shortened_list(names: tuple[str, ...]) -> str:
-    """Return the first five names and the number of the others as text."""
+    """Return a text with the first five names, and the number of the remaining names."""
     first = ", ".join(names[:5])
     return first if len(names) <= 5 else f"{first} and {len(names) - 5} more"

@@ -14,10 +14,10 @@ def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
 
 
 def print_comparison_remarks(scenarios: Mapping[str, Scenario]) -> None:
-    """Print a remark on each controller that flies under other conditions than the first one.
+    """Print a remark on each controller whose flight conditions differ from those of the first controller.
 
     Args:
-        scenarios: scenarios by the names of their controllers.
+        scenarios: scenario of each controller, by the controller's name.
     """
     for sentence in unequal_conditions(scenarios):
         remark(sentence)

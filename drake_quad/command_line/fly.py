@@ -100,13 +100,13 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def instruction_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
-    """Return the row with the largest number of instructions of a step, if exported code ran on an emulated board."""
+    """Return a row with the largest number of instructions per step, if exported code ran on an emulated board."""
     count = getattr(getattr(scenario.control, "system", None), "max_instructions", 0)
     return [("instructions per step", f"{count:,}", "at most")] if count else []
 
 
 def start_meshcat() -> Meshcat:
-    """Start Meshcat and print its address; on a terminal, wait until the user has opened it in a browser."""
+    """Start Meshcat and print its address; in a terminal, wait until a browser is connected."""
     from drake_quad.visualization.replay.scene import local_meshcat
 
     meshcat = local_meshcat()
@@ -139,7 +139,7 @@ def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> 
 
 
 def show_replay(meshcat: Meshcat, name: str, flight: Flight) -> None:
-    """Send the whole flight to the browser for replay; on a terminal, wait for Enter."""
+    """Send the whole flight to the browser for replay; wait for Enter if the command runs in a terminal."""
     from drake_quad.visualization.replay.page import draw_replay
 
     meshcat.Delete()

@@ -38,7 +38,7 @@ from drake_quad.visualization.style import save_figures
 # Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
-_MAX_WIND = 100.0  # m/s, the limit of scenarios
+_MAX_WIND = 100.0  # m/s, the largest wind speed that a scenario may contain
 _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of each flight, that is held out
 
 
@@ -132,7 +132,7 @@ def output_file(arguments: argparse.Namespace, name: str) -> Path:
 
 
 def name_of(arguments: argparse.Namespace) -> str:
-    """Return the name of the vehicle."""
+    """Return the name of the identified vehicle."""
     if arguments.name is not None:
         if not re.fullmatch(NAME, arguments.name):
             raise InputError(
@@ -172,7 +172,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
 
 
 def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the path of the initial vehicle: the vehicle that the mapping names, or the scenario saved with a flight.
+    """Return the path of the initial vehicle: the vehicle that the logs name, or the scenario saved beside a flight.
 
     Raises:
         InputError: if the logs name different vehicles, or no vehicle.
@@ -200,7 +200,7 @@ def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
     """Load the initial vehicle.
 
     Raises:
-        InputError: if it cannot be loaded, or contains a distribution.
+        InputError: if the vehicle cannot be loaded, or contains a distribution.
     """
     base = load_undesigned(spec, overrides)
     distributions = distributions_in(base)
@@ -213,7 +213,7 @@ def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
 
 
 def throttles(records: list[FlightRecord]) -> np.ndarray | None:
-    """Return the throttles that were commanded in flight in all logs, (n,); None if the logs contain none."""
+    """Return all throttles commanded in flight in the logs, (n,); None if the logs contain no throttle."""
     commands = [
         command[airborne_mask(record)].ravel()
         for record in records
@@ -224,7 +224,7 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
 
 
 def predict_held_out(records: list[FlightRecord], identification: Identification, base: Scenario) -> Predictions:
-    """Predict the held-out ends of the flights by the vehicle from the training set, and by the initial vehicle."""
+    """Predict the held-out end of each flight with the vehicle from the training set, and with the initial vehicle."""
     vehicles = {"identified": identification.training_vehicle or identification.vehicle, base.name: base}
     return concatenate_predictions(
         [predict(record, vehicles, nominal=base, final_fraction=_HELD_OUT_FRACTION) for record in records]
@@ -305,7 +305,7 @@ def print_estimates(identification: Identification) -> None:
 
 
 def coverage_text(identification: Identification, name: str) -> str:
-    """Return as text how many held-out segments have an estimate within a parameter's interval; empty if unknown."""
+    """Return a text on how many held-out segments estimate a parameter within its interval; empty if unknown."""
     if name not in identification.held_out:
         return ""
     errors = identification.held_out[name]
@@ -327,7 +327,7 @@ def print_flights(identification: Identification) -> None:
 
 
 def print_score(identification: Identification) -> None:
-    """Print the scores of the forecast of held-out flight, with a row for each output."""
+    """Print the forecast scores on the held-out data, with a row for each output."""
     rows = [
         (
             output.name,

@@ -1,7 +1,7 @@
 """Fly all designed controllers in all laboratories, and write a report that compares their performance.
 
-With --tune, the command instead designs the controllers for families of laboratories by one protocol, and writes them
-into diagrams/controllers/designed. A second run without --tune then writes the report.
+The option --tune designs the controllers for families of laboratories by one protocol instead, and writes them into
+diagrams/controllers/designed. A second run without --tune then writes the report.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import crash_probability, values_without_crashes
 
+# Smallest and largest value of each option.
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
@@ -103,7 +104,7 @@ def main(arguments: argparse.Namespace) -> None:
 def user_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers that `--controller` names.
 
-    If a designed controller has the same short name, the full name of the user's controller is used.
+    If a designed controller has the same short name, the user's controller is listed by its full name.
 
     Raises:
         InputError: if a controller cannot be loaded, or two controllers have the same name.

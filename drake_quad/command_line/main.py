@@ -69,7 +69,7 @@ def main(*first_arguments: str) -> None:
     # Python's default thresholds, the garbage collector visits them repeatedly, which takes half a second per command.
     gc.set_threshold(_GC_THRESHOLD, 20, 50)
     atexit.register(gc.freeze)
-    # For small matrices, two BLAS threads can take a hundred times as long as one. NumPy and SciPy read this variable
+    # Two BLAS threads can take a hundred times as long as one for small matrices. NumPy and SciPy read this variable
     # when they are imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # This import makes Ctrl-C end the command without a traceback.
@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _versions() -> str:
-    """Return the versions of the packages on which results depend, as text."""
+    """Return a text with the versions of the packages that affect results."""
     return f"drake_quad {__version__} (Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()})"
 
 

@@ -1,9 +1,9 @@
 """Map which gains stabilise a loop, or which values of two fields a loop tolerates, such as initial states.
 
 A map of gains shows the stability of the linear model, and the errors of simulated flights, for the scenario and for a
-worst case with larger lag and delay. With an autopilot of kind attitude, the gains of the attitude loop are k_attitude
-and k_rate on board. With --vary, the map shows the flights over two fields, and which of them crash or violate a
-requirement. Other random parameters then have their medians.
+worst case with larger lag and delay. If the autopilot has the kind `attitude`, the gains of the attitude loop are the
+autopilot's k_attitude and k_rate. The option --vary maps flights over two fields instead, and shows which flights crash
+or violate a requirement. All other random parameters then have their median values.
 """
 
 import argparse

@@ -108,7 +108,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
 
     Args:
         path: path of the file.
-        again: True to reload a module that is already imported, which creates its classes anew.
+        again: True to reload a module that is already imported, and thus create its classes again.
 
     Raises:
         InputError: if the path is not a Python file, the file raises an error, or another module has the same name.
@@ -212,7 +212,7 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about them name the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about an override name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
@@ -227,7 +227,7 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
 
     Args:
         options: options of a command.
-        several: phrase for the help on the use of several controllers; None if the command takes only one.
+        several: help text on the use of several controllers; None if the command accepts only one controller.
     """
     help_text = (
         "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, a Drake system in"
@@ -248,8 +248,8 @@ class NamedController(NamedTuple):
     Attributes:
         name: short name of the controller.
         layers: scenario files that are merged over the scenario.
-        overrides: overrides of fields of the scenario. Overrides by `--set` take precedence.
-        assignments: overrides that follow the name in the option. They take precedence over `--set`.
+        overrides: overrides of scenario fields. Overrides by `--set` take precedence over them.
+        assignments: overrides that follow the controller in the option. They take precedence over `--set`.
     """
 
     name: str
@@ -272,9 +272,10 @@ def controller_of(spec: str, scenario: str, machine: str = "host") -> NamedContr
     """Return the controller that `--controller` names.
 
     Args:
-        spec: value of the option: FILE:NAME, FILE.py:CLASS or a folder with exported code, and optionally assignments
-            of fields.
-        scenario: scenario that will use the controller. Its feed-forward is kept for a position controller in Python.
+        spec: value of the option: FILE:NAME, FILE.py:CLASS or a folder with exported code, optionally followed by
+            assignments such as `control.position.k_p=2`.
+        scenario: scenario that will use the controller. A position controller in Python keeps the scenario's
+            feed-forward.
         machine: computer that runs exported code, a key of `drake_quad.exported.machines.MACHINES`.
 
     Raises:
@@ -343,16 +344,16 @@ def _exported_controller(folder: str, machine: str) -> NamedController:
 
 
 def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedController]:
-    """Return the controllers that several options `--controller` name, with different names.
+    """Return the controllers that several options `--controller` name, and make their names unique.
 
-    A controller whose short name is taken is called by its file and its name, as in `laboratory_pd`.
+    If the short name of a controller is already in use, the name of its file precedes it, as in `laboratory_pd`.
 
     Args:
         specs: values of the options.
         scenario: scenario that will use the controllers.
 
     Raises:
-        InputError: if a controller is given twice or cannot be loaded, or two names still agree.
+        InputError: if a controller is given twice or cannot be loaded, or two names are still equal.
     """
     controllers: dict[str, NamedController] = {}
     for spec in specs:
@@ -404,7 +405,7 @@ def remark_replaced_distributions(
         controller: name of the controller in the remark.
         spec: FILE or FILE:NAME of the scenario.
         controlled: scenario with the controller and the overrides.
-        overrides: overrides of the scenario besides those of the controller.
+        overrides: overrides of the scenario, without those of the controller.
     """
     # Overrides of the control may name fields that only the new controller has.
     fields = tuple(override.assignment.partition("=")[0].strip() for override in overrides)
@@ -423,7 +424,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
         spec: FILE or FILE:NAME of the scenario; by default `arguments.scenario`.
 
     Returns:
-        The scenarios by the names of the controllers, or the unchanged scenario by its own name.
+        The scenario with each controller, by the controller's name; or the unchanged scenario, by the scenario's name.
     """
     spec = spec or arguments.scenario
     overrides = all_overrides_of(arguments)

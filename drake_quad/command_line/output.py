@@ -65,7 +65,7 @@ def remark(sentence: str) -> None:
 
 
 def print_predictions(predictions: "Predictions") -> None:
-    """Print the prediction errors of vehicles at several horizons, and the improvement by the first vehicle."""
+    """Print the prediction errors of several vehicle models, and the improvement of the first model over the second."""
     names, rows = predictions.vehicles, []
     first, second, *_ = names
     for quantity, (size, unit) in _DISPLAY_UNITS.items():
@@ -78,13 +78,13 @@ def print_predictions(predictions: "Predictions") -> None:
 
 
 def flying_command(command: str, scenario: "Scenario", file: Path, *options: str) -> str:
-    """Return the text of a command that flies a scenario from its file, with the options that register its kinds.
+    """Return a command line that runs a command on a scenario file, with options that import the user's Python files.
 
     Args:
         command: name of the command, such as "fly".
         scenario: scenario that the file contains.
         file: file of the scenario.
-        options: further options.
+        options: further options of the command.
     """
     from drake_quad.scenario.files.saving import registration_options
 

@@ -1,4 +1,4 @@
-"""Parser of command lines that answers a mistake with one sentence and the nearest name."""
+"""Command-line parser that reports a mistake in one sentence, with the nearest valid name."""
 
 import argparse
 import sys
@@ -9,20 +9,20 @@ from drake_quad.errors import InputError, did_you_mean, lookup, short_repr, shor
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser of a command line.
+    """Command-line parser with short error messages.
 
-    Where argparse prints all options of a command after a mistake, this parser prints one sentence.
+    After a mistake, argparse prints all options of the command, but this parser prints one sentence.
     """
 
     def parse_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:
-        """Return the values of the arguments; exit with status 2 and a sentence if they are wrong."""
+        """Return the values of the arguments; exit with status 2 and an error message if they are wrong."""
         arguments, unknown = self.parse_known_args(args, namespace)
         if unknown:
             self._refuse(unknown)
         return arguments
 
     def parse_known_args(self, args: Iterable[str] | None = None, namespace: Any = None) -> Any:
-        """Return the values of the known arguments, and the unknown arguments, none of which begins with two dashes.
+        """Return the values of known arguments, and the unknown arguments; exit if one of these begins with two dashes.
 
         A misspelt option is reported before anything else, such as a missing argument.
         """
@@ -41,7 +41,7 @@ class Parser(argparse.ArgumentParser):
         return any(option.startswith(name) for option in self._option_string_actions)
 
     def _refuse(self, unknown: Iterable[str]) -> None:
-        """Exit with a sentence about the first unknown argument, an option if there is one."""
+        """Exit with an error message about the first unknown option, or else the first unknown argument."""
         for argument in sorted(unknown, key=lambda each: not each.startswith("-")):
             name, advice = argument.partition("=")[0], f"`{self.prog} --help` describes all arguments"
             if not name.startswith("-"):
@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{self.prog} has no option {shorten_text(name)}; {question or advice}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Exit with a sentence that contains the nearest choice if an argument is none of its choices."""
+        """Exit with an error message that suggests the nearest choice if a value is not among an argument's choices."""
         if action.choices is None or value in action.choices:
             return
         kind = f"value of {action.option_strings[-1]}" if action.option_strings else action.dest

@@ -97,7 +97,7 @@ def summary(
 
 
 def _with_limit(unit: str, limit: float) -> str:
-    """Return a unit, followed by the limit if there is one."""
+    """Return the unit of a quantity, followed by the quantity's limit if it is finite."""
     return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
 
 
@@ -116,7 +116,7 @@ def binding_summary(constraints: list[ActiveConstraint]) -> str:
 
 
 def _ranges(numbers: set[int]) -> str:
-    """Return whole numbers as text, with consecutive numbers abbreviated as in `0, 2-4`."""
+    """Return integers as text, with consecutive integers abbreviated as in `0, 2-4`."""
     runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
     parts = [[number for _, number in run] for _, run in runs]
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)

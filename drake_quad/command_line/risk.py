@@ -104,7 +104,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def parse_percent(text: str) -> float:
-    """Return the number that a text such as `30%` states in per cent.
+    """Return the fraction that a text such as `30%` states.
 
     Raises:
         InputError: if the text is not a percentage above 0 %.
@@ -129,7 +129,7 @@ def print_risk(risk: Risk, name: str, seconds: float) -> None:
     if not risk.is_precise:
         remark("the interval is wider than requested, because the largest number of flights was reached")
     if any(len(run.levels) > 1 for run in risk.runs):
-        # With n flights, the relative half-width of the 95 % interval of plain sampling is 1.96 √((1 - p) / (p n)).
+        # The 95 % interval of plain sampling with n flights has the relative half-width 1.96 √((1 - p) / (p n)).
         relative = 0.5 * (probability.high - probability.low) / probability.value
         plain = 1.96**2 * (1.0 - probability.value) / (probability.value * relative**2)
         print(f"plain sampling needs about {plain:.1e} flights for this interval")

@@ -31,7 +31,7 @@ def search_parser(description: str | None, example: str) -> argparse.ArgumentPar
 def open_search(arguments: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Open the output folder and the workers of a search, and yield the folder and the options of its function.
 
-    The options are those that the functions of all searches take: `compiled`, `pool`, `folder` and `resume`.
+    The functions of all searches accept these options: `compiled`, `pool`, `folder` and `resume`.
     """
     folder = output_folder(folder_of(arguments, scenario))
     print_flight_remarks([scenario])

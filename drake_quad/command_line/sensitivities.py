@@ -32,9 +32,10 @@ _GAINS = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the fields of a scenario with respect to which metrics are differentiated by default.
+    """Return the scenario fields by which metrics are differentiated by default.
 
-    Inertia and rotor positions are left out if the autopilot models the attitude response, which replaces them.
+    Inertia and rotor positions are left out if the autopilot models the attitude response, since they then have no
+    effect.
     """
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
     # Gains of 0 are left out, because the diagram may not contain their terms, and then has no derivative.
@@ -105,7 +106,7 @@ def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
         print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
     print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")
     if not sensitivities.metrics[metric] > 0.0 or np.isnan(sensitivities.gradients[metric]).all():
-        print(f"{metric} is zero and has no derivative there")
+        print(f"{metric} is zero, where it has no derivative")
         return
     effects = sensitivities.values * sensitivities.gradients[metric] / (sensitivities.metrics[metric] or math.nan)
     rows = [

@@ -1,7 +1,7 @@
 """Attribute the variance of a metric to the random parameters, by Sobol indices.
 
-The first-order index is the fraction of the variance that a parameter explains alone, and the total index contains its
-interactions with others. Wind and noise count as one parameter.
+The first-order index is the fraction of the variance that a parameter explains alone. The total index also includes
+interactions with other parameters. Wind and noise count as one parameter.
 """
 
 import argparse

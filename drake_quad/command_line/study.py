@@ -159,7 +159,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Plot distribution, convergence and crash probability of all studies together, and influences for each study."""
+    """Plot the distributions, convergence and crash probabilities of all studies, and the influences in each study."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
@@ -219,7 +219,7 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
 
 
 def print_rules(rules: Sequence[StoppingRule], study: Study) -> None:
-    """Print the estimate of each stopping rule, with an interval that is valid although the rule ended the study."""
+    """Print the estimate of each stopping rule, with an interval that stays valid when the rule ends the study."""
     for rule in rules:
         met = "" if rule.is_met(study.metrics) else "; not precise enough for --until"
         print(f"{rule.quantity}: {rule.text(study.metrics)}, confidence sequence{met}")

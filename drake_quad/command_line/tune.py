@@ -30,6 +30,7 @@ from drake_quad.studies.statistics import values_without_crashes
 _DEFAULT_RANGE_FACTOR = 4.0
 # Number of held-out samples on which the tuned controller is tested. They follow the training samples.
 _NUM_TEST_SAMPLES = 32
+# Smallest and largest value of each option; the delay margin is in s.
 _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 200)}
 
 
@@ -90,7 +91,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_margins(link_margins(tuned))
     if result.limit_fraction < 1.0:
         print(
-            f"\nno candidate keeps the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"
+            f"\nno candidate meets the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"
         )
     print_files([file])
 
@@ -102,7 +103,7 @@ def knob_of(text: str, scenario: Scenario) -> Knob:
     values = [value_at(scenario, path) for path in paths]
     for path, value in zip(paths, values, strict=True):
         if not path.startswith("control.") or not isinstance(value, float) or not value > 0.0:
-            raise InputError(f"--tune {path}: must be a field of the control with a number larger than 0")
+            raise InputError(f"--tune {path}: must be a field of `control` whose value is a number above 0")
     if not limits:
         return Knob(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
     low, _, high = limits.partition(":")

@@ -12,11 +12,11 @@ from drake_quad.studies.worker_pool import WorkerPool
 
 
 def add_workers(options: argparse.ArgumentParser, *, task: str) -> None:
-    """Add the options for workers, diagrams, and the resumption of a command that was interrupted.
+    """Add the options for workers, uncompiled diagrams, and the resumption of an interrupted command.
 
     Args:
         options: options of a command.
-        task: noun for what the command continues, such as "study".
+        task: noun for the resumed computation, such as "study".
     """
     options.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
     options.add_argument(

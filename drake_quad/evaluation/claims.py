@@ -35,7 +35,7 @@ CONTROLLER_NAMES = _ControllerNames(
 
 
 def all_claims(evaluation: Evaluation) -> list[Claim]:
-    """Return all claims for which controllers were flown, in the order of the report."""
+    """Return all claims whose controllers were flown, in the order of the report."""
     networks = [judge_network(evaluation, f"{name}_t2fnn", name) for name in ("pd", *NETWORK_BASES)]
     maps = [judge_network(evaluation, f"{name}_t2fnn_map", name) for name in POSITION_NETWORK_BASES]
     others = [
@@ -97,7 +97,7 @@ def judge_network(evaluation: Evaluation, network: str, base: str) -> Claim | No
 
 
 def _tolerated_delays_text(evaluation: Evaluation, network: str, base: str) -> str:
-    """Return a text on how a network changes the tolerated delay in each family; empty without flights."""
+    """Return a text on how a network changes the tolerated delay in each family; empty if there are no flights."""
     both = {name: traits for name, traits in evaluation.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_text(traits[base].delay_flown)} to {delay_text(traits[network].delay_flown)} ({name})"
@@ -177,7 +177,7 @@ def lap_counts(evaluation: Evaluation, controller: str) -> list[int]:
 
 
 def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
-    """Judge the claim that a smaller stability margin reduces the error; None without flights of such designs."""
+    """Judge the claim that a smaller stability margin reduces the error; None if no such designs were flown."""
     parts, conditions = [], []
     for controller in PRICED_CONTROLLERS:
         designs = designs_by_sensitivity(evaluation, controller)
@@ -202,7 +202,7 @@ def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
 
 
 def designs_by_sensitivity(evaluation: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
-    """Return the designs of a controller in the order of their peak sensitivities, with their flights."""
+    """Return the designs of a controller and their flights, sorted by peak sensitivity."""
     traits = {
         name: each
         for name, each in evaluation.traits.get(PRICED_DESIGNS, {}).items()
@@ -253,7 +253,7 @@ def proportions_text(fractions: Mapping[str, Interval]) -> str:
 
 
 def _crash_text(compared: Mapping[str, Comparison]) -> str:
-    """Return a text with the number of samples on which only one of two controllers crashes, for each laboratory."""
+    """Return, as text, the number of samples in each laboratory on which only one of two controllers crashes."""
     parts = [
         f"{laboratory}: it alone crashes on {each.crashed} samples, the other alone on {each.baseline_crashed}"
         f" (p = {each.crash_significance:.2g})"

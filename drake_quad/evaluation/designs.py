@@ -18,7 +18,7 @@ def design_file(diagrams: Path, family: str) -> Path:
 
 
 def designs_in(path: Path) -> CommentedMap:
-    """Return the designs in a file, by name; empty if the file does not exist.
+    """Return the designs in a file, by name; an empty mapping if the file does not exist.
 
     Raises:
         InputError: if the file does not contain a mapping.
@@ -38,7 +38,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
         path: path of the YAML file with the designs of a family.
         designs: fields of each design, by its name.
         comments: comment for the line with the name of each design, by name.
-        header: new comment at the top of the file; if empty, the present comment is kept.
+        header: new comment at the top of the file; if empty, the existing comment is kept.
     """
     tree = designs_in(path)
     for name, design in designs.items():
@@ -62,7 +62,7 @@ def _yaml() -> Any:
 
 
 def _in_flow_style(value: Any) -> Any:
-    """Return a tree in which lists, and flat mappings without a `kind`, are written in one line."""
+    """Return a copy of a tree for YAML, with lists, and flat mappings without a `kind`, in one-line style."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()

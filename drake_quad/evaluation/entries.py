@@ -50,7 +50,7 @@ class ControllerEntry(NamedTuple):
         return {"extends": self.base, **tree} if self.base else tree
 
     def geometric_mean(self) -> Tree:
-        """Return the controller with the geometric mean of each range, for the initial scenario of a search."""
+        """Return the controller with each tuned parameter at the geometric mean of its range, to begin a search."""
         return self.tree(math.sqrt(knob.low * knob.high) for knob in self.knobs)
 
 
@@ -65,9 +65,9 @@ NETWORKS = {
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers to which a type-2 network is added. Networks of every kind are added to the PD.
+# Controllers to which a type-2 network is added. All kinds of networks are added to the PD.
 NETWORK_BASES = ("pid", "disturbance_observer", "l1", "indi", "lqg")
-# Controllers to which a network over the position is added.
+# Controllers to which a network with the position as input is added.
 POSITION_NETWORK_BASES = ("pd", "indi", "lqg")
 
 
@@ -76,7 +76,7 @@ def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
 
     Args:
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks over the position.
+        maps: True to include networks whose input is the position.
     """
     entries = _controllers(on_board)
     for name in ("pd", *NETWORK_BASES):
@@ -169,8 +169,8 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
     """Return the fields of a cascade whose gains are not yet tuned.
 
-    With an autopilot on board, the limits of tilt and thrust are as in vehicles/neural_fly.yaml. A wind of 12 m/s
-    requires them.
+    If an autopilot on board controls the attitude, the limits on tilt and thrust are those of vehicles/neural_fly.yaml,
+    which a wind of 12 m/s requires.
     """
     # The yaw gains are the result of `drake-quad design` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
@@ -222,8 +222,8 @@ def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tre
         base: controller to which the network is added.
         name: name of the base controller in files.
         kind: kind of the network, a key of `NETWORKS`.
-        inputs: fields of the inputs of the network.
-        law: fields of the learning law.
+        inputs: scenario fields of the network's inputs.
+        law: scenario fields of the learning law.
     """
     adaptive = kind == "t2fnn_adaptive"
     network: Tree = {"kind": "type_1" if kind == "t1fnn" else "type_2", "axes": ["x", "y"]}

@@ -43,7 +43,7 @@ _NUM_TIMED_FLIGHTS = 3  # number of single-vehicle flights whose CPU time is mea
 
 
 class UserController(NamedTuple):
-    """User's controller, which is compared with the designed controllers.
+    """Controller of the user, which is compared with the designed controllers.
 
     Attributes:
         name: name in the report.
@@ -84,7 +84,7 @@ class EvaluationSizes(NamedTuple):
 
 
 QUICK = EvaluationSizes(samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0)
-# Either laboratory, controller and metrics; or family, controller and traits.
+# A result consists of laboratory, controller and metrics, or of family, controller and traits.
 Result = tuple[str, str, Metrics | Traits]
 
 
@@ -105,7 +105,7 @@ def fly_evaluation(
         families: names of the families.
         sizes: sizes of the evaluation.
         folder: folder for the results.
-        only: names of the designed controllers; all by default.
+        only: names of the designed controllers to fly; all by default.
         user_controllers: user's controllers, which are flown without tuning.
         progress: called with the number of finished jobs, the total number of jobs, and the name of the last job.
 
@@ -113,7 +113,7 @@ def fly_evaluation(
         The results, which are also written to the folder (see `read_evaluation`).
 
     Raises:
-        InputError: if none of these controllers has a design.
+        InputError: if none of the controllers in `only` has a design.
     """
     jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, user_controllers)]
     if not jobs:
@@ -297,7 +297,7 @@ def _ticks(fleet: StudyFleet) -> float:
 
 
 def single_vehicle_time(scenario: Scenario, *, compiled: bool = True) -> float:
-    """Return the CPU time, s, per tick of the whole loop with a single vehicle; the minimum of several flights."""
+    """Return the CPU time per tick of the whole loop with a single vehicle, s: the minimum over several flights."""
     fleet, cpu_times = StudyFleet(scenario, plan_route(scenario), 1, compiled=compiled), []
     for sample in range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + _NUM_TIMED_FLIGHTS):
         start = time.process_time()

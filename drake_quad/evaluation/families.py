@@ -17,12 +17,12 @@ class LaboratoryFamily(NamedTuple):
 
     Attributes:
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
-        training_laboratories: names of the laboratories in which designs are trained. The limit on the loops is checked
-            in the first one.
+        training_laboratories: names of the laboratories in which designs are trained. The stability limit is checked in
+            the first of these laboratories.
         windiest_laboratory: name of the laboratory in which the tolerated delay is measured.
         on_board: True if an autopilot on board the vehicle controls the attitude.
-        maps: True to include networks over the position, for disturbances that recur at the same position.
-        lap_overrides: overrides for the training of a network over the position.
+        maps: True to include networks whose input is the position, for disturbances that recur at the same position.
+        lap_overrides: overrides for the training of a network whose input is the position.
     """
 
     laboratories: dict[str, str]

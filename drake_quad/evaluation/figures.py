@@ -111,7 +111,7 @@ def _format_panel(axes: Axes, title: str) -> None:
 
 
 def reductions_by_network(evaluation: Evaluation) -> dict[str, dict[str, Interval]]:
-    """Return the relative error reduction that each network achieves, by name of the controller and laboratory."""
+    """Return the relative error reduction by each network, by controller name and laboratory."""
     names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in NETWORK_BASES]
     names += [f"{name}_t2fnn_map" for name in POSITION_NETWORK_BASES[1:]]
     compared = {name: comparisons_by_laboratory(evaluation, name, base_and_network(name)[0]) for name in names}

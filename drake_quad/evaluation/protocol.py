@@ -26,7 +26,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
-_HORIZON = 0.6  # s, horizon of model predictive control, as in controllers/mpc.yaml
+_MPC_HORIZON = 0.6  # s, horizon of model predictive control, as in controllers/mpc.yaml
 
 
 class DesignResult(NamedTuple):
@@ -107,7 +107,7 @@ def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
     """Write a model predictive controller with the regulator of the family's LQG design, if there is such a design."""
     regulator = designs_in(path).get("lqg")
     if regulator is not None:
-        control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
+        control = {**regulator["control"], "kind": "mpc", "horizon": _MPC_HORIZON}
         description = "the regulator of lqg, with limits over a horizon"
         write_designs(path, {"mpc": {"control": control}}, comments={"mpc": description})
         yield DesignResult("mpc", description)
@@ -116,7 +116,7 @@ def _write_predictive_control(path: Path) -> Iterator[DesignResult]:
 def _scenarios_before_tuning(
     diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry
 ) -> list[Scenario]:
-    """Return the training scenarios of an entry whose parameters are at the geometric means of their ranges."""
+    """Return the training scenarios of an entry, with each tuned parameter at the geometric mean of its range."""
     # The scenarios are read from a copy of the file, since the entry may extend other designs in the file. The copy is
     # in the same folder, since the paths in the file are relative to this folder.
     trial = path.with_name(f".tuning_{path.name}")
@@ -145,7 +145,7 @@ def training_scenarios(diagrams: Path, family: LaboratoryFamily, layer: str, ent
 def previous_numbers(
     diagrams: Path, family: LaboratoryFamily, path: Path, controller: str, entry: ControllerEntry
 ) -> list[float] | None:
-    """Return the tuned parameters of an earlier design; None without a design, or if a parameter is not positive."""
+    """Return the tuned parameters of an earlier design; None if it does not exist, or a parameter is not positive."""
     if controller not in designs_in(path):
         return None
     scenario, *_ = training_scenarios(diagrams, family, f"{path}:{controller}", entry)
@@ -178,7 +178,7 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
 
 
 def _limit_fractions(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
-    """Return a function from a scenario to the fractions of a limit that the loops of its median plant meet."""
+    """Return a function that computes the fractions of a limit that the loops of a scenario's median plant meet."""
     return lambda scenario: limit.limit_fractions(median_scenario(scenario))
 
 

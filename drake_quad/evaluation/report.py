@@ -118,7 +118,7 @@ def write_summary(path: Path, evaluation: Evaluation) -> Path:
 
 
 def machine() -> str:
-    """Return the name of the processor and the Python version, on which the computing times depend."""
+    """Return the processor name and the Python version, since computing times depend on both."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return f"{models[0] if models else platform.machine()}, Python {platform.python_version()}"

@@ -11,8 +11,8 @@ from drake_quad.reports.results import read_groups, write_groups
 
 _FLIGHT_KEYS = ("laboratory", "controller")
 _TRAIT_KEYS = ("family", "controller")
-_DIGITS = 9  # significant digits in the files
-LAPS_LABORATORY = "high wind"  # laboratory in which networks over the position fly several laps
+_NUM_DIGITS = 9  # significant digits in the files
+LAPS_LABORATORY = "high wind"  # laboratory in which networks with the position as input fly several laps
 # "Priced" designs have different limits on the peak sensitivity, and show how much accuracy the stability margin costs.
 PRICED_DESIGNS = "priced"  # name of the file of these designs
 PRICED_LABORATORY = "high wind"  # laboratory in which these designs are tuned and flown
@@ -21,7 +21,7 @@ SENSITIVITY_LIMITS = (1.6, 1.9, 2.6, 3.0)
 
 
 class Traits(NamedTuple):
-    """Margins and computing times of a controller in a family of laboratories; NaN for values that do not exist.
+    """Margins and computing times of a controller in a family of laboratories. A value that does not exist is NaN.
 
     The margins are computed for the loops at the command link, with the median plant and without a network.
 
@@ -55,7 +55,7 @@ class Evaluation:
 
     @property
     def controllers(self) -> list[str]:
-        """Names of all controllers that were flown, except designs with other limits."""
+        """Names of all controllers that were flown, except designs with other limits on the peak sensitivity."""
         results = (name for laboratory in FAMILY_OF for name in self.flights.get(laboratory, ()) if "@" not in name)
         return list(dict.fromkeys(results))
 
@@ -71,7 +71,7 @@ def priced_name(controller: str, sensitivity: float) -> str:
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
-    """Write a file with a row for each flight, and one with a row for each controller and family; return the paths."""
+    """Write a file with a row per flight, and a file with a row per controller and family; return both paths."""
     flights: dict[tuple[str, ...], dict[str, Any]] = {
         (laboratory, name): {
             "sample": range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + len(metrics.rmse)),
@@ -86,8 +86,8 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> list[Path]:
         for name, each in results.items()
     }
     return [
-        write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_DIGITS),
-        write_groups(folder / "traits.csv", _TRAIT_KEYS, traits, digits=_DIGITS),
+        write_groups(folder / "flights.csv", _FLIGHT_KEYS, flights, digits=_NUM_DIGITS),
+        write_groups(folder / "traits.csv", _TRAIT_KEYS, traits, digits=_NUM_DIGITS),
     ]
 
 

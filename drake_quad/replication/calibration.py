@@ -100,7 +100,7 @@ def _covariance_overrides(initial_covariance: float) -> list[str]:
     return [*_slope_overrides(1.0), f"control.network.learning.initial_covariance={initial_covariance!r}"]
 
 
-_TRACKING = "control.position.derivative=tracking_error"
+_TRACKING_ERROR_DERIVATIVE = "control.position.derivative=tracking_error"
 # Rounded gains of the first hypothesis, which the third hypothesis uses as well.
 _BIAS_GAINS = pd_gains(1.2)
 
@@ -113,13 +113,13 @@ HYPOTHESES = {
     ),
     "low_gain": Hypothesis(
         "derivative of the error, low gains",
-        [_TRACKING],
+        [_TRACKING_ERROR_DERIVATIVE],
         _bandwidth_number(0.35, 1.2),
         FreeNumber("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
     ),
     "bias": Hypothesis(
         "derivative of the error, constant bias",
-        [_TRACKING, *_BIAS_GAINS],
+        [_TRACKING_ERROR_DERIVATIVE, *_BIAS_GAINS],
         FreeNumber("centre of mass, x and y (m)", 0.0, 0.005, _offset_overrides),
         FreeNumber("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
     ),

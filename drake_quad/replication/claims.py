@@ -14,9 +14,9 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
 
 _NETWORK_CONTROLLERS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
-_GAINS = {"k_p": "k_P", "k_d": "k_D"}
+_GAIN_SYMBOLS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2_CONTROLLERS = ("pd_t2fnn", "pd_t2fnn_wide")
-_IN_WIND = ("low_wind", "high_wind")
+_WINDS_WITH_FANS = ("low_wind", "high_wind")
 _MAX_ERROR_RATIO = 1.2  # gains count as nearly best if their error is at most this multiple of the smallest error
 
 
@@ -136,7 +136,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
     """Judge the claim that type 2 has smaller error peaks than type 1 in wind."""
     differences = {
         cell: experiment.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
-        for cell in cells_of(_TYPE_2_CONTROLLERS, _IN_WIND)
+        for cell in cells_of(_TYPE_2_CONTROLLERS, _WINDS_WITH_FANS)
     }
     low, high = _smallest_and_largest(differences.values())
     return Claim(
@@ -196,7 +196,7 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
     rises = {
         cell: experiment.comparison(cell, Cell("no_wind", name)).ratio.plus(-1.0)
         for name in CONTROLLERS
-        for cell in cells_of([name], _IN_WIND)
+        for cell in cells_of([name], _WINDS_WITH_FANS)
     }
     return Claim(
         "the controllers are insensitive to wind",
@@ -224,7 +224,7 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
     error_increase = ratio_of_means(curved[on_straight, half:], curved[on_curved, half:]).plus(-1.0)
     variation_ratio = ratio_of_means(swing[on_curved, half:], swing[on_straight, half:])
     gains = [
-        " and ".join(f"{symbol} = {experiment.legs.settings[name][best]:.2f}" for name, symbol in _GAINS.items())
+        " and ".join(f"{symbol} = {experiment.legs.settings[name][best]:.2f}" for name, symbol in _GAIN_SYMBOLS.items())
         for best in (on_straight, on_curved)
     ]
     return Claim(
@@ -290,7 +290,7 @@ def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Inte
 
 
 def published_effort_ratios() -> dict[Cell, tuple[float, float]]:
-    """Return the printed mean efforts on X and Y of each network, divided by the PD's in the same wind, by cell.
+    """Return each network's printed mean efforts on X and Y, relative to the PD's effort in the same wind, by cell.
 
     A ratio is NaN if one of the two efforts is missing in the paper.
     """
@@ -366,7 +366,7 @@ def _reduction_difference(pair: Sequence[np.ndarray], other: Sequence[np.ndarray
 
 def _grid_text(sweep: Sweep) -> str:
     """Return a text about the grid of gains in a map."""
-    k_p, k_d = (np.unique(sweep.settings[name]) for name in _GAINS)
+    k_p, k_d = (np.unique(sweep.settings[name]) for name in _GAIN_SYMBOLS)
     return (
         f"{len(k_p)} × {len(k_d)} gains, k_P from {k_p[0]:g} to {k_p[-1]:g} 1/s² and k_D from {k_d[0]:g} to {k_d[-1]:g}"
         f" 1/s in geometric steps, {len(sweep.samples)} samples each"

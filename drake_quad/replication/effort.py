@@ -17,12 +17,12 @@ from drake_quad.studies.statistics import Interval
 
 
 class EffortMatch(NamedTuple):
-    """Agreement of a definition of effort with the printed efforts of the networks, divided by the PD's effort.
+    """Agreement of a definition of effort with the printed ratios of network effort to PD effort.
 
     Attributes:
         name: name of the definition in `EFFORTS`.
         ratio_x: effort of the networks on X divided by the PD's effort, as the geometric mean over cells and samples.
-        ratio_y: corresponding ratio on Y.
+        ratio_y: effort of the networks on Y divided by the PD's effort, as the same mean.
         distance: typical factor between our ratios and the printed ratios: exp(RMS of log(ours / printed)) over all
             printed ratios.
     """
@@ -34,7 +34,7 @@ class EffortMatch(NamedTuple):
 
 
 def effort_matches(experiment: Experiment) -> list[EffortMatch]:
-    """Return the agreement of each definition, with intervals over the recorded samples; the closest is first."""
+    """Return the agreement of each definition, with intervals over the recorded samples; the best one is first."""
     printed = published_effort_ratios()
     printed_values = np.array([printed[cell] for cell in printed]).T
     matches = []
@@ -73,5 +73,5 @@ def published_scatter() -> float:
 
 
 def _ratio(experiment: Experiment, cell: Cell, name: str) -> np.ndarray:
-    """Return the ratio (samples,) of a recorded measure of a cell to the measure of the PD in the same wind."""
+    """Return a recorded measure of a cell (samples,), divided by the PD's measure in the same wind."""
     return np.asarray(experiment.recorded[cell][name] / experiment.recorded[Cell(cell.wind, "pd")][name])

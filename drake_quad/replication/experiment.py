@@ -47,7 +47,7 @@ class ExperimentSizes(NamedTuple):
         sweep: number of samples of each setting of noise, q and λ.
         grid: number of gains along each side of a map.
         map: number of samples of each pair of gains in a map.
-        legs: number of samples of each pair of gains in the sweep for which errors are computed leg by leg.
+        legs: number of samples of each pair of gains in the sweep that computes errors leg by leg.
     """
 
     cells: int = 1000

@@ -43,6 +43,7 @@ def _mean_absolute(values: np.ndarray) -> float:
     return float(np.mean(np.abs(values)))
 
 
+# Signal from which an effort is computed, and its rows for X and Y.
 _COMMAND = ("acceleration_command", "x", "y")
 _PD = ("pd", "x", "y")
 # The pitch torque moves the vehicle along X, and the roll torque along Y.

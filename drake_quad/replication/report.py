@@ -67,7 +67,7 @@ _FILE_COLUMNS = {"claim": "statement", "printed": "printed", "ours": "evidence"}
     name: name for name in ("verdict", "rule", "details", "figure")
 }
 _REPORT_COLUMNS = {"claim": "statement", "the paper's evidence": "printed", "ours, with 95 % intervals": "evidence"}
-_FITTED = (PD_CELL, NETWORK_CELL)
+_FITTED_CELLS = (PD_CELL, NETWORK_CELL)
 
 
 class Findings(NamedTuple):
@@ -77,7 +77,7 @@ class Findings(NamedTuple):
         entries: entries of Table II.
         claims: claims of the paper, with verdicts.
         fair: comparison with controllers that the paper does not consider.
-        efforts: agreement of each definition of control effort with the paper; the closest definition is first.
+        efforts: agreement of each definition of control effort with the paper; the best agreement is first.
     """
 
     entries: Sequence[TableEntry]
@@ -158,7 +158,7 @@ def _experiment_fields(experiment: Experiment) -> dict[str, Any]:
 
 
 def _scenario_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return the template's fields on the assumptions in the scenario of PD+T2FNN in low wind."""
+    """Return the template fields that state the assumptions of the scenario PD+T2FNN in low wind."""
     plan, laboratory = plan_route(scenario), scenario.laboratory
     link, network = laboratory.command_link, cast(Network, scenario.cascade.network)
     first, second = jets(laboratory.wind)
@@ -190,13 +190,13 @@ def _calibration_fields() -> dict[str, str]:
         errors = {name: float(fitted[name, *cell]["rmse_m"][0]) for name in HYPOTHESES}
         deviations |= {(name, cell): error / line.rmse.mean - 1.0 for name, error in errors.items()}
         ours = (f"{error:.3f}{_in_brackets(deviations[name, cell])}" for name, error in errors.items())
-        wind = WINDS[cell.wind] + (" (fitted)" if cell in _FITTED else "")
+        wind = WINDS[cell.wind] + (" (fitted)" if cell in _FITTED_CELLS else "")
         rows.append((wind, CONTROLLERS[cell.controller], number_or_dash(line.rmse.mean), *ours))
     for name, (label, _, *free) in HYPOTHESES.items():
         values = (fitted[name, *PD_CELL][column][0] for column in ("pd_number", "network_number"))
         texts = (f"{number.label} {value:.4g}" for number, value in zip(free, values, strict=True))
         numbers.append(f"- {label}: {'; '.join(texts)}.")
-        predicted = [deviations[name, cell] for cell in published_table() if cell not in _FITTED]
+        predicted = [deviations[name, cell] for cell in published_table() if cell not in _FITTED_CELLS]
         spreads[f"spread_{name}"] = f"{100.0 * np.nanmin(predicted):+.1f} to {100.0 * np.nanmax(predicted):+.1f} %"
     header = ("", "", "printed", *(hypothesis.label for hypothesis in HYPOTHESES.values()))
     return {"fitted": "\n".join(numbers), "calibration": table(header, rows), **spreads}
@@ -204,7 +204,7 @@ def _calibration_fields() -> dict[str, str]:
 
 def _table_fields(entries: Sequence[TableEntry]) -> dict[str, Any]:
     errors = {entry.cell: entry for entry in entries if entry.quantity == "rmse"}
-    predicted = [entry for cell, entry in errors.items() if cell not in _FITTED and np.isfinite(entry.deviation)]
+    predicted = [entry for cell, entry in errors.items() if cell not in _FITTED_CELLS and np.isfinite(entry.deviation)]
     exceptions = [entry for entry in predicted if abs(entry.deviation) > 0.1]
     deviations = [entry.deviation for entry in predicted]
     crashed = sum(entry.crashed for entry in errors.values())

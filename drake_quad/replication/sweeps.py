@@ -46,7 +46,7 @@ def num_rows(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return all combinations of the rows of two groups of columns. The rows of the second group vary faster."""
+    """Return all pairs of rows from two groups of columns. The row of the second group varies faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
@@ -69,7 +69,7 @@ def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
-# Exponents (a1, a2) of the networks of Table II. With exponents of 1, the sets are the triangular sets of type 1.
+# Exponents (a1, a2) of the networks in Table II. Exponents of 1 give the triangular sets of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
 NOISE_LEVELS = (0.0, 0.001, 0.005, 0.01, 0.02)  # m, standard deviations of the position noise
 Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -100,7 +100,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RA
 
 
 # Paths of the fields that are set to the value of each parameter.
-_PATHS = {
+_FIELD_PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],
     "a1": [f"{_NETWORK}.a1"],
@@ -131,5 +131,5 @@ def fly_legs(
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
     """Return the batch of all samples with the first setting, then all samples with the second setting, and so on."""
     columns = all_combinations(settings, {"sample": np.asarray(samples)})
-    varying = {path: columns[name] for name in settings for path in _PATHS[name]}
+    varying = {path: columns[name] for name in settings for path in _FIELD_PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

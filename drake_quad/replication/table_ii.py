@@ -21,7 +21,7 @@ from drake_quad.studies.study import Study
 
 # Headings of the quantities of Table II in a report, by the name of the metric.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
-_HEADER = """\
+_TABLE_HEADER = """\
 | | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | deviation |
 |---|---|---|---|---|---|---|---|"""
 
@@ -103,7 +103,7 @@ def table_markdown(entries: Sequence[TableEntry], quantity: str) -> str:
         for entry in entries
         if entry.quantity == quantity
     )
-    return "\n".join([_HEADER, *map(row, rows)])
+    return "\n".join([_TABLE_HEADER, *map(row, rows)])
 
 
 def _runs(runs: Runs) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Name of the folder with the figures, in the folder of the pages.
-_FIGURES = "figures"
+_FIGURES_FOLDER = "figures"
 
 
 def row(cells: Iterable[str]) -> str:
@@ -38,7 +38,7 @@ def image(name: str, caption: str, *, width: int = 420) -> str:
         caption: text that says what the figure shows.
         width: width on the page, pixels.
     """
-    return f'<img src="{_FIGURES}/{name}.png" width="{width}" alt="{caption}">\n\n*{caption}*'
+    return f'<img src="{_FIGURES_FOLDER}/{name}.png" width="{width}" alt="{caption}">\n\n*{caption}*'
 
 
 def filled_template(package: str, **fields: Any) -> str:
@@ -61,7 +61,7 @@ def write_figures(
         vector: format of additional vector graphics; None for no vector graphics.
         progress: called after each figure.
     """
-    target, names = output_folder(folder / _FIGURES), []
+    target, names = output_folder(folder / _FIGURES_FOLDER), []
     for name, figure in figures:
         save_small(figure, target / f"{name}.png")
         if vector is not None:
@@ -81,7 +81,7 @@ def write_page(folder: Path, text: str) -> list[Path]:
     return [
         write_text(folder / "report.md", text),
         write_text(folder / "report.html", as_html(text, folder)),
-        folder / _FIGURES,
+        folder / _FIGURES_FOLDER,
     ]
 
 

@@ -41,7 +41,8 @@ def write_groups(
     Args:
         path: path of the file.
         keys: names of the first columns.
-        groups: columns of equal length for each group, by the group's texts in the columns `keys`.
+        groups: columns of each group, which have equal length; the dictionary keys are the group's values in the
+            columns `keys`.
         digits: number of significant digits; all digits by default.
     """
     rows = (

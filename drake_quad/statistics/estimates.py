@@ -22,8 +22,8 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
 
     The ends of the interval are NaN for fewer than two values, or if a value is infinite.
 
-    For few values from a skewed distribution, the interval is too short. The interval is reliable if the number of
-    values is larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
+    The interval is too short for few values from a skewed distribution. It is reliable if the number of values is
+    larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
     """
     if len(values) < 2 or not np.isfinite(values).all():
         with np.errstate(invalid="ignore"):  # the mean of values that are infinite with both signs is NaN
@@ -98,7 +98,7 @@ def proportion_interval(count: float, total: float, confidence: float = CONFIDEN
     The ends of the interval are quantiles of beta distributions.
 
     Args:
-        count: number of samples in which the event occurred; a fraction for an effective number of samples.
+        count: number of samples in which the event occurred; not an integer if `total` is an effective number.
         total: number of all samples.
         confidence: probability that the interval contains the true value.
 
@@ -204,7 +204,7 @@ def _correlation_interval(rho: float, count: int, confidence: float) -> Interval
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's t intervals.
 
-    From the first infinite value on, all of them are NaN.
+    From the first infinite value on, mean and ends are NaN.
     """
     count = np.arange(1, len(values) + 1)
     is_finite = np.isfinite(values)

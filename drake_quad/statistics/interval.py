@@ -202,6 +202,6 @@ def _is_close(end: float, value: float, largest: float) -> bool:
     Args:
         end: end of the interval.
         value: estimated value.
-        largest: largest absolute value of the numbers of the interval.
+        largest: largest absolute value among the estimate and both ends.
     """
     return end == value or abs(end - value) <= _ROUNDING_TOLERANCE * largest

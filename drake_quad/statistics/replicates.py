@@ -25,7 +25,7 @@ from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
 
 MIN_REPLICATES = 16
 """Smallest number of replicates of a complete study. Student's factor is then 2.13, and 1.96 for many replicates."""
-_NUM_STOPS = 60  # number of points at which the running mean of dependent samples is computed
+_NUM_RUNNING_MEANS = 60  # number of points at which the running mean of dependent samples is computed
 
 
 class Replicates:
@@ -45,8 +45,8 @@ class Replicates:
     def mean(self, values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
         """Return the mean of values (n,) with Student's t interval.
 
-        Replicates may have different numbers of values, since some flights are left out. The mean is then the ratio of
-        the mean sum to the mean number of values, and its interval follows by the delta method.
+        Replicates may have different numbers of values, if some flights are left out. The mean is then the ratio of the
+        mean sum to the mean number of values, and its interval follows by the delta method.
         """
         if self.indices is None or len(values) < 2 or not np.isfinite(values).all():
             return mean_interval(values, confidence)
@@ -89,13 +89,13 @@ class Replicates:
         return ratio_of_means(self._sums(values), self._sums(baseline), confidence)
 
     def running_mean(self, values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, ...]:
-        """Return numbers (k,) of values, the means (k,) of the first values, and the ends (k,) of their intervals.
+        """Return numbers n (k,), the mean (k,) of the first n values, and the lower and upper end (k,) of its interval.
 
-        For independent samples, there is a mean for each number from 1 to n.
+        If the samples are independent, the numbers are 1, 2, 3, ... up to the number of values.
         """
         if self.indices is None:
             return np.arange(1, len(values) + 1), *running_mean(values, confidence)
-        stops = np.unique(np.geomspace(1, max(len(values), 1), _NUM_STOPS).astype(int))
+        stops = np.unique(np.geomspace(1, max(len(values), 1), _NUM_RUNNING_MEANS).astype(int))
         means = [self.take(slice(stop)).mean(values[:stop], confidence) for stop in stops]
         return stops, *(np.array(each) for each in zip(*means, strict=True))
 
@@ -104,21 +104,21 @@ class Replicates:
 
         The spread of the replicates determines this number, and Student's factor is included (E. L. Korn and B. I.
         Graubard, "Confidence intervals for proportions with small expected number of positive counts estimated from
-        survey data", Survey Methodology, 1998). It is at most the number of samples, since a spread of few replicates
-        or few events can be small by chance.
+        survey data", Survey Methodology, 1998). The result is at most the number of samples, since the spread of few
+        replicates or few events can be small by chance.
 
         Args:
             occurs: (n,) True for the samples in which the event occurs.
             confidence: confidence of the interval for which the number is used.
         """
-        total, share = len(occurs), float(np.mean(occurs))
-        if self.indices is None or not 0.0 < share < 1.0:
+        total, fraction = len(occurs), float(np.mean(occurs))
+        if self.indices is None or not 0.0 < fraction < 1.0:
             return float(total)
         contributions = linearized_ratio(self._sums(occurs), self._counts())
         count = len(contributions)
         variance = float(np.var(contributions, ddof=1)) / count if count > 1 else math.inf
         factors = scipy.special.stdtrit([total - 1, max(count - 1, 1)], 0.5 * (1.0 + confidence))
-        accuracy = share * (1.0 - share) * float(factors[0] / factors[1]) ** 2
+        accuracy = fraction * (1.0 - fraction) * float(factors[0] / factors[1]) ** 2
         return max(accuracy / variance, 1.0) if accuracy < variance * total else float(total)
 
     def _sums(self, values: np.ndarray) -> np.ndarray:

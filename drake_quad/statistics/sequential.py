@@ -14,11 +14,11 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 # Parameters of the beta distribution over which the likelihood ratio is averaged. Any choice is valid; these are
 # Jeffreys' prior, which gives short intervals for small and for large probabilities.
-_PRIOR = 0.5, 0.5
+_BETA_PRIOR = 0.5, 0.5
 # Number of samples at which the intervals of means are narrowest, relative to ordinary intervals. The sequence is valid
 # for any number that is chosen in advance.
 _TUNED_NUM_SAMPLES = 1000
-_MIN_PROBABILITY = 1e-15
+_MIN_PROBABILITY = 1e-15  # the likelihood ratio is not finite at 0 and 1
 
 
 def probability_sequence(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
@@ -37,7 +37,7 @@ def probability_sequence(count: int, total: int, confidence: float = CONFIDENCE)
     if total == 0:
         return Interval(math.nan, 0.0, 1.0)
     others, estimate = total - count, count / total
-    mixture = scipy.special.betaln(_PRIOR[0] + count, _PRIOR[1] + others) - scipy.special.betaln(*_PRIOR)
+    mixture = scipy.special.betaln(_BETA_PRIOR[0] + count, _BETA_PRIOR[1] + others) - scipy.special.betaln(*_BETA_PRIOR)
 
     def excess(p: float) -> float:
         likelihood = scipy.special.xlogy(count, p) + scipy.special.xlog1py(others, -p)

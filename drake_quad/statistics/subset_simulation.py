@@ -1,9 +1,9 @@
 """Subset simulation, which estimates probabilities that are too small for plain sampling.
 
-The probability is the product of conditional probabilities of about 0.1. Each is estimated from samples that already
-satisfy the preceding condition, and that Markov chains generate (S.-K. Au and J. L. Beck, "Estimation of small failure
-probabilities in high dimensions by subset simulation", Probabilistic Engineering Mechanics, 2001). The chains use
-correlated proposals with an adapted correlation (I. Papaioannou, W. Betz, K. Zwirglmaier and D. Straub, "MCMC
+The probability is the product of conditional probabilities of about 0.1. Each factor is estimated from samples that
+satisfy the preceding condition. Markov chains generate these samples (S.-K. Au and J. L. Beck, "Estimation of small
+failure probabilities in high dimensions by subset simulation", Probabilistic Engineering Mechanics, 2001). The chains
+use correlated proposals with an adapted correlation (I. Papaioannou, W. Betz, K. Zwirglmaier and D. Straub, "MCMC
 algorithms for subset simulation", 2015).
 
 The chains of one run are correlated, so a single run has no reliable interval. The interval follows from the spread of
@@ -23,16 +23,19 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 MIN_RUNS = 6
 """Smallest number of runs from which an interval is computed."""
 MIN_SIZE = 500
-"""Smallest number of samples in each step. With 200, estimates of 1e-6 are 37 % too large, and intervals too short."""
-MAX_NOISE = 2**31
-"""Whole numbers that determine noise are below this number."""
+"""Smallest number of samples in each step.
 
-_MAX_LEVELS = 15  # with ten times fewer samples at each level, probabilities down to 1e-15 are estimated
+If a step has 200 samples, estimates of 1e-6 are 37 % too large, and their intervals are too short.
+"""
+MAX_NOISE = 2**31
+"""Upper bound (exclusive) on the integers that determine noise."""
+
+_MAX_LEVELS = 15  # each level divides the probability by about ten, so estimates reach about 1e-15
 _INITIAL_STEP = 0.6
 _TARGET_ACCEPTANCE = 0.44  # acceptance rate at which the chains mix fastest, from Papaioannou et al.
 
 Performance = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function from (n, d) points of standard normal space and (n, b) whole numbers to the performances (n,).
+"""Function from (n, d) points of standard normal space and (n, b) integers to the performances (n,).
 
 The event occurs if the performance is 0 or more.
 """
@@ -43,9 +46,9 @@ class SubsetRun(NamedTuple):
 
     Attributes:
         probability: estimated probability of the event; 0 if the event was not reached.
-        levels: level of the performance at the end of each step; the last one is 0 if the event was reached.
+        levels: threshold on the performance after each step; the last threshold is 0 if the event was reached.
         points: (m, d) points of the last samples at which the event occurs.
-        noise: (m, b) whole numbers of these samples.
+        noise: (m, b) integers that determine the noise of these samples.
         performance: (m,) performances of these samples.
         num_evaluations: number of evaluations of the performance.
         history: (steps, size) performances of the samples of each step, in descending order.
@@ -74,7 +77,7 @@ class SubsetRun(NamedTuple):
 
 
 SubsetSteps = Generator[tuple[np.ndarray, np.ndarray], np.ndarray, SubsetRun]
-"""Run that yields points and whole numbers, is sent their performances, and returns the finished run."""
+"""Generator that yields points and integers, is sent their performances, and returns the finished run."""
 
 
 def subset_simulation(
@@ -94,10 +97,10 @@ def subset_simulation(
 
 
 def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[SubsetRun]:
-    """Run subset simulations in step, so that the samples of all of them are evaluated together.
+    """Run several subset simulations simultaneously, and evaluate the samples of all runs together.
 
     Args:
-        performance: performance of samples.
+        performance: function that returns the performances of samples.
         runs: independent runs, see `subset_steps`.
 
     Returns:
@@ -121,14 +124,14 @@ def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[
 def subset_steps(
     num_coordinates: int, num_noise: int, generator: np.random.Generator, *, size: int = 1000, fraction: float = 0.1
 ) -> SubsetSteps:
-    """Yield the samples of a run of subset simulation, which is sent their performances.
+    """Run subset simulation as a generator that yields samples and is sent their performances.
 
-    A proposal changes all coordinates a little, and draws some of the whole numbers again. Both moves preserve the
+    A proposal changes all coordinates a little, and draws some of the integers again. Both moves preserve the
     distribution of the samples.
 
     Args:
         num_coordinates: number d of coordinates of a point.
-        num_noise: number b of whole numbers of a sample.
+        num_noise: number b of integers of a sample.
         generator: source of random numbers.
         size: number of samples in each step, a multiple of 1 / `fraction`.
         fraction: fraction of the samples that satisfy the condition of the next step.
@@ -176,7 +179,7 @@ def _proposal(
     """Return proposals whose correlation with the present samples is √(1 - step²)."""
     correlation = math.sqrt(1.0 - step**2)
     moved = correlation * points + step * generator.standard_normal(points.shape)
-    # The correlation of noise is the fraction that is not drawn again.
+    # The correlation of the noise is the fraction of the integers that are kept.
     is_drawn = generator.random(noise.shape) < 1.0 - correlation
     return moved, np.where(is_drawn, generator.integers(MAX_NOISE, size=noise.shape), noise)
 

@@ -1,4 +1,4 @@
-"""Pool of the workers of a Dask cluster, which fly the batches of a study."""
+"""Pool of Dask cluster workers that fly the batches of a study."""
 
 import gc
 import logging
@@ -21,7 +21,7 @@ _MAX_TIME_WITHOUT_WORKERS = 60.0  # s; an automatically scaled cluster may have 
 
 
 class DaskPool(WorkerPool):
-    """Pool of the workers of a Dask cluster, which can be used as long as the scheduler replies.
+    """Pool of Dask cluster workers, which can be used as long as the scheduler replies.
 
     Args:
         client: connected Dask client.
@@ -101,7 +101,7 @@ class DaskPool(WorkerPool):
 
 @contextmanager
 def dask_pool(address: str, num_workers: int | None = None) -> Iterator[DaskPool]:
-    """Connect to a Dask cluster whose workers have the same code as this process, and yield the pool of its workers.
+    """Connect to a Dask cluster, check that its workers have the code of this process, and yield their pool.
 
     Args:
         address: address of the scheduler, such as tcp://localhost:8786.

@@ -1,8 +1,8 @@
 """Metrics of flights as a function of points of the unit cube, for tools that choose the samples themselves.
 
 Such tools estimate probabilities of rare events or sensitivity indices, or search for the worst case. A point has a
-coordinate for each independent random number of the scenario. Uniform points have the distribution of the samples of a
-study. Whole numbers determine wind and noise, for the whole flight or for each period of it.
+coordinate for each independent random number of the scenario. Uniformly distributed points correspond to the samples of
+a study. Integers determine wind and noise, one for the whole flight or one for each period of it.
 """
 
 import math
@@ -38,7 +38,7 @@ from drake_quad.studies.worker_pool import WorkerPool, fly_batches, size_of_batc
 
 
 class Evaluator:
-    """Function from points of the unit cube, and numbers that determine wind and noise, to the metrics of flights.
+    """Function that maps points of the unit cube, and integers that determine wind and noise, to flight metrics.
 
     Args:
         scenario: scenario with distributions.
@@ -94,11 +94,12 @@ class Evaluator:
 
         Args:
             points: (n, d) points between 0 and 1.
-            noise: number that determines wind and noise, (n,) numbers, or (n, num_periods) numbers, from 0 to 2³¹ - 1.
-                The flight with the number i has the wind and the noise of sample i of the scenario's study.
+            noise: integers from 0 to 2³¹ - 1 that determine wind and noise: one for all flights, (n,) for the flights,
+                or (n, num_periods) for the periods of each flight. Integer i selects the wind and the noise of sample i
+                of the scenario's study.
 
         Raises:
-            InputError: if the points or the numbers have the wrong shape or are out of range.
+            InputError: if points or noise have the wrong shape or are out of range.
             RuntimeError: if workers cannot fly a point.
         """
         indices, parts = zip(*self.batches(points, noise), strict=True)
@@ -108,7 +109,7 @@ class Evaluator:
     def batches(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Iterator[tuple[np.ndarray, Metrics]]:
         """Fly a vehicle for each point, and yield the indices and the metrics of the points of each finished batch.
 
-        Batches are yielded in the order in which they end. The arguments and errors are those of a call.
+        Batches are yielded in the order in which they end. The arguments and errors are those of `__call__`.
         """
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != len(self.names) or not len(points):
@@ -129,7 +130,7 @@ class Evaluator:
             yield rows[:, 0].astype(int), self.scenario.metrics_type(*rows[:, 1:].T)
 
     def at_normal(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
-        """Return the metrics at (n, d) points of standard normal space; `noise` is as in a call."""
+        """Return the metrics at (n, d) points of standard normal space; `noise` is as in `__call__`."""
         return self(scipy.special.ndtr(np.asarray(points, dtype=float)), noise)
 
     def scenario_at(self, point: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Scenario:
@@ -137,7 +138,7 @@ class Evaluator:
 
         Args:
             point: (d,) point.
-            noise: number, or (num_periods,) numbers, that determine wind and noise.
+            noise: integer that determines wind and noise, or (num_periods,) integers, one for each period.
         """
         numbers = np.broadcast_to(np.asarray(noise), self.num_periods)
         return batch_at(self.scenario, np.concatenate([[0.0], point, numbers])[None]).scenario_of(0)

@@ -28,7 +28,7 @@ from drake_quad.studies.worker_pool import WorkerPool
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
 MIN_FLIGHTS = 250
 """Smallest number of candidates of a generation. Large generations are cheap in fleets, and ignore local optima."""
-_INITIAL_STEP = 1.0  # standard deviations
+_INITIAL_STEP = 1.0  # initial step size of CMA-ES, standard deviations
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ class WorstCase:
         values: nominal value and worst value of each field with a distribution, by path.
         scenario: scenario of the worst case, with its wind and noise.
         nominal: scenario with the median of each distribution, and with the same wind and noise.
-        means: best mean metric over the wind and noise samples after each generation; infinite if all flights crash.
+        means: best metric after each generation, as the mean over the samples of wind and noise; infinite if all
+            flights crash.
         num_flights: number of flights.
     """
 
@@ -75,7 +76,7 @@ def find_worst_case(
     resume: bool = False,
     progress: Callable[[int, str], None] | None = None,
 ) -> WorstCase:
-    """Search for the random numbers within some standard deviations that make a metric worst.
+    """Search for the random numbers, within some standard deviations, that give the worst metric.
 
     Each candidate flies with the same few samples of wind and noise, and is rated by the mean of the metric. The worst
     of these flights is the result. A crash is worse than any value, and an early crash is worse than a late one.
@@ -108,7 +109,7 @@ def find_worst_case(
         raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
     cma = import_extra("cma", "robustness")
     evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled, pool=pool)
-    # Numbers of wind and noise follow from the seed, so that another seed gives another search.
+    # The seed determines wind and noise, so that another seed gives another search.
     noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
     sign = 1.0 if maximise else -1.0
     duration = flight_duration(scenario, evaluator.plan)

@@ -174,7 +174,7 @@ def run_monte_carlo(
 
 
 def with_draws(scenario: Scenario, kind: str, num_samples: int) -> Scenario:
-    """Return a scenario with draws of a kind for a study.
+    """Return a scenario whose random parameters are drawn by a given method.
 
     Args:
         scenario: scenario of the study.
@@ -247,10 +247,10 @@ def _open_pool(
 
 
 def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
-    """Check that sample 0 has the same result when it is flown alone, alone again, and in a batch with others.
+    """Check that sample 0 has the same result when it flies alone, flies alone again, and flies with other samples.
 
-    A trial that fails for another reason than an error in the user's code is ignored, since the study reports samples
-    that cannot be flown. If the sample crashes because a value is NaN or infinite, a warning names this value.
+    The check ignores a trial that fails for another reason than an error in the user's code, since the study reports
+    samples that cannot be flown. If the sample crashes because a value is NaN or infinite, a warning names this value.
 
     Raises:
         InputError: the results differ, a user's system cannot be connected, or its code raises an error.

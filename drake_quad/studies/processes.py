@@ -21,7 +21,7 @@ _MAX_COUNT = 2**31 - 1  # largest signed 32-bit integer
 
 
 def check_counts(**counts: int) -> None:
-    """Check that counts, given by the name of the parameter, are between 1 and 2³¹ - 1.
+    """Check that the counts of a mapping from parameter names to counts are between 1 and 2³¹ - 1.
 
     Raises:
         InputError: a count is out of range.
@@ -40,7 +40,7 @@ def check_importable(functions: Mapping[str, Any]) -> None:
     """Check that worker processes can import the user's functions and classes.
 
     Args:
-        functions: functions, classes and objects of such classes, by the names of messages.
+        functions: functions, classes, and instances of user-defined classes, by their names in error messages.
 
     Raises:
         InputError: a function cannot be pickled, or is defined in an interactive session.

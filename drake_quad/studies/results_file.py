@@ -33,7 +33,7 @@ class RowFormat(NamedTuple):
         columns: names of the columns; the first is the index of the sample or flight. An empty cell means infinity in
             the column `crash_time`, and NaN in other columns.
         study: text that identifies the study; the checksums include it.
-        is_exact: True to write all digits, and infinity as `inf`, so that the same numbers are read.
+        is_exact: True to write all digits, and infinity as `inf`, so that reading returns exactly the written numbers.
     """
 
     columns: Sequence[str]
@@ -119,7 +119,7 @@ def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFil
     Raises:
         InputError: the file belongs to another study, or another run is writing to it.
     """
-    # With a buffer, the data of a failed write could be written later.
+    # A buffered file could write the data of a failed write later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)

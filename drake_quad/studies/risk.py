@@ -1,7 +1,7 @@
 """Probabilities of rare events of a scenario, by subset simulation on fleets.
 
 A sample of the scenario is a point of standard normal space, with a coordinate for each independent random number, and
-a whole number for each period of the flight, which determines wind and noise in this period.
+an integer for each period of the flight, which determines wind and noise in this period.
 """
 
 import math
@@ -38,8 +38,8 @@ from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
-_TEXT = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
-_FRACTION = 0.1  # fraction of the samples that satisfy the condition of the next step
+_EVENT_PATTERN = re.compile(r"\s*(\w+)\s*(?:([<>])\s*(\S+)\s*)?")
+_STEP_PROBABILITY = 0.1  # fraction of the samples that satisfy the condition of the next step
 DEFAULT_PERIOD = 1.0
 """Default length of the periods whose noise is drawn separately, s."""
 
@@ -66,7 +66,7 @@ class Event(NamedTuple):
         Raises:
             InputError: if the text is not an event, or the scenario has no such metric.
         """
-        match = _TEXT.fullmatch(text)
+        match = _EVENT_PATTERN.fullmatch(text)
         if match is None or (match[2] is None) != (match[1] == _CRASH):
             raise InputError(f"{short_repr(text)} is not an event; write it as in 'peak_error > 0.8', or write 'crash'")
         if match[2] is None:
@@ -99,14 +99,14 @@ class Event(NamedTuple):
         return np.asarray(self.sign * (values - self.bound))
 
     def value(self, performance: np.ndarray) -> np.ndarray:
-        """Return the values of the metric for performances."""
+        """Return the metric values that correspond to performances."""
         return np.asarray(self.bound + self.sign * performance)
 
 
 class Coordinate(NamedTuple):
     """Coordinate of the samples at which an event occurs.
 
-    In all samples of the scenario, its mean is 0 and its standard deviation is 1.
+    Over all samples of the scenario, the coordinate has the mean 0 and the standard deviation 1.
 
     Attributes:
         name: path of the field, or name of the shared variable.
@@ -130,7 +130,7 @@ class Risk:
     """Estimated probability of an event.
 
     Attributes:
-        event: event.
+        event: event whose probability is estimated.
         probability: estimate with its 95 % interval.
         runs: independent runs of subset simulation.
         coordinates: all coordinates of the samples at which the event occurs, the most important one first.
@@ -150,10 +150,10 @@ class Risk:
     def exceedance(self, thresholds: np.ndarray) -> list[Interval]:
         """Return the probabilities that the metric is beyond each of the (k,) thresholds, with intervals.
 
-        A threshold that not every run has reached has no interval.
+        If a run has not reached a threshold, the probability has no interval.
         """
         levels = self.event.sign * (np.asarray(thresholds) - self.event.bound)
-        rows = np.stack([run.exceedance(levels, _FRACTION) for run in self.runs])
+        rows = np.stack([run.exceedance(levels, _STEP_PROBABILITY) for run in self.runs])
         return [
             probability_of_runs(column) if np.all(column > 0.0) else Interval(float(column.mean()), math.nan, math.nan)
             for column in rows.T
@@ -184,7 +184,8 @@ def estimate_risk(
     Args:
         scenario: scenario, whose seed determines all random numbers.
         event: event, or text such as `peak_error > 0.8`.
-        half_width: half of the width of the interval, relative to the estimate, at which no further run begins.
+        half_width: half the width of the interval relative to the estimate; when it is this small, no further run
+            begins.
         max_flights: number of flights after which no further run begins.
         size: number of samples in each step of a run, a multiple of 10 and at least 500.
         noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.
@@ -204,10 +205,10 @@ def estimate_risk(
     """
     event = Event.parse(event, scenario) if isinstance(event, str) else event
     check_integer(size, "size", minimum=MIN_SIZE)
-    if size % round(1.0 / _FRACTION):
-        raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _FRACTION)}")
+    if size % round(1.0 / _STEP_PROBABILITY):
+        raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _STEP_PROBABILITY)}")
     # Most calls evaluate one proposal for each chain of the runs that fly together.
-    num_vehicles = MIN_RUNS * round(_FRACTION * size)
+    num_vehicles = MIN_RUNS * round(_STEP_PROBABILITY * size)
     evaluator = Evaluator(
         scenario, num_vehicles=num_vehicles, noise_period=noise_period, own=own, compiled=compiled, pool=pool
     )
@@ -248,7 +249,7 @@ def estimate_risk(
                 count = min(max(math.ceil(min(needed, affordable)), 1), MIN_RUNS)
             generators = [np.random.default_rng([scenario.seed, len(runs) + number]) for number in range(count)]
             dimensions = len(evaluator.names), evaluator.num_periods
-            steps = [subset_steps(*dimensions, each, size=size, fraction=_FRACTION) for each in generators]
+            steps = [subset_steps(*dimensions, each, size=size, fraction=_STEP_PROBABILITY) for each in generators]
             runs += run_together(performance, steps)
             _check_reached(event, runs)
             estimate = _probability(runs)
@@ -273,7 +274,7 @@ def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
         if run.probability == 0.0:
             reached = event.value(np.array([run.history[-1][0]]))[0]
             raise InputError(
-                f"{event} is too rare: a run ended below a probability of {_FRACTION ** len(run.levels):.0e}"
+                f"{event} is too rare: a run ended below a probability of {_STEP_PROBABILITY ** len(run.levels):.0e}"
                 + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
             )
 

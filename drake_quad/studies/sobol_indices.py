@@ -28,7 +28,7 @@ CRASHED = "crashed"
 NOISE = "wind and noise"
 """Name of the group of all random numbers of wind and noise."""
 
-_NUM_VEHICLES = 1000
+_NUM_VEHICLES = 1000  # largest number of vehicles in a fleet
 
 
 class SobolIndex(NamedTuple):

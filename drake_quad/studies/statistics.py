@@ -53,7 +53,7 @@ def metric_mean(metrics: Metrics, name: str, replicates: Replicates = INDEPENDEN
 
 
 def _is_used(metrics: Metrics, name: str) -> np.ndarray:
-    """Return which samples (n,) did not crash and have a value of the metric that is not NaN."""
+    """Return a mask (n,) of the samples that did not crash and whose metric is not NaN."""
     return np.asarray(~(metrics.crashed | np.isnan(getattr(metrics, name))))
 
 
@@ -65,7 +65,7 @@ def _interval_of_mean(values: np.ndarray, definition: Metric, replicates: Replic
 
 
 def crash_probability(metrics: Metrics, replicates: Replicates = INDEPENDENT) -> Interval:
-    """Return the probability of a crash, with the interval of `Replicates.proportion`, exact for independent samples.
+    """Return the probability of a crash with its interval, which is exact for independent samples.
 
     Args:
         metrics: (n,) metrics of the samples.
@@ -78,7 +78,7 @@ def requirement_probability(metrics: Metrics, name: str, replicates: Replicates 
     """Return the probability that a requirement is satisfied, with the interval of `Replicates.proportion`.
 
     A requirement is satisfied if its robustness is at least 0. A flight that crashes satisfies no requirement. Flights
-    without a tick in the time window of the requirement are left out.
+    that contain no tick in the requirement's time window are left out.
 
     Args:
         metrics: (n,) metrics of the samples.
@@ -125,7 +125,7 @@ class Influence(NamedTuple):
 
     @property
     def strongest(self) -> Interval:
-        """The rank correlation with the number or with its distance from the median, whichever is larger in size."""
+        """Rank correlation with the number or with its distance from the median: the larger one in absolute value."""
         return max(self.correlation, self.distance, key=lambda each: abs(np.nan_to_num(each.value)))
 
     @property
@@ -302,7 +302,7 @@ def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Compar
     """Compare two studies with the same seed, on the samples that are in both; see `compare`.
 
     Raises:
-        InputError: the studies draw different random parameters, so that equal samples are not pairs.
+        InputError: the studies draw different random parameters, so that samples cannot be paired.
     """
     check_pairs({study.scenario.name: study.scenario, f"the baseline {baseline.scenario.name}": baseline.scenario})
     _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)

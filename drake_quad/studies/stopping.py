@@ -1,8 +1,8 @@
 """Rules that stop a study as soon as an estimate is precise enough.
 
-A rule is evaluated after fixed numbers of samples only, so that the end of a study does not depend on the number of
-workers or on their speed. The interval of the estimate is that of a confidence sequence, which stays valid although it
-is computed repeatedly (`drake_quad.statistics.sequential`).
+A rule is evaluated only after fixed numbers of samples, so that the number and the speed of the workers do not affect
+when a study ends. The interval of the estimate is that of a confidence sequence, which stays valid although it is
+computed repeatedly (`drake_quad.statistics.sequential`).
 """
 
 import math
@@ -23,9 +23,9 @@ from drake_quad.studies.statistics import values_with_crashes, values_without_cr
 _CRASH = "crash"
 # Numbers of samples after which rules are evaluated. The first number is large enough for the normal approximation of
 # the mean, and the ratio limits the number of evaluations.
-_FIRST_CHECK = 256
-_RATIO = 1.25
-_TEXT = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")
+_FIRST_CHECKPOINT = 256
+_CHECKPOINT_RATIO = 1.25
+_RULE_PATTERN = re.compile(r"\s*(\w+)\s*(?:±|\+-|\+/-)\s*([^\s%]+)\s*(%?)\s*")
 
 
 class StoppingRule(NamedTuple):
@@ -34,7 +34,8 @@ class StoppingRule(NamedTuple):
     Attributes:
         quantity: name of a metric whose mean is estimated, or `crash` or the name of a requirement, whose probability
             is estimated.
-        half_width: largest half-width of the interval: of a probability itself, and of a mean relative to the mean.
+        half_width: largest permitted half-width of the interval: absolute for a probability, and relative to the mean
+            for a metric.
         is_probability: True if a probability is estimated.
     """
 
@@ -49,7 +50,7 @@ class StoppingRule(NamedTuple):
         Raises:
             InputError: if the text is not a rule, or the scenario has no such metric or requirement.
         """
-        match = _TEXT.fullmatch(text)
+        match = _RULE_PATTERN.fullmatch(text)
         if match is None or match[3] != "%":
             raise InputError(
                 f"{short_repr(text)} is not a stopping rule; write it as in 'crash ± 0.2 %' or 'rmse ± 1 %'"
@@ -96,8 +97,8 @@ class StoppingRule(NamedTuple):
 
 def checkpoints(num_samples: int) -> Iterator[int]:
     """Yield the numbers of samples after which rules are evaluated, up to the largest number of samples."""
-    count = float(_FIRST_CHECK)
+    count = float(_FIRST_CHECKPOINT)
     while count < num_samples:
         yield round(count)
-        count *= _RATIO
+        count *= _CHECKPOINT_RATIO
     yield num_samples

@@ -33,7 +33,7 @@ _COLUMNS = {
 
 
 class StoredFlights:
-    """Function from points of the unit cube, and numbers that determine wind and noise, to one value each.
+    """Function that maps points of the unit cube, and integers that determine wind and noise, to one value per flight.
 
     Args:
         evaluator: evaluator that flies the points.
@@ -79,7 +79,7 @@ class StoredFlights:
 
         Args:
             points: (n, d) points of the unit cube.
-            noise: (n,) or (n, num_periods) numbers that determine wind and noise.
+            noise: (n,) or (n, num_periods) integers that determine wind and noise.
 
         Raises:
             InputError: if a stored flight had another point or other wind and noise.
@@ -136,10 +136,10 @@ def stored_flights(
         value: function that returns the values (n,) of metrics.
         scenario: scenario of the search, with its distributions and its seed.
         settings: settings that determine points and values of the flights.
-        max_flights: largest number of flights, for the record.
+        max_flights: largest number of flights, which is written to the record.
         own: functions that create the user's systems for N vehicles.
         compiled: True if the diagram is compiled to machine code.
-        folder: folder for the values of all flights, scenario and record; None if nothing is to be written.
+        folder: folder for the values of all flights, the scenario and the record; None to write nothing.
         resume: True to continue a search that the folder already contains.
         progress: function that is called with the number of flights of each finished batch.
 

@@ -217,13 +217,13 @@ def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = No
 
 def format_of(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
-    # Without designed draws, the checksums are those of earlier versions, which had no such field.
+    # Studies without designed draws keep the checksums of earlier versions, which had no such field.
     left_out = {"draws"} if scenario.draws is None else None
     return RowFormat(columns_of(scenario), scenario.model_dump_json(exclude=left_out))
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
-    """Return the content of a results file, with a row invalid if its drawn numbers do not follow from the seed."""
+    """Return the content of a results file, with each row marked invalid whose draws do not follow from the seed."""
     if not len(stored.rows):
         return stored
     columns = dict(zip(columns_of(scenario), stored.rows.T, strict=True))

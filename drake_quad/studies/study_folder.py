@@ -68,12 +68,12 @@ class StudyRows:
         return self._count
 
     def missing(self, num_samples: int) -> MissingSamples:
-        """Return the indices of those of the first samples that have neither been flown nor failed in this run."""
+        """Return which of the first `num_samples` samples have neither been flown nor failed in this run."""
         known = np.concatenate([*(part[:, 0] for part in self._parts), [*self.failures]])
         return MissingSamples(num_samples, known[known < num_samples])
 
     def metrics(self, num_samples: int) -> Metrics:
-        """Return the metrics of those of the first samples that have been flown."""
+        """Return the metrics of the flown samples among the first `num_samples` samples."""
         study = self.study()
         return study.metrics.take(study.samples < num_samples)
 
@@ -175,8 +175,8 @@ def open_rows(
 ) -> Iterator[tuple[Record, ResultsFile, StoredRows]]:
     """Begin or resume a study, and yield its record and its results file with its content.
 
-    Scenario and record of a new study are written. The record of a resumed study, which the caller writes when it has
-    checked the content, includes the versions of earlier runs.
+    For a new study, this function writes the scenario and the record. For a resumed study, the caller must check the
+    content before it writes the record, which includes the versions of earlier runs.
 
     Args:
         path: results file in the folder of the study.
@@ -201,10 +201,10 @@ def open_rows(
 
 @contextmanager
 def saying_what_is_saved(saved: Callable[[], str]) -> Iterator[None]:
-    """Add what is saved to the messages of errors and of an interruption.
+    """Add a text on the saved results to the messages of errors and of an interruption by Ctrl-C.
 
     Args:
-        saved: function that returns a text for messages.
+        saved: function that returns the text, such as `StudyRows.saved`.
 
     Raises:
         StudyInterrupted: the user pressed Ctrl-C.
@@ -226,7 +226,7 @@ class StudyInterrupted(KeyboardInterrupt):
 
 
 def _check_no_foreign_files(folder: Path, scenario: Scenario, record: Record) -> None:
-    """Check that a folder without results contains no files that do not belong to this study but would be overwritten.
+    """Check that a folder without results contains no file of another study that this study would overwrite.
 
     Raises:
         InputError: the folder contains another scenario, a record without a scenario, or the record of a search with

@@ -25,7 +25,7 @@ _QUANTILES = (0.05, 0.5, 0.95)  # probabilities of the quantiles in a table
 
 
 class Summary(NamedTuple):
-    """Table whose cells are text, with remarks that are needed to interpret it.
+    """Table of text cells, with the remarks that a reader needs to interpret the table.
 
     Attributes:
         headings: headings of the columns.
@@ -162,7 +162,7 @@ def overview_table(studies: Mapping[str, Study]) -> Summary:
 
 
 def _quantile(values: np.ndarray, probability: float, definition: Metric, replicates: Replicates) -> Interval:
-    """Return a quantile of a metric; if it is finite and cannot be negative, its interval has no negative part."""
+    """Return a quantile with its interval, without the negative part if a finite metric cannot be negative."""
     quantile, is_nonnegative = replicates.quantile(values, probability), definition.is_nonnegative
     return without_negative_part(quantile) if is_nonnegative and math.isfinite(quantile.value) else quantile
 

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import Demultiplexer
 from drake_quad.errors import InputError, shorten_text
 from drake_quad.visualization.style import BLUE
 
-_STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
+_GRAPH_STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
     node [shape=box, style="rounded,filled", fillcolor="#EEF4FA", fontname="Helvetica", fontsize=13];
     edge [fontname="Helvetica", fontsize=10, color="#555555", fontcolor="#333333", arrowsize=0.7];"""
 
@@ -72,7 +72,7 @@ def _is_trivial(diagram: Diagram) -> bool:
 def _drawing(diagram: Diagram, title: str) -> str:
     systems = list(diagram.GetSystems())
     numbers = {system: i for i, system in enumerate(systems)}
-    lines = [f"digraph {{\n{_STYLE}", f'    label="{title}"; labelloc=t; fontsize=15;']
+    lines = [f"digraph {{\n{_GRAPH_STYLE}", f'    label="{title}"; labelloc=t; fontsize=15;']
     for system, i in numbers.items():
         lines.append(f"    s{i} [{_node(system)}];")
     edges: dict[tuple[str, str], list[str]] = {}

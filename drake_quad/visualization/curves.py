@@ -56,7 +56,7 @@ def quantiles_over_flights(values: np.ndarray, probabilities: Sequence[float]) -
         probabilities: probabilities of the quantiles.
 
     Returns:
-        The quantiles (shares, n).
+        The quantiles (probabilities, n).
     """
     quantiles = np.full((len(probabilities), values.shape[1]), np.nan)
     has_values = ~np.isnan(values).all(axis=0)

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from drake_quad.design.field_map import FieldMap
 from drake_quad.visualization.panels import new_panels
 
-_MAX_COLUMNS = 4
+_MAX_COLUMNS = 4  # largest number of panels side by side
 _CRASHED_COLOUR = "0.35"
 _VIOLATED_COLOUR = "0.85"
 # Small values are dark, so that they stand out from the light grey of violated requirements.

@@ -107,7 +107,7 @@ class Camera:
 
 
 def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
-    """Scale a scene so that it fills its frame together with its labels, and centre it."""
+    """Scale a scene so that the scene and its labels fill the image, and centre the scene."""
     frame, zoom = axes.figure.bbox, 1.0
     # The size of the labels does not change with the zoom, so the fit is repeated until it converges.
     for _ in range(3):

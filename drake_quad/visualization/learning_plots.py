@@ -119,7 +119,8 @@ def _rules(network: Network) -> list[dict[str, Any]]:
 def _rule_legend(network: Network) -> list[Line2D]:
     """Return legend handles with the colour of each set of the first input, and the line style for the second input.
 
-    With more than two inputs, the legend contains only colours, since a style stands for a combination of several sets.
+    If the network has more than two inputs, the legend contains only colours, since a line style then stands for a
+    combination of sets.
     """
     (name, sets), *others = network.inputs.specified.items()
     handles = [

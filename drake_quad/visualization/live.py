@@ -1,7 +1,7 @@
 """Real-time flight in Meshcat, with wind, gains and mass that can be changed during the flight.
 
-The page contains a slider for each of these parameters, buttons for a gust, a motor failure, a new start and the end,
-and two sliders that display the position error. The diagram is the same as in `simulate`.
+The page contains a slider for each of these parameters, buttons that start a gust, stop a motor, start the flight again
+or end it, and two sliders that display the position error. The diagram is the same as in `simulate`.
 """
 
 import time
@@ -32,7 +32,7 @@ _GUST_SPEED = 8.0  # m/s
 _GUST_DURATION = 1.5  # s
 _ERROR_WINDOW = 5.0  # s, window for the RMS error
 _MAX_SHOWN_ERROR = 200.0  # cm, upper end of the sliders that display the error
-_MAX_FACTOR = 3.0  # largest factor on a gain
+_MAX_GAIN_FACTOR = 3.0  # largest factor on a gain
 _MASS_RATIOS = (0.5, 1.5)  # range of the mass slider, relative to the mass in the scenario
 _WIND_LABELS = ("wind X (m/s)", "wind Y (m/s)")
 _MASS_LABEL = "mass (kg)"
@@ -40,7 +40,7 @@ _FAILURE_TIME = "vehicle.rotor_failure.time"
 _ERROR_LABELS = ("error (cm)", "RMS error, 5 s (cm)")
 _GUST, _FAILURE, _RESTART, _STOP = "gust", "motor fails", "start again", "stop"
 # Keyboard key of each button.
-_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}
+_BUTTON_KEYS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}
 
 
 class _Gain(NamedTuple):
@@ -73,7 +73,7 @@ class LiveFlight:
         self.plan = plan_route(drawn)
         self.duration = flight_duration(drawn, self.plan)
         self._meshcat, self._sample = meshcat, sample
-        # With an autopilot that models the attitude response, the diagram has no rotors that could fail.
+        # The diagram has no rotors that could fail if the autopilot models the attitude response.
         self._can_fail = not drawn.laboratory.autopilot.models_vehicle
         self._scenario = self._given = _with_failing_motor(drawn) if self._can_fail else drawn
         self._wind: Any = ConstantVectorSource(np.zeros(3))
@@ -141,12 +141,12 @@ class LiveFlight:
         mass = float(self._given.vehicle.mass)
         lowest, highest = (round(ratio * mass, 4) for ratio in _MASS_RATIOS)
         sliders.append((_MASS_LABEL, lowest, highest, 1e-4, mass))
-        sliders += [(gain.label, 0.0, _MAX_FACTOR, 0.01, 1.0) for gain in self._gains]
+        sliders += [(gain.label, 0.0, _MAX_GAIN_FACTOR, 0.01, 1.0) for gain in self._gains]
         for label in _ERROR_LABELS:
             self._meshcat.AddSlider(label, 0.0, _MAX_SHOWN_ERROR, 0.1, 0.0)
         for label, low, high, step, value in sliders:
             self._values[label] = self._meshcat.AddSlider(label, low, high, step, value)
-        for button, key in _BUTTONS.items():
+        for button, key in _BUTTON_KEYS.items():
             if button != _FAILURE or self._can_fail:
                 self._meshcat.AddButton(button, key)
 

@@ -32,7 +32,7 @@ _CRASHED_COLOUR = "0.85"
 # Smallest distance of a contour label from borders, other lines and other labels, pixels.
 _MIN_LABEL_DISTANCE = 24.0
 _DAMPING_LEVELS = (0.2, 0.4, 0.6, 0.8)
-_DELAY_LEVELS = tuple(0.02 * 4**i for i in range(5))
+_DELAY_LEVELS = tuple(0.02 * 4**i for i in range(5))  # s
 
 
 class MapPanel(NamedTuple):

@@ -14,7 +14,7 @@ from drake_quad.space.space import Space
 _SOLID_STYLE: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
 # From the side, many obstacles hide each other and the path, so they share one light silhouette without outlines.
 _SILHOUETTE_STYLE: dict[str, Any] = {"facecolor": "0.88", "linewidth": 0.0}
-_MAX_OUTLINED = 6
+_MAX_OUTLINED_OBSTACLES = 6
 _CLEARANCE_STYLE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
 _NAME_STYLE: dict[str, Any] = {
     "fontsize": 6,
@@ -41,7 +41,7 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
         clearance: True to draw the clearance that a planned path keeps, as a dashed outline around each obstacle.
             The path may cross this outline above, below, in front of or behind the obstacle.
     """
-    is_crowded = (i, j) != (0, 1) and len(space.obstacles) > _MAX_OUTLINED
+    is_crowded = (i, j) != (0, 1) and len(space.obstacles) > _MAX_OUTLINED_OBSTACLES
     for obstacle in space.obstacles:
         corners = convex_hull(obstacle.shape.triangles().reshape(-1, 3)[:, [i, j]])
         axes.add_patch(Polygon(corners, **(_SILHOUETTE_STYLE if is_crowded else _SOLID_STYLE)))

@@ -38,7 +38,7 @@ from drake_quad.visualization.style import (
 )
 from drake_quad.visualization.wind_plots import plot_wind
 
-_INSIDE: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+_ANNOTATION: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
 # Smallest side of the three-dimensional view, relative to its longest side.
 _MIN_SIDE_RATIO = 0.35
 # Smallest side of a view of the path, m.
@@ -179,7 +179,7 @@ def plot_rotors(flight: Flight) -> Figure:
         panels[-1].set_xlabel("time (s)")
         whole.set(title="With the limits", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("min", "max"), strict=True):
-            whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_INSIDE, va="bottom", fontsize=8.5)
+            whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_ANNOTATION, va="bottom", fontsize=8.5)
         return figure
 
 

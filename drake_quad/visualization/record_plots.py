@@ -20,7 +20,7 @@ class _Panel(NamedTuple):
 
     Attributes:
         label: label of the panel.
-        signals: name of the measured signal, then of its reference or command, which is dashed.
+        signals: name of the measured signal, followed by the name of its reference or command, which is drawn dashed.
         names: labels of the columns of the signals; empty for a scalar.
         factor: factor from SI units to the displayed unit.
         unit: displayed unit; empty for the SI unit of the signal.

@@ -9,8 +9,8 @@ from drake_quad.studies.risk import Risk
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
 
-_NUM_THRESHOLDS = 120
-_MAX_COORDINATES = 12
+_NUM_THRESHOLDS = 120  # number of points on the exceedance curve
+_MAX_COORDINATES = 12  # largest number of coordinates in a chart
 
 
 def plot_exceedance(risk: Risk) -> Figure:

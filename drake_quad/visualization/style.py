@@ -55,7 +55,7 @@ _SETTINGS: Any = {
 }
 
 Vector = Literal["pdf", "svg"]
-_UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+_NO_DATE: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 @functools.cache
@@ -112,4 +112,4 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
 def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
     """Write a figure as a PDF or SVG file without a date, so that the file is reproducible, and return its path."""
     with styled():
-        return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))
+        return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_NO_DATE[kind]))

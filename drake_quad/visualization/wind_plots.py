@@ -91,9 +91,9 @@ class _Field(NamedTuple):
 def plot_wind(flight: Flight) -> Figure:
     """Plot the mean wind, and the wind at the vehicle over time.
 
-    The mean wind consists of steady wind and the jets of fans. With jets, it is shown in a horizontal and in a vertical
-    plane; without, it is uniform, and arrows and a title give its direction and speed. The wind at the vehicle
-    includes gusts and turbulence.
+    The mean wind consists of steady wind and the jets of fans. If there are jets, maps show it in a horizontal and a
+    vertical plane. Otherwise, the mean wind is uniform, and arrows and a title show its direction and speed. The wind
+    at the vehicle includes gusts and turbulence.
     """
     fans, steady = jets(flight.scenario.laboratory.wind), steady_wind(flight.scenario.laboratory.wind)
     with styled():
@@ -135,7 +135,7 @@ def _plot_maps(flight: Flight, fans: tuple[Jet, ...]) -> Figure:
 
 
 def _plot_uniform_wind(flight: Flight, wind: Wind) -> Figure:
-    """Plot a wind that is equal everywhere as arrows beside the path, in the plane in which most of it lies."""
+    """Plot a uniform wind as arrows beside the path, in the X-Y plane, or in X-Z if the wind is mainly vertical."""
     room = _room(flight, ())
     middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
     is_horizontal = float(np.hypot(wind.x, wind.y)) >= abs(wind.z)

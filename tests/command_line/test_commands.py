@@ -45,7 +45,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_fly_simulates_another_layout(run, tmp_path):
+def test_fly_simulates_an_x_layout(run, tmp_path):
     """An X layout flies as well as a plus layout with arms of the same length. The saved scenario is the flown one."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
@@ -244,7 +244,7 @@ def test_design_includes_the_integral_of_an_existing_pid(run, tmp_path):
 
 
 ONBOARD = str(ROOT / "diagrams" / "onboard.yaml")
-RESPONDING = [
+ATTITUDE_RESPONSE = [
     *("--set", "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.5, 0.5, 0.7]}"),
     *("--set", "control.position.feed_forward=acceleration"),
 ]
@@ -322,7 +322,7 @@ def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path)
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path):
-    result = run("design", ONBOARD, *RESPONDING, "--output", tmp_path)
+    result = run("design", ONBOARD, *ATTITUDE_RESPONSE, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.findall(r"^(\w+) .* \d\d\.\d° ", result.stdout, re.MULTILINE) == ["z", "x", "y"]
     assert "attitude:" not in (tmp_path / "gains.yaml").read_text(encoding="utf-8")
@@ -364,7 +364,7 @@ def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
+def test_map_varies_the_gains_on_board_if_an_autopilot_controls_the_attitude(run, tmp_path):
     result = run(
         *("map", ONBOARD, "--loop", "attitude", "--size", "3", "--set", "duration=1"),
         *("--k-attitude", "4", "40", "--k-rate", "5", "15", "--output", tmp_path),
@@ -399,7 +399,7 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
         ),
     ],
 )
-def test_wind_without_a_mean_is_drawn(run, tmp_path, wind, remark):
+def test_wind_with_a_mean_of_zero_is_drawn(run, tmp_path, wind, remark):
     changes = ("duration=0.5", "vehicle.linear_drag=0.1", f"laboratory.wind={wind}")
     arguments = ["diagrams/hover.yaml", *(part for change in changes for part in ("--set", change))]
     result = run("fly", *arguments, "--output", tmp_path)
@@ -413,12 +413,12 @@ def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "rmse is zero and has no derivative there" in result.stdout
+    assert "rmse is zero, where it has no derivative" in result.stdout
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_compare_controllers_prints_a_line_for_each_pair(run, tmp_path):
+def test_compare_prints_a_line_for_each_scenario_and_controller(run, tmp_path):
     controllers = ROOT / "diagrams" / "controllers" / "paper.yaml"
     pair = ["--controller", f"{controllers}:pd", "--controller", f"{controllers}:pd_t2fnn"]
     result = run("compare", "--quick", "--scenario", "diagrams/hover.yaml", *pair, "--output", tmp_path)
@@ -436,7 +436,7 @@ def test_compare_controllers_prints_a_line_for_each_pair(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_learned_flight_is_drawn(run, tmp_path):
+def test_the_learning_of_a_network_is_plotted(run, tmp_path):
     mine = tmp_path / "mine.yaml"
     bases = f"[{ROOT}/diagrams/laboratory.yaml:nominal, {ROOT}/diagrams/controllers/paper.yaml:pd_t2fnn]"
     mine.write_text(f"mine:\n  extends: {bases}\n  duration: 3\n", encoding="utf-8")
@@ -469,9 +469,9 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         (
             "tune",
             ["--tune", "vehicle.mass"],
-            "--tune vehicle.mass: must be a field of the control with a number larger than 0",
+            "--tune vehicle.mass: must be a field of `control` whose value is a number above 0",
         ),
-        ("tune", ["--tune", "control.position.kind"], "must be a field of the control with a number larger than 0"),
+        ("tune", ["--tune", "control.position.kind"], "must be a field of `control` whose value is a number above 0"),
         ("tune", ["--tune", "control.position.k_q"], "the scenario has no field control.position.k_q"),
         (
             "tune",
@@ -497,7 +497,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("design", [ONBOARD, "--delay-margin", "2"], "--delay-margin belongs to attitude control on the ground"),
         (
             "map",
-            [ONBOARD, *RESPONDING, "--quick", "--loop", "attitude"],
+            [ONBOARD, *ATTITUDE_RESPONSE, "--quick", "--loop", "attitude"],
             "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains",
         ),
         ("map", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
@@ -626,7 +626,7 @@ def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words)
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
 def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
-    """For example, `..` would be the parent folder."""
+    """A folder that is named `..`, for example, would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
     result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
@@ -763,7 +763,7 @@ def test_installed_environments_are_compared(run):
     assert last - first < 12.0
 
 
-def test_shipped_weights_are_those_of_the_package(run, tmp_path):
+def test_the_shipped_raptor_weights_equal_those_of_its_package(run, tmp_path):
     pytest.importorskip("foundation_policy")
     result = run("write_raptor.py", "--output", str(tmp_path))
     assert result.returncode == 0, result.stderr
@@ -773,8 +773,8 @@ def test_shipped_weights_are_those_of_the_package(run, tmp_path):
             np.testing.assert_array_equal(found[name], shipped[name])
 
 
-LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
-PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
+CRAZYFLIE_LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
+PX4_LOG = "tests/data/px4/sample_px4_events.ulg.xz"
 
 
 @pytest.mark.slow
@@ -813,10 +813,10 @@ def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run)
 @pytest.mark.usefixtures("undrawn", "cached_results")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     mine = tmp_path / "mine.yaml"
-    result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
+    result = run("identify", CRAZYFLIE_LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # For each parameter, the table states how many estimates from held-out segments are within the interval.
+    # The table states how many held-out segments have an estimate within the interval, for each parameter.
     held = re.findall(r"  (\d+) of 10\b", result.stdout)
     assert len(held) >= 8
     assert min(map(int, held)) >= 9
@@ -838,7 +838,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """The run is complete, so nothing is flown. One flight identified nothing, and another one only the inertia."""
+    """The file contains all flights, so the script flies none. One flight identified only the inertia, one nothing."""
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
@@ -923,7 +923,7 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
     cells = ['"[0, 0, 1]"', '"[0, 0, 0]"', '"[0, 0, 0, 1]"', '"[0, 0, 0]"', "0.4", '"[0, 0, 0, 1]"']
     rows = [",".join([time, *cells]) for time in ("0.0", "0.02", "0.04")]
     (tmp_path / "other.csv").write_text("\n".join(["t,p,v,q,w,T_sp,q_sp", *rows, ""]), encoding="utf-8")
-    result = run("identify", LOG, tmp_path / "other.csv", "--output", tmp_path / "mine.yaml")
+    result = run("identify", CRAZYFLIE_LOG, tmp_path / "other.csv", "--output", tmp_path / "mine.yaml")
     assert result.returncode == 2
     sentence = result.stderr.splitlines()[-1]
     named = "vehicles/crazyflie and vehicles/neural_fly:neural_fly"
@@ -935,19 +935,22 @@ def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
     [
         (["nothing.bin"], "nothing.bin: cannot be read"),
         (["README.md"], "README.md: none of the shipped mappings .* fits its columns"),
-        ([LOG, "--output", "mine.txt"], "--output mine.txt: the name of the file must end in .yaml or .yml"),
-        ([LOG, "--mass", "-1"], "--mass -1"),
-        ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers between -100 and 100 m/s, as in -8.5,0,0"),
+        ([CRAZYFLIE_LOG, "--output", "mine.txt"], "--output mine.txt: the name of the file must end in .yaml or .yml"),
+        ([CRAZYFLIE_LOG, "--mass", "-1"], "--mass -1"),
         (
-            [LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
+            [CRAZYFLIE_LOG, "--wind", "1,2"],
+            "--wind '1,2': must be three numbers between -100 and 100 m/s, as in -8.5,0,0",
+        ),
+        (
+            [CRAZYFLIE_LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
             "--wind is given 2 times for 1 logs; give it once, or once for each log",
         ),
-        ([PX4], "does not name its vehicle; give an initial vehicle by --vehicle, such as"),
-        ([LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
-        ([LOG, "--name", "a b"], "--name 'a b': a name consists of letters"),
-        ([LOG, "--set", "nominal.mas=1"], "nominal.mas"),
+        ([PX4_LOG], "does not name its vehicle; give an initial vehicle by --vehicle, such as"),
+        ([CRAZYFLIE_LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
+        ([CRAZYFLIE_LOG, "--name", "a b"], "--name 'a b': a name consists of letters"),
+        ([CRAZYFLIE_LOG, "--set", "nominal.mas=1"], "nominal.mas"),
         (
-            [LOG, "--vehicle", "diagrams/laboratory.yaml:uncertain"],
+            [CRAZYFLIE_LOG, "--vehicle", "diagrams/laboratory.yaml:uncertain"],
             "is a distribution; an identification begins with numbers|uncertain",
         ),
     ],
@@ -979,7 +982,7 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_par
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_flight_is_written_for_other_programs(run, tmp_path, monkeypatch):
+def test_a_flight_is_written_in_the_formats_of_other_programs(run, tmp_path, monkeypatch):
     flight = ["hover", "--set", "duration=1", "--mcap", "--output", tmp_path]
     assert run("fly", *flight, "--px4").returncode == 0
     assert (tmp_path / "flight.mcap").read_bytes().startswith(b"\x89MCAP0")

@@ -23,7 +23,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import NAME, REGISTRIES
 from drake_quad.scenario.paths import distributions_in
 
-MINE = """
+CONTROLLERS_SOURCE = """
 from typing import NamedTuple
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Acceleration, Reference, State, Wrench
@@ -56,7 +56,7 @@ class Whole(FleetSystem):
 def mine(tmp_path, request):
     """Return the path of a file with controllers, whose module no other test has imported."""
     path = tmp_path / f"controllers_{abs(hash(request.node.name))}.py"
-    path.write_text(MINE, encoding="utf-8")
+    path.write_text(CONTROLLERS_SOURCE, encoding="utf-8")
     return path
 
 
@@ -90,7 +90,7 @@ def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
 
 
 def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
-    """They are single numbers, where the gains of shipped controllers have one number per axis."""
+    """Each gain of this controller is one number. Gains of shipped controllers have one number per axis."""
     fields = default_fields(scenario_of(arguments(controller=f"{mine}:Mine")))
     assert "control.position.k_p" in fields
     assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
@@ -130,7 +130,7 @@ def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
         controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
 
 
-FAILING = """
+FAILING_CONTROLLERS_SOURCE = """
 from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad.framework.elementary import sqrt
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
@@ -181,7 +181,7 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = f"failing_{abs(hash(request.node.name))}.py"
-    (tmp_path / file).write_text(FAILING, encoding="utf-8")
+    (tmp_path / file).write_text(FAILING_CONTROLLERS_SOURCE, encoding="utf-8")
     samples = [] if command == ["fly"] else ["--samples", 2]
     options = [*samples, "--set", "duration=1", "--controller", f"{file}:{name}", "--output", tmp_path / "out"]
     result = run(*command, "hover", *options)
@@ -193,8 +193,8 @@ def test_an_error_in_a_controller_is_reported_with_its_file_and_line(
     assert "drake_quad" not in "".join(traceback)
 
 
-def saved_and_forgotten(scenario, path):
-    """Save a scenario, remove the kinds that its Python files have registered, and return the refusal of the file."""
+def load_error_without_registered_kinds(scenario, path):
+    """Save a scenario, unregister the kinds of its Python files, load it, and return the error message."""
     save_scenario(scenario, path)
     for registry in REGISTRIES:
         for name, member in [*registry.members.items()]:
@@ -207,7 +207,7 @@ def saved_and_forgotten(scenario, path):
 
 @pytest.mark.usefixtures("own_folder")
 def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(run, mine, root) -> None:
-    """The command in the message is complete: with it, the saved scenario flies."""
+    """The command in the message is complete: it flies the saved scenario."""
     for name in ("wind_shear", "ceiling_effect"):
         import_file(root / "scripts" / f"{name}.py")
     own_parts = scenario_of(
@@ -221,7 +221,7 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
             ],
         )
     )
-    refusal = saved_and_forgotten(own_parts, Path("saved.yaml"))
+    refusal = load_error_without_registered_kinds(own_parts, Path("saved.yaml"))
     assert refusal.startswith("saved.yaml:")
     options = Path("saved.yaml").read_text(encoding="utf-8").splitlines()[0].partition("options ")[2]
     assert f"--controller {mine.name}:Mine" in options
@@ -269,7 +269,7 @@ def test_controllers_with_equal_names_are_called_by_their_files_or_their_numbers
 
 
 def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> None:
-    """They also take precedence over `--set`, which applies to all controllers."""
+    """The assignments also take precedence over `--set`, which applies to all controllers."""
     specs = [f"{mine}:Mine", f"{mine}:Mine control.position.k_p=0.4", "controllers/paper:pd control.position.k_p.0=3"]
     first, second, third = controlled_scenarios(arguments(controller=specs)).values()
     assert (first.control.position.k_p, second.control.position.k_p) == (0.2, 0.4)
@@ -283,7 +283,7 @@ def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> N
         scenario_of(arguments(controller="controllers/paper:pd control.position.k_x=3"))
 
 
-DRAWN = """
+RANDOM_SCENARIO = """
 drawn:
   extends: laboratory:low_wind
   vehicle:
@@ -311,11 +311,11 @@ replacing: {control: {thrust_vectoring: {max_tilt: 0.55}}, vehicle: {mass: 0.7}}
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("loads_several", [False, True])
-def test_a_distribution_is_kept_or_named_in_a_remark(
+def test_a_controller_keeps_each_distribution_or_a_remark_names_it(
     controller, overrides, replaced, loads_several, mine, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "drawn.yaml").write_text(DRAWN, encoding="utf-8")
+    (tmp_path / "drawn.yaml").write_text(RANDOM_SCENARIO, encoding="utf-8")
     spec, drawn = controller.format(mine=mine), "drawn.yaml:drawn"
     if loads_several:
         (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
@@ -331,13 +331,13 @@ def test_a_distribution_is_kept_or_named_in_a_remark(
         assert path in distributions_in(scenario) or f" {path} " in printed or path in given
 
 
-FLY_DESIGN_OR_JUDGE = (
+COMMANDS_WITH_CONTROLLER = (
     "fly", "study", "compare", "replay", "draw", "design", "design-lqg", "tune", "map", "sensitivities", "judge",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("command", FLY_DESIGN_OR_JUDGE)
-def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) -> None:
+@pytest.mark.parametrize("command", COMMANDS_WITH_CONTROLLER)
+def test_each_command_that_flies_designs_or_judges_has_the_controller_option(command: str) -> None:
     assert command in COMMANDS
     module = import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
     assert "--controller" in module.options().format_help()

@@ -13,7 +13,7 @@ from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import folder_of
 from drake_quad.scenario.files.loading import load_undesigned
 
-VEHICLE = """
+VEHICLE_FILE = """
 drone:
   nominal:
     {{layout: {{kind: x}}, arm_length: 0.17, mass: {mass}, inertia: [0.007, 0.007, 0.012], rotor_inertia: 2.6e-5,
@@ -30,7 +30,7 @@ def reserved(tmp_path, monkeypatch):
         path = Path(file)
         path.parent.mkdir(parents=True, exist_ok=True)
         if mass is not None:
-            path.write_text(VEHICLE.format(mass=mass), encoding="utf-8")
+            path.write_text(VEHICLE_FILE.format(mass=mass), encoding="utf-8")
         arguments = argparse.Namespace(scenario=file, output=output, default_output=Path("out/gains"))
         return folder_of(arguments, load_undesigned(file))
 
@@ -56,7 +56,7 @@ def test_a_vehicle_may_be_edited_and_another_file_may_contain_the_same_vehicle(r
 
 
 def test_a_scenario_that_a_command_has_written_belongs_to_the_input_of_that_command(reserved):
-    """A vehicle that is edited, designed again and flown from the written scenario keeps its folders."""
+    """If a vehicle is edited, designed again and flown from the written scenario, its folders stay the same."""
     for mass in (0.6, 0.7):
         folder = reserved("a/mine.yaml", mass)
         save_scenario(load_undesigned("a/mine.yaml"), folder / "scenario.yaml")
@@ -106,7 +106,7 @@ def test_a_comparison_with_a_log_belongs_to_the_log_and_the_scenario(tmp_path):
 
 
 def test_every_default_folder_that_is_named_after_a_scenario_is_reserved():
-    """A command that names its folder itself would not check to whom the folder belongs."""
+    """A command that does not call `folder_of` could overwrite the results of another input."""
     for command in COMMANDS:
         module = module_of(command)
         if "default_output" in vars(module.options())["_defaults"]:

@@ -97,30 +97,30 @@ def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
 
 ATTITUDE_LOOPS = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 3], k_rate: [14, 14, 8]}"
 INTEGRAL_ON_BOARD = "laboratory.autopilot.rate_terms={k_i: [9, 9, 9]}"
-PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
+POSITION_PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
 
 
 @pytest.mark.parametrize(
-    ("overrides", "on_board", "is_told"),
+    ("overrides", "on_board", "is_remarked"),
     [
         ([], True, True),
         ([], False, False),
         ([INTEGRAL_ON_BOARD], True, False),
-        ([PID], True, False),
+        ([POSITION_PID], True, False),
         (["vehicle.centre_of_mass=[0, 0]"], True, False),
     ],
 )
-def test_a_design_without_an_integral_tells_the_error_that_remains(overrides, on_board, is_told):
+def test_a_remark_states_the_hover_offset_if_a_design_has_no_integral(overrides, on_board, is_remarked):
     designed = load_scenario(
         "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
     )
     told = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
     words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
-    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_told
+    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_remarked
 
 
 @pytest.mark.parametrize("scenario", ["onboard", "hover"])
-def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scenario):
+def test_a_remark_suggests_lqr_if_a_slow_pole_on_board_limits_a_loop(scenario):
     limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
     design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
     told = design_remarks(design, load_scenario(scenario))
@@ -131,7 +131,7 @@ def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scen
 
 
 @pytest.mark.slow
-def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkeypatch, tmp_path):
+def test_gains_are_designed_for_the_median_vehicle_and_for_its_autopilot(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     drawn = "vehicle.mass={choice: [0.6, 0.7, 0.8]}"
     result = run("design", "onboard", "--set", drawn, "--on-board", "--output", tmp_path)
@@ -253,19 +253,21 @@ def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("nominal", "commands", "is_told"),
+    ("nominal", "commands", "is_remarked"),
     [(2e-8, {}, True), (3e-8, {}, False), (2e-8, {"rotor_speed_command": np.ones((3, 4))}, False)],
 )
-def test_a_prediction_with_other_nominal_values_than_the_firmware_s_is_remarked(
+def test_a_prediction_prints_a_remark_if_nominal_values_differ_from_those_of_the_firmware(
     run,
     replaced,  # noqa: F811
     tmp_path,
     nominal,
     commands,
-    is_told,
+    is_remarked,
 ):
-    """`nominal` converts the logged thrust to rotor commands, and `identify --nominal` writes estimates to it, which
-    the firmware did not know."""
+    """The command converts the logged thrust to rotor commands with `nominal`.
+
+    After `identify --nominal`, this field contains estimates, which differ from the values in the firmware.
+    """
     record = FlightRecord("log7", np.arange(3.0), thrust_command=np.ones(3), **commands)
     replaced("compare_log", read_log=record, predict=None, print_predictions=None)
     vehicle = "vehicle: {thrust_factor: {normal: {mean: 2e-8, standard_deviation: 1e-10, min: 1e-9}}}"
@@ -275,7 +277,7 @@ def test_a_prediction_with_other_nominal_values_than_the_firmware_s_is_remarked(
     result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
     assert result.returncode == 0
     words = "`nominal` of mine, which has identified values (thrust_factor)"
-    assert (words in result.stderr) == is_told
+    assert (words in result.stderr) == is_remarked
 
 
 def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path):  # noqa: F811
@@ -328,7 +330,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
-    # Without throttles in the logs, the kind of the motors does not change.
+    # The type of the motors does not change if the logs contain no throttles.
     run("identify", "b.csv", *options, "--nominal")
     assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"

@@ -28,7 +28,7 @@ def test_help_names_all_commands_and_loads_none(root):
     assert not {"numpy", "pydrake", "pydantic", "drake_quad.command_line.fly"} & {*lines[-1].split()}
 
 
-def test_without_a_command_all_are_listed_by_purpose(monkeypatch, capsys):
+def test_all_commands_are_listed_by_purpose_if_none_is_given(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["drake-quad"])
     with pytest.raises(SystemExit) as caught:
         main()
@@ -50,7 +50,7 @@ def test_commands_use_one_blas_thread_unless_the_environment_sets_the_number(roo
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_a_command_ends_in_an_example_of_itself(run, command):
+def test_the_help_of_each_command_ends_with_an_example(run, command):
     result = run(command, "--help")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith(f"usage: drake-quad {command} ")
@@ -139,7 +139,7 @@ printf "%s\\n" "${{COMPREPLY[@]}}"
 
 
 # This program interrupts a command when it imports a given module.
-INTERRUPTED = """
+INTERRUPTED_COMMAND_PROGRAM = """
 import os, signal, sys
 
 class Interruption:
@@ -165,7 +165,7 @@ main()
 )
 def test_an_interruption_during_an_import_is_reported_in_a_sentence(module, tmp_path):
     flight = ["fly", "figure_eight", "--set", "duration=1", "--output", str(tmp_path)]
-    command = [sys.executable, "-c", INTERRUPTED, module, *flight]
+    command = [sys.executable, "-c", INTERRUPTED_COMMAND_PROGRAM, module, *flight]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: no file was written\n")
 
@@ -188,7 +188,7 @@ def test_an_input_warning_is_printed_as_a_remark():
     assert "RuntimeWarning: of another kind" in others[0]
 
 
-def test_an_interruption_after_the_imports_is_an_exception(run):
+def test_an_interruption_after_the_imports_raises_keyboard_interrupt(run):
     """The computation can then clean up, since nothing ends the process at once."""
     run("scenarios")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 
-AXES = ("--vary", "initial.attitude.0", "-2", "2", "--vary", "initial.body_rates.0", "-4", "4")
+VARIED = ("--vary", "initial.attitude.0", "-2", "2", "--vary", "initial.body_rates.0", "-4", "4")
 
 
 def controllers(*names):
@@ -16,7 +16,7 @@ def controllers(*names):
 @pytest.mark.usefixtures("undrawn")
 def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
     options = ["--size", 2, "--metric", "largest_tilt", "--set", "duration=1", "--output", tmp_path]
-    result = run("map", "upset", *AXES, *controllers("pd", "indi"), *options)
+    result = run("map", "upset", *VARIED, *controllers("pd", "indi"), *options)
     assert result.returncode == 0
     lines = result.stdout.splitlines()
     assert lines[0].split("  ")[0] == "controller"
@@ -36,17 +36,17 @@ def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (AXES[:4], "--vary is given 1 times, but a map has two axes; give it twice"),
-        ([*AXES, "--k-p", "0", "1"], "--k-p is an option of maps of gains; leave it out with --vary"),
-        ([*AXES, "--loop", "attitude"], "--loop is an option of maps of gains; leave it out with --vary"),
-        ([*AXES, "--metric", "height"], "--metric height: is not a metric of upset"),
-        ([*AXES[:4], "--vary", "initial.attitude.0", "-1", "1"], "both axes of the map are initial.attitude.0"),
-        ([*AXES[:4], "--vary", "initial.attitude.0", "1", "-1"], "initial.attitude.0"),
-        ([*AXES[:4], "--vary", "vehicle.masss", "1", "2"], "masss"),
+        (VARIED[:4], "--vary is given 1 times, but a map has two axes; give it twice"),
+        ([*VARIED, "--k-p", "0", "1"], "--k-p is an option of maps of gains; leave it out with --vary"),
+        ([*VARIED, "--loop", "attitude"], "--loop is an option of maps of gains; leave it out with --vary"),
+        ([*VARIED, "--metric", "height"], "--metric height: is not a metric of upset"),
+        ([*VARIED[:4], "--vary", "initial.attitude.0", "-1", "1"], "both axes of the map are initial.attitude.0"),
+        ([*VARIED[:4], "--vary", "initial.attitude.0", "1", "-1"], "initial.attitude.0"),
+        ([*VARIED[:4], "--vary", "vehicle.masss", "1", "2"], "masss"),
         (controllers("pd", "indi"), "several controllers need --vary; a map of gains has one controller"),
     ],
 )
-def test_axes_that_make_no_map_are_refused(run, tmp_path, words, message):
+def test_invalid_axes_of_a_map_are_refused(run, tmp_path, words, message):
     result = run("map", "upset", *words, "--size", 2, "--output", tmp_path)
     assert result.returncode == 2
     assert message in result.stderr

@@ -19,9 +19,9 @@ from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
 # Commands for a scenario that write no files, and commands without a scenario.
-LISTS = {"scenarios"}
-WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
-DRAWS = {"risk", "falsify", "sobol",
+COMMANDS_WITHOUT_FILES = {"scenarios"}
+COMMANDS_WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
+COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol",
     "fly", "study", "compare", "plan", "design", "map", "sensitivities", "identify", "compare-log", "replicate",
 }  # fmt: skip
 
@@ -31,18 +31,18 @@ def options_of(command):
     return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
 
 
-WIRED = {"fly", "study", "compare", "map", "replicate", "risk", "falsify", "sobol"}
+COMMANDS_WITH_UNCOMPILED_FLIGHTS = {"fly", "study", "compare", "map", "replicate", "risk", "falsify", "sobol"}
 
 
 @pytest.mark.slow
 def test_scenario_commands_have_overrides_and_commands_with_figures_have_vector():
     for command in COMMANDS:
         flags = options_of(command)
-        assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
-        assert ("--set" in flags) == (command not in WITHOUT_SCENARIO - {"identify", "identify-controller"})
-        assert ("--output" in flags) == (command not in LISTS | {"completion", "live"})
-        assert ("--vector" in flags) == (command in DRAWS)
-        assert ("--wired" in flags) == (command in WIRED)
+        assert ("--seed" in flags) == (command not in COMMANDS_WITHOUT_SCENARIO)
+        assert ("--set" in flags) == (command not in COMMANDS_WITHOUT_SCENARIO - {"identify", "identify-controller"})
+        assert ("--output" in flags) == (command not in COMMANDS_WITHOUT_FILES | {"completion", "live"})
+        assert ("--vector" in flags) == (command in COMMANDS_WITH_FIGURES)
+        assert ("--wired" in flags) == (command in COMMANDS_WITH_UNCOMPILED_FLIGHTS)
 
 
 def test_folders_are_named_after_the_command_by_default():
@@ -89,7 +89,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
 
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
 def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
-    """The scenario has a wind without an effect; the designs are replaced by an error."""
+    """The wind of the scenario has no effect. An error replaces the designs."""
     module = module_of(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 

@@ -43,7 +43,7 @@ from drake_quad.replication.published import Cell
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.studies.study import Study
 
-COMMAND = "drake_quad.command_line"
+COMMAND_PACKAGE = "drake_quad.command_line"
 
 
 def written(result):
@@ -73,7 +73,7 @@ def replaced(monkeypatch):
 
     def replace(command, **results):
         for name, result in results.items():
-            monkeypatch.setattr(f"{COMMAND}.{command}.{name}", kept(name, result))
+            monkeypatch.setattr(f"{COMMAND_PACKAGE}.{command}.{name}", kept(name, result))
         return calls
 
     return replace
@@ -227,10 +227,10 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
         with pytest.raises(InputError, match=words):
             tune.knob_of(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
-        with pytest.raises(InputError, match="must be a field of the control with a number larger than 0"):
+        with pytest.raises(InputError, match="must be a field of `control` whose value is a number above 0"):
             tune.knob_of(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
-    with pytest.raises(InputError, match="a number larger than 0"):
+    with pytest.raises(InputError, match="a number above 0"):
         tune.knob_of("control.position.k_i.0", integral)
 
 
@@ -258,7 +258,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
     # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
-    assert "no candidate keeps the limits; the best candidate meets 88 % of them" in result.stdout
+    assert "no candidate meets the limits; the best candidate meets 88 % of them" in result.stdout
     tuned.limit_fraction = 1.0
     assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
@@ -489,7 +489,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
+def test_a_flight_on_a_terminal_waits_until_a_browser_is_connected(monkeypatch, capsys):
     """The flight starts when a browser is connected. The command ends at Enter or at the end of the input."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(

@@ -150,7 +150,7 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
 def compared():
     """Return twenty predictions of a log, two of which crash.
 
-    Along z, the errors of the log are a tenth of the others.
+    The logged errors along z are a tenth of those along x and y.
     """
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
@@ -337,7 +337,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
 
 
 def identified():
-    """Return an identification of three parameters; the first is known to vary, and the last explains no variance."""
+    """Return an identification of three parameters. The first varies between flights; the last explains no variance."""
     estimates = Estimates(
         ("mass", "autopilot.damping[0]", "linear_drag"),
         np.array([0.5, 0.7, 0.1]),
@@ -380,7 +380,7 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
 
 
 @pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
-def test_a_vehicle_that_is_hardly_identified_is_remarked(capsys, weak, is_told):
+def test_a_remark_is_printed_if_few_parameters_are_identified(capsys, weak, is_told):
     found = identified()
     estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
     identify.print_estimates(replace(found, estimates=estimates))
@@ -412,7 +412,7 @@ def test_the_contents_of_logs_are_printed(capsys):
     assert printed.err == "remark: log7: it has a gap\n"
 
 
-def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
+def test_measurement_noise_and_trim_in_hover_are_printed(capsys, monkeypatch):
     record = FlightRecord("log7", np.arange(3.0))
     noise = SimpleNamespace(
         signal="body_rates", unit="rad/s", at_rest=np.full(3, np.nan), in_flight=np.array([0.3, 0.0, 0.4])
@@ -500,10 +500,10 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
     whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(whole, name)
-        assert capsys.readouterr().out.endswith(f"{name} is zero and has no derivative there\n")
+        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
 
 
-def test_default_fields_are_those_of_the_layout_and_the_autopilot():
+def test_default_fields_depend_on_the_layout_and_the_autopilot():
     position = [f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)]
     vehicle = ["vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"]
     vehicle += ["vehicle.rotor_time_constant"]
@@ -653,7 +653,7 @@ def test_a_study_of_few_samples_states_that_no_influence_is_significant(capsys, 
     assert "\nno random parameter has a significant influence on RMSE\n" in capsys.readouterr().out
 
 
-def test_the_simulation_speed_counts_the_flown_time(capsys):
+def test_the_simulation_speed_counts_only_newly_flown_time(capsys):
     study.print_rate({"a": studied(simulated_time=1000.0), "b": studied(simulated_time=2000.0)}, 1.5)
     assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"
     study.print_rate({"a": studied()}, 1.5)

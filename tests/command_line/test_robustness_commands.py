@@ -6,8 +6,8 @@ from drake_quad import load_scenario
 from drake_quad.command_line import risk
 from drake_quad.command_line.main import module_of
 
-MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
-HOVER = ("hover", "--set", "duration=0.3", "--set", MASS)
+MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+HOVER = ("hover", "--set", "duration=0.3", "--set", MASS_DISTRIBUTION)
 
 
 def files(result):
@@ -86,7 +86,7 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
         (["study", *HOVER, "--draws", "sobol", "--until", "rmse ± 1 %"], "a study with sobol draws cannot end early"),
         (["study", "hover", "--draws", "latin_hypercube"], "latin_hypercube draws have no effect"),
         (
-            ["compare", "--scenario", "hover", "--set", MASS, "--set", "draws={kind: sobol, size: 3}"],
+            ["compare", "--scenario", "hover", "--set", MASS_DISTRIBUTION, "--set", "draws={kind: sobol, size: 3}"],
             "draws.size is 3, but must be a power of two for sobol",
         ),
         (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),

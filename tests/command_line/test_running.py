@@ -15,7 +15,7 @@ from drake_quad import InputError
 
 
 def status_of(words, error):
-    """Return the exit status of a process that prints words and then raises the given error, if any."""
+    """Return the exit status of a process that prints a text and then raises the given error, if any."""
 
     def command():
         print(words)
@@ -41,7 +41,7 @@ def status_of(words, error):
         (SystemExit(), None, ""),
     ],
 )
-def test_a_failure_ends_in_a_sentence_and_a_status(error, status, sentence, capsys):
+def test_a_failing_command_prints_a_sentence_and_returns_a_status(error, status, sentence, capsys):
     assert status_of("before", error) == status
     assert capsys.readouterr() == ("before\n", sentence)
 
@@ -67,7 +67,7 @@ def test_characters_that_the_encoding_lacks_are_escaped(encoding, monkeypatch):
     assert printed == ["\\u222b\\u03c9 dt \\u2264 5\n", "error: \\u2206 is no name\n"]
 
 
-def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypatch):
+def test_a_command_without_a_standard_output_prints_nothing_and_succeeds(monkeypatch):
     """A process started with `>&-` has no standard output; printed text is discarded."""
     monkeypatch.setattr(sys, "stdout", None)
     with orderly_exit():

@@ -61,6 +61,6 @@ def test_flights_that_crash_or_violate_a_requirement_are_not_satisfactory():
         (ROLL, "vehicle.mass", "vehicle.mass is not a distribution of upset; its distributions are initial.position.0"),
     ],
 )
-def test_axes_that_are_equal_or_not_distributions_are_refused(x, y, message):
+def test_invalid_axes_of_a_map_are_refused(x, y, message):
     with pytest.raises(InputError, match=message):
         field_map(thrown(), x, y, size=2)

@@ -6,16 +6,16 @@ from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits, laboratory_with_laps
 from drake_quad.laboratory.metrics import Metrics
 
-COUNT = 40
-NOISE = np.random.default_rng(3).normal(size=(2, COUNT))
+NUM_FLIGHTS = 40
+NOISE = np.random.default_rng(3).normal(size=(2, NUM_FLIGHTS))
 
 
 def flights(error, *, own=0, crashed=()):
     """Return metrics of invented flights with a mean error (m), in which the given samples crash."""
     rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
-    time = np.full(COUNT, np.inf)
+    time = np.full(NUM_FLIGHTS, np.inf)
     time[list(crashed)] = 3.0
-    others = {name: np.full(COUNT, 0.25 + i) for i, name in enumerate(Metrics._fields[1:-1])}
+    others = {name: np.full(NUM_FLIGHTS, 0.25 + i) for i, name in enumerate(Metrics._fields[1:-1])}
     return Metrics(rmse=rmse, **others, crash_time=time)
 
 

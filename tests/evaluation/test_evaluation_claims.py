@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from invented_flights import COUNT, evaluation, flights
+from invented_flights import NUM_FLIGHTS, evaluation, flights
 
 from drake_quad.errors import InputError
 from drake_quad.evaluation.claims import all_claims, best_controllers, comparisons_by_laboratory, judge_price_of_margin
@@ -20,27 +20,27 @@ def verdicts(found):
     return {each.statement: each.verdict for each in all_claims(found)}
 
 
-ADDED_TO_PD = "adding a type-2 network to PD reduces the error"
-OVER_TYPE_1 = "with the PD, a type-2 network has a smaller error than a type-1 network"
+NETWORK_CLAIM = "adding a type-2 network to PD reduces the error"
+TYPE_2_CLAIM = "with the PD, a type-2 network has a smaller error than a type-1 network"
 
 
 def test_claims_about_effective_networks_hold_and_about_neutral_ones_are_undecided():
     found = verdicts(evaluation())
-    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "holds"
+    assert found[NETWORK_CLAIM] == found[TYPE_2_CLAIM] == "holds"
     assert found["adding a type-2 network to INDI reduces the error"] == "cannot be decided"
 
 
 def test_a_claim_about_a_harmful_network_does_not_hold():
     found = verdicts(evaluation(network=1.1, other=1.05))
-    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "does not hold"
+    assert found[NETWORK_CLAIM] == found[TYPE_2_CLAIM] == "does not hold"
 
 
 def test_crashes_with_a_network_make_its_claim_hold_in_part():
     found = verdicts(evaluation(crashed=range(8)))
-    assert found[ADDED_TO_PD] == "holds in part"
-    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == ADDED_TO_PD)
+    assert found[NETWORK_CLAIM] == "holds in part"
+    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == NETWORK_CLAIM)
     assert "outdoor: it alone crashes on 8 samples, the other alone on 0 (p = 0.0078)" in text
-    assert verdicts(evaluation(crashed=range(2)))[ADDED_TO_PD] == "holds"
+    assert verdicts(evaluation(crashed=range(2)))[NETWORK_CLAIM] == "holds"
 
 
 def test_reductions_are_paired_by_sample():
@@ -58,7 +58,7 @@ def test_learning_in_laps_must_improve_on_the_first_lap_and_on_flights_without_a
     assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
 
 
-def test_margin_costs_accuracy_if_every_step_reduces_the_error():
+def test_the_claim_that_margin_costs_accuracy_holds_if_every_smaller_margin_reduces_the_error():
     found = evaluation()
     claim = judge_price_of_margin(found)
     assert claim.verdict == "holds"
@@ -68,7 +68,7 @@ def test_margin_costs_accuracy_if_every_step_reduces_the_error():
     assert judge_price_of_margin(found).verdict == "holds in part"
 
 
-def test_the_best_controller_has_the_smallest_error_of_those_that_hardly_crash():
+def test_the_best_controller_has_the_smallest_error_among_those_that_rarely_crash():
     found = evaluation()
     assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
@@ -107,7 +107,7 @@ def test_the_report_agrees_with_the_evaluation(tmp_path):
     best, ratio = re.search(r"- low wind: INDI, (\S+) cm \[.*; the RMSE of the tuned PD is (\S+) \[", text).groups()
     assert float(best) == pytest.approx(100.0 * mean, rel=1e-3)
     assert float(ratio) == pytest.approx(pd / mean, rel=1e-3)
-    assert f"PD + type 2 (outdoor): {proportion_interval(8, COUNT).percent()}" in text
+    assert f"PD + type 2 (outdoor): {proportion_interval(8, NUM_FLIGHTS).percent()}" in text
     assert "figures/errors.png" in text
     assert "figures/laps.png" not in text
     assert "- robustness: PD, PID" in text

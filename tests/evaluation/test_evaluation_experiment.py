@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from invented_flights import COUNT, flights
+from invented_flights import NUM_FLIGHTS, flights
 
 from drake_quad import InputError, load_scenario
 from drake_quad.design.tuning import Budget, LoopLimit, TuningResult
@@ -192,7 +192,7 @@ def write_all_designs_but(folder, family, names):
     write_designs(path, designs, comments={})
 
 
-def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
+def test_an_evaluation_is_flown_job_by_job(monkeypatch, tmp_path):
     """Laps and designs with other limits are flown if the family has the laboratory for them."""
     traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
@@ -231,7 +231,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
     names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
     assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # The results are written after each job.
-    assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
+    assert rows == [NUM_FLIGHTS, 2 * NUM_FLIGHTS, 3 * NUM_FLIGHTS, 4 * NUM_FLIGHTS, 4 * NUM_FLIGHTS]
     assert {place: [*each] for place, each in found.flights.items()} == {
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
@@ -292,7 +292,9 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
 
 
 @pytest.mark.slow
-def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
+def test_a_network_is_tuned_with_an_additional_delay_instead_of_a_limit_on_the_linear_loop(
+    tuned, monkeypatch, diagrams, tmp_path
+):
     """The additional delay is the delay that the controller tolerates without a network.
 
     The earlier design is a candidate.

@@ -20,7 +20,7 @@ from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import values_without_crashes
 
-PLACES = ("no wind", "low wind", "high wind", "outdoor")
+LABORATORIES = ("no wind", "low wind", "high wind", "outdoor")
 
 
 def centimetres(metrics):
@@ -109,7 +109,7 @@ def test_the_networks_figure_has_a_row_per_network():
     found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
     cuts = reductions_by_network(found)
     assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
-    assert [*cuts["pd_t1fnn"]] == [*PLACES]
+    assert [*cuts["pd_t1fnn"]] == [*LABORATORIES]
     assert cuts["pd_t2fnn"]["outdoor"] == reduction(comparisons_by_laboratory(found, "pd_t2fnn", "pd")["outdoor"].ratio)
     figure = networks_figure(found)
     (axes,) = figure.axes

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from invented_flights import COUNT, evaluation, flights
+from invented_flights import NUM_FLIGHTS, evaluation, flights
 from test_evaluation_claims import verdicts
 
 from drake_quad.design.tuning import Budget, LoopLimit
@@ -54,11 +54,11 @@ def test_the_committed_report_has_the_default_sizes(root):
         f" laboratories with {whole.samples} samples each",
         f"| MPC ({whole.uncompiled} samples) |",
         f"in lap {whole.max_laps} its RMSE is smaller by",
-        f"none of {whole.delayed} samples crashes",
     ):
         assert words in text
     budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
     for words in (
+        f"none of {whole.delayed} samples crashes",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
@@ -80,7 +80,7 @@ def test_the_committed_report_has_the_default_sizes(root):
     assert len(asked) >= 9
 
 
-def test_delays_as_text():
+def test_tolerated_delays_are_written_as_text():
     delays = (np.nan, -0.01, 0.0, 0.0624, np.inf)
     assert [delay_text(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
 
@@ -165,7 +165,7 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[1:4] == [centimetres(found.flights[place]["pd"]) for place in FAMILIES["laboratory"].laboratories]
     assert pd[4] == "0"
-    assert f"Crash probabilities: PD + type 2 (outdoor): {proportion_interval(8, COUNT).percent()}." in text
+    assert f"Crash probabilities: PD + type 2 (outdoor): {proportion_interval(8, NUM_FLIGHTS).percent()}." in text
     assert text.count("Crash probabilities: ") == 1
     assert "### robustness\n\nNo controller was flown here." in text
 
@@ -180,7 +180,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
     assert pd[6] == "–"
 
 
-def test_designs_with_other_limits_have_rows(found):
+def test_designs_with_other_limits_have_rows_in_the_report(found):
     rows = rows_of(report_markdown(found, all_claims(found), []))
     errors = [centimetres(found.flights["high wind"][f"indi@{limit}"]) for limit in ("1.6", "3")]
     assert [row for row in rows if row[0] == "INDI" and len(row) == 9] == [
@@ -192,19 +192,19 @@ def test_designs_with_other_limits_have_rows(found):
     assert "No design was flown." in report_markdown(without, all_claims(without), [])
 
 
-def test_the_report_names_the_protocol_that_is_used(found):
+def test_the_report_describes_the_protocol_with_its_values(found):
     claims = all_claims(found)
     text = " ".join(report_markdown(found, claims, [*CAPTIONS]).split())
     budget, limit = Budget(), LoopLimit()
     for words in (
-        f"flown in 4 laboratories with {COUNT} samples each",
+        f"flown in 4 laboratories with {NUM_FLIGHTS} samples each",
         f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
         f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
         f"checked for {budget.checks} candidates in each round",
         f"(COBYLA) of {budget.steps} steps",
-        "trained in some of them: laboratory: low wind and high wind; outdoor: outdoor;",
+        "trained in some of these laboratories: laboratory: low wind and high wind; outdoor: outdoor;",
         f"in machine code on {machine()}.",
     ):
         assert words in text
@@ -264,12 +264,12 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     summary = read_table(write_summary(tmp_path / "summary.csv", found))
     row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
     metrics = found.flights["outdoor"]["pd_t2fnn"]
-    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), proportion_interval(8, COUNT)
+    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), proportion_interval(8, NUM_FLIGHTS)
     for name, expected in (("rmse", mean), ("crashes", crashes)):
         ends = [summary[f"{name}{end}"][row] for end in ("", "_low", "_high")]
         np.testing.assert_allclose(ends, [expected.value, expected.low, expected.high], rtol=1e-5)
     assert summary["family"][row] == "outdoor"
-    assert summary["samples"][row] == COUNT
+    assert summary["samples"][row] == NUM_FLIGHTS
     assert summary["peak"][row] == 3.25
     assert [summary[f"effort_{axis}"][row] for axis in "xyz"] == [4.25, 5.25, 6.25]
     assert [summary[name][row] for name in Traits._fields] == [2.2, 0.06, 0.09, 80e-6, 1e-6]
@@ -278,7 +278,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown
 
 
-def test_reductions_have_the_sign_of_the_change():
+def test_a_larger_error_is_a_negative_reduction():
     compared = comparisons_by_laboratory(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
     assert reduction(compared.ratio).value == pytest.approx(-0.1, abs=0.002)
     assert reduction(compared.ratio).low < reduction(compared.ratio).value < reduction(compared.ratio).high < 0.0

@@ -83,7 +83,7 @@ def gains(k_p, k_d):
         ),
     ],
 )
-def test_fixed_and_free_parameters_of_hypotheses(name, fixed, first, second):
+def test_hypotheses_have_the_expected_fixed_and_free_parameters(name, fixed, first, second):
     """The test compares the limits of both parameters, and the overrides that set them to 2."""
     hypothesis = HYPOTHESES[name]
     assert hypothesis.overrides == fixed

@@ -30,14 +30,14 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.studies.study import Study
 
 DOCS = Path(__file__).parent.parent.parent / "docs" / "replication"
-SAMPLES = 6
+NUM_SAMPLES = 6
 NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
-NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
+WIND_NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
 
 
 @pytest.fixture(scope="module")
 def found():
-    return invented_experiment(SAMPLES)
+    return invented_experiment(NUM_SAMPLES)
 
 
 def interval(values):
@@ -47,7 +47,7 @@ def interval(values):
     return np.array([mean, mean - half, mean + half])
 
 
-def opposite(estimate, start=0.0):
+def difference_from(estimate, start=0.0):
     """Return start - x for an estimate x with its interval."""
     value, low, high = start - np.asarray(estimate)
     return np.array([value, high, low])
@@ -66,13 +66,13 @@ def metres(estimate):
 
 
 def named(wind, controller):
-    return f"{NAMES[wind]}, {CONTROLLERS[controller]}"
+    return f"{WIND_NAMES[wind]}, {CONTROLLERS[controller]}"
 
 
 def fieller(values, baseline):
     """Return the ratio of means of finite values, and the limits R at which a t-test of a - R b becomes significant.
 
-    At the limits (mean a - R mean b)² is t² / n times the variance of a - R b.
+    At the limits, (mean a - R mean b)² is t² / n times the variance of a - R b.
     """
     a, b = np.stack([values, baseline])[:, np.isfinite(values) & np.isfinite(baseline)]
     (var_a, cov), (_, var_b) = scipy.stats.t.ppf(0.975, len(a) - 1) ** 2 / len(a) * np.cov(a, b)
@@ -81,12 +81,12 @@ def fieller(values, baseline):
     return np.array([mean_a / mean_b, low, high])
 
 
-def less(values, baseline):
+def relative_reduction(values, baseline):
     """Return the relative reduction of one mean compared with another."""
-    return opposite(fieller(values, baseline), 1.0)
+    return difference_from(fieller(values, baseline), 1.0)
 
 
-def over(found, wind, name, other, metric="rmse", other_wind=None):
+def ratio_of_cells(found, wind, name, other, metric="rmse", other_wind=None):
     """Return the ratio of the means of two cells."""
     return fieller(
         *(getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
@@ -117,29 +117,30 @@ def test_the_committed_claims_are_current(found):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_reductions_compared_with_the_pd(found):
+def test_claims_about_reductions_relative_to_the_pd_are_judged(found):
     half, without_wind, *_ = all_claims(found)
     cuts = {
-        (wind, name): opposite(over(found, wind, name, "pd"), 1.0)
-        for wind in NAMES
+        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd"), 1.0)
+        for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     over_slope = {}
-    for wind in NAMES:
+    for wind in WIND_NAMES:
         baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
-        over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
+        over_slope[wind] = [relative_reduction(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.evidence == (
         f"reductions of {least_to_most(cuts.values())} over winds and widths; at most {per_cent(best)} with another λ,"
         " which is a fitted number"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
-    slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
+    slopes = "; ".join(f"{WIND_NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
     # Reductions are about 0.55 with narrow sets, 0.45 with wide sets, and larger with another λ.
     assert half.verdict == "holds in part"
     cut, *others = (
-        opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
+        difference_from(ratio_of_cells(found, "no_wind", name, "pd"), 1.0)
+        for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
         f"{per_cent(cut)}, which was fitted; other networks, not fitted: {named('no_wind', 'pd_t1fnn')}"
@@ -148,18 +149,21 @@ def test_reductions_compared_with_the_pd(found):
     )
 
 
-def test_type_2_compared_with_type_1(found):
+def test_claims_about_type_2_and_type_1_are_judged(found):
     _, _, against, wider, *_ = all_claims(found)
     gains = {
-        (wind, name): opposite(over(found, wind, name, "pd_t1fnn"), 1.0)
-        for wind in NAMES
+        (wind, name): difference_from(ratio_of_cells(found, wind, name, "pd_t1fnn"), 1.0)
+        for wind in WIND_NAMES
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
     for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both = (
-            [less(row, of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
+            [
+                relative_reduction(row, of_1)
+                for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)
+            ]
             for name in ("pd_t2fnn", "pd_t2fnn_wide")
         )
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
@@ -172,7 +176,7 @@ def test_type_2_compared_with_type_1(found):
     assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert against.verdict == "holds"
     narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
-    larger = [opposite(less(*pair)) for pair in zip(wide, narrow, strict=True)]
+    larger = [difference_from(relative_reduction(*pair)) for pair in zip(wide, narrow, strict=True)]
     # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
     four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
     four = four[:, np.isfinite(four).all(axis=0)]
@@ -192,10 +196,10 @@ def test_type_2_compared_with_type_1(found):
     )
 
 
-def test_claims_about_peaks_pd_output_and_effort(found):
+def test_claims_about_peaks_pd_output_and_effort_are_judged(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
-    cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
+    cut = difference_from(ratio_of_cells(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
     assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(cut)}"
     assert peak.verdict == "holds"
     differences = {}
@@ -216,7 +220,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     left, returned = (
         {
             (wind, name): interval(found.recorded[Cell(wind, name)][measure])
-            for wind in NAMES
+            for wind in WIND_NAMES
             for name in ("pd", "pd_t2fnn")
         }
         for measure in ("pd_fade", "pd_return")
@@ -233,8 +237,8 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     assert fading.details == (f"ratio of the last quarter: {listed[0]}; ratio after a change of segment: {listed[1]}")
 
     fractions = {
-        (wind, name, axis): over(found, wind, name, "pd", f"effort_{axis}")
-        for wind in NAMES
+        (wind, name, axis): ratio_of_cells(found, wind, name, "pd", f"effort_{axis}")
+        for wind in WIND_NAMES
         for name in NETWORKS
         for axis in "xy"
     }
@@ -245,7 +249,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     assert effort.verdict == "does not hold"
 
     rises = {
-        (wind, name): over(found, wind, name, name, other_wind="no_wind") - 1.0
+        (wind, name): ratio_of_cells(found, wind, name, name, other_wind="no_wind") - 1.0
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
@@ -254,7 +258,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     assert windy.verdict == "holds in part"
 
 
-def test_claims_about_gains(found):
+def test_claims_about_gains_are_judged(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
     # A sample crashed with the third pair of gains on a straight line.
@@ -295,18 +299,18 @@ def test_claims_about_gains(found):
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
     entries = fair_entries(found)
     compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
-    assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in NAMES for name in compared]
+    assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in WIND_NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
         for metric in ("rmse", "peak_error", "effort_x", "effort_y"):
             np.testing.assert_allclose(
                 getattr(entry, metric), interval(getattr(found.cells[entry.cell].metrics, metric))
             )
-        np.testing.assert_allclose(entry.over_pd, over(found, wind, name, "pd"), atol=1e-12)
-        np.testing.assert_allclose(entry.over_network, over(found, wind, name, "pd_t2fnn"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_pd, ratio_of_cells(found, wind, name, "pd"), atol=1e-12)
+        np.testing.assert_allclose(entry.over_network, ratio_of_cells(found, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_effort_ratios_compared_with_the_printed_ones(found):
+def test_effort_ratios_are_compared_with_the_printed_ratios(found):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
@@ -349,15 +353,15 @@ def test_effort_ratios_compared_with_the_printed_ones(found):
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_compared_with_the_printed_one(found, tmp_path):
+def test_table_ii_is_compared_with_the_printed_table(found, tmp_path):
     cells = dict(found.cells)
     crashed = cells[Cell("low_wind", "pd")]
-    crash_time = np.where(np.arange(SAMPLES) == 1, 2.0, np.inf)
+    crash_time = np.where(np.arange(NUM_SAMPLES) == 1, 2.0, np.inf)
     cells[Cell("low_wind", "pd")] = replace(crashed, metrics=crashed.metrics._replace(crash_time=crash_time))
     entries = table_entries(cells)
     names = ["rmse", "effort_x", "effort_y"]
     assert [(entry.quantity, *entry.cell) for entry in entries] == [
-        (quantity, wind, name) for quantity in names for wind in NAMES for name in CONTROLLERS
+        (quantity, wind, name) for quantity in names for wind in WIND_NAMES for name in CONTROLLERS
     ]
     for entry in entries:
         values = getattr(cells[entry.cell].metrics, entry.quantity).copy()
@@ -414,8 +418,8 @@ def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
             np.testing.assert_allclose(written, [match.ratio_x, match.ratio_y, *match.distance], rtol=1e-8)
 
 
-def even(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
-    """Return an experiment without scatter, in which all results that are not given are 1.
+def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0):
+    """Return an experiment without scatter, in which every result is 1 unless an argument states it.
 
     Args:
         cells: results by (wind or None for all, controller, metric).
@@ -504,7 +508,7 @@ def in_wind(rmse):
     ],
 )  # fmt: skip
 def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
-    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.statement)
+    (found,) = (each for each in all_claims(experiment_of_ones(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
 
@@ -523,7 +527,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
-    experiment = even()
+    experiment = experiment_of_ones()
     *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegMetrics(*rows))))
     assert legs.verdict == verdict
 
@@ -534,7 +538,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
 )
 def test_the_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
     """The cases differ in the number of gains that are nearly as good as the best."""
-    experiment = even()
+    experiment = experiment_of_ones()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}
     for name, good in (("pd", pd), ("pd_t2fnn", network)):

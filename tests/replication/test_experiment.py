@@ -37,12 +37,12 @@ from drake_quad.replication.sweeps import (
 from drake_quad.studies import monte_carlo
 from drake_quad.studies.flying import fly_batch
 
-PAPER = "diagrams/paper.yaml"
+PAPER_SCENARIOS = "diagrams/paper.yaml"
 POSITION = "control.position"
 
 
 def scenario(name, *overrides):
-    return load_scenario(f"{PAPER}:{name}", ["duration=1.5", *overrides])
+    return load_scenario(f"{PAPER_SCENARIOS}:{name}", ["duration=1.5", *overrides])
 
 
 def test_recorded_samples_equal_single_flights():
@@ -91,7 +91,7 @@ def test_all_legs_except_the_rise_are_straight_or_curved():
 
 @pytest.mark.slow
 def test_leg_errors_add_up_to_the_total():
-    study = load_scenario(f"{PAPER}:no_wind_pd")
+    study = load_scenario(f"{PAPER_SCENARIOS}:no_wind_pd")
     errors = fly_legs(study, {"k_p": np.array([1.447]), "k_d": np.array([1.684])}, [0])
     rmse = simulate(study, sample=0).metrics.rmse
     low, high = sorted((errors.straight[0, 0], errors.curved[0, 0]))

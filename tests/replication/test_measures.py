@@ -87,7 +87,7 @@ def test_measures_of_a_crash_are_nan():
     assert np.isnan(leg_metrics([flight(crash_time=3.0)])).all()
 
 
-def test_leg_metrics():
+def test_leg_metrics_are_computed_over_straight_and_curved_legs():
     """The legs from 4 s and 12 s are straight, the leg from 8 s is curved, and the rise is neither."""
     state, command = np.zeros((len(TIME), 12)), np.zeros((len(TIME), 3))
     leg = np.minimum(TIME // 4.0 + (TIME % 4.0 > 3.99), 3).astype(int)

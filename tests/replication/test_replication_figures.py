@@ -21,7 +21,7 @@ from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.positions import positions
 
-SAMPLES = 40
+NUM_SAMPLES = 40
 
 
 def load(cell, overrides=()):
@@ -30,7 +30,7 @@ def load(cell, overrides=()):
 
 @pytest.fixture(scope="module")
 def found():
-    found = invented_experiment(SAMPLES, crashes=0.1)
+    found = invented_experiment(NUM_SAMPLES, crashes=0.1)
     for sweep in found.maps.values():
         sweep.metrics.crash_time[:] = np.inf
     scatter = np.random.default_rng(7).uniform(0.9, 1.1, 4)

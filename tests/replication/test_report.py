@@ -16,7 +16,7 @@ from drake_quad.statistics.interval import Interval
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs" / "replication"
-CALIBRATION = ROOT / "drake_quad" / "replication" / "calibration.csv"
+CALIBRATION_FILE = ROOT / "drake_quad" / "replication" / "calibration.csv"
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_a_report_has_a_file_for_each_table(written):
     ]
     assert files == [folder / name for name in names]
     assert all(file.exists() for file in files)
-    assert (folder / "calibration.csv").read_bytes() == CALIBRATION.read_bytes()
+    assert (folder / "calibration.csv").read_bytes() == CALIBRATION_FILE.read_bytes()
     assert list(rows_of(folder / "claims.csv")[0]) == [
         "claim",
         "printed",
@@ -143,7 +143,7 @@ def test_the_committed_table_is_calibrated_and_has_the_printed_values():
 
 
 def test_the_scenarios_have_the_calibrated_values():
-    row = next(row for row in rows_of(CALIBRATION) if row["hypothesis"] == "measurement")
+    row = next(row for row in rows_of(CALIBRATION_FILE) if row["hypothesis"] == "measurement")
     control = load_scenario(f"{ROOT}/diagrams/paper.yaml:low_wind_pd_t2fnn").control
     position = control.position
     assert position.k_p[0] == pytest.approx(float(row["pd_number"]) ** 2, rel=2e-3)

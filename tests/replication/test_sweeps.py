@@ -26,7 +26,7 @@ from drake_quad.scenario.numbers import number_at
 NETWORK = "control.network"
 
 
-def test_exponents_agree_with_table_ii():
+def test_exponents_of_the_sweeps_agree_with_table_ii():
     assert list(EXPONENTS) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide"]
     assert EXPONENTS["pd_t1fnn"] == (1.0, 1.0)
     for name in ("pd_t2fnn", "pd_t2fnn_wide"):
@@ -34,7 +34,7 @@ def test_exponents_agree_with_table_ii():
         assert EXPONENTS[name] == (float(a1), float(a2))
 
 
-def test_settings_of_the_sweeps():
+def test_sweeps_have_the_expected_settings():
     """The noise ranges up to 20 mm, q from 0 to 1, and λ around the calibrated 1.975 1/s."""
     assert NOISE_LEVELS == (0.0, 0.001, 0.005, 0.01, 0.02)
     assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)

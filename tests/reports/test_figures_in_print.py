@@ -32,7 +32,7 @@ def test_fonts_of_printed_figures_are_smaller_than_others():
     assert (small >= 7.0).all()
 
 
-def test_rows_are_labelled_from_top_to_bottom():
+def test_rows_of_a_chart_are_labelled_from_top_to_bottom():
     with new_panels(2.0, 1.0, 1, 2, sharex=True) as (figure, ((axes, other),)):
         name_rows(axes, ["a", "b"])
     assert figure.get_size_inches().tolist() == [2.0, 1.0]

@@ -12,7 +12,7 @@ from drake_quad.studies.statistics import compare
 
 
 def holds(ratio, values, baseline, confidence=0.95):
-    """Return whether Student's interval of the mean of a - R b contains zero, by SciPy."""
+    """Return whether Student's interval of the mean of a - R b, computed by SciPy, contains zero."""
     return scipy.stats.ttest_1samp(values - ratio * baseline, 0.0).pvalue >= 1.0 - confidence
 
 
@@ -28,7 +28,7 @@ def test_the_interval_contains_the_ratios_that_a_t_test_does_not_reject(confiden
         assert not holds(end - 1e-6 * inside, values, baseline, confidence)
 
 
-def test_with_a_constant_baseline_the_interval_is_student_s():
+def test_the_interval_is_student_s_if_the_baseline_is_constant():
     values = np.random.default_rng(1).gamma(3.0, 1.0, 15)
     actual = ratio_of_means(values, np.full(15, 2.0))
     expected = scipy.stats.ttest_1samp(0.5 * values, 0.0).confidence_interval(0.95)
@@ -97,7 +97,7 @@ def test_no_ratio_is_negative():
 
 
 @pytest.mark.parametrize(("values", "baseline"), [([], []), ([1.0], [0.0]), ([0.0, 1.0], [0.0, 0.0])])
-def test_without_a_baseline_there_is_no_ratio(values, baseline):
+def test_a_ratio_is_nan_if_the_baseline_is_empty_or_zero(values, baseline):
     assert np.isnan(ratio_of_means(np.array(values), np.array(baseline))).all()
 
 

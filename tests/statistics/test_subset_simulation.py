@@ -25,12 +25,12 @@ def mean_of(points):
 
 
 def half_space(probability):
-    """Event at one side of a plane."""
+    """Event on one side of a plane."""
     return lambda points, noise: mean_of(points) + scipy.special.ndtri(probability)
 
 
 def two_sides(probability):
-    """Event at both ends of the first coordinate, which chains cannot leave once they have chosen one of them."""
+    """Event for large positive or negative values of the first coordinate; a chain cannot change the sign."""
     return lambda points, noise: np.abs(points[:, 0]) + scipy.special.ndtri(0.5 * probability)
 
 
@@ -40,8 +40,8 @@ def far_away(probability):
     return lambda points, noise: np.linalg.norm(points[:, :10], axis=1) - radius
 
 
-def loud(probability):
-    """Event that depends on the whole numbers only."""
+def event_of_noise(probability):
+    """Event that depends on the noise only."""
     return lambda points, noise: (
         mean_of(scipy.special.ndtri((noise + 0.5) / MAX_NOISE)) + scipy.special.ndtri(probability)
     )
@@ -55,7 +55,7 @@ def runs_of(performance, seed, number=MIN_RUNS, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("event", [half_space, two_sides, far_away, loud])
+@pytest.mark.parametrize("event", [half_space, two_sides, far_away, event_of_noise])
 @pytest.mark.parametrize("probability", [1e-4])
 def test_intervals_contain_the_known_probability_in_95_percent_of_the_cases(event, probability):
     """If the confidence is 95 %, the probability is 0.5 % that at most 11 of 15 intervals contain the true value."""
@@ -85,7 +85,7 @@ def test_a_run_counts_its_evaluations_and_keeps_the_samples_with_the_event():
     assert np.all(run.performance >= 0.0)
     assert run.probability == pytest.approx(0.1 ** (len(run.levels) - 1) * len(run.performance) / 400)
     assert 1e-5 < run.probability < 1e-3
-    # The samples satisfy the event just so: their mean is near the boundary.
+    # Most samples with the event are near its boundary, and so is their mean.
     assert mean_of(run.points).mean() == pytest.approx(3.96, abs=0.2)
 
 
@@ -129,7 +129,7 @@ def test_the_same_seed_gives_the_same_run():
     np.testing.assert_array_equal(first.noise, second.noise)
 
 
-def test_runs_together_are_the_runs_alone_with_fewer_evaluations():
+def test_simultaneous_runs_equal_separate_runs_and_need_fewer_evaluations():
     """Runs that reach the event earlier end earlier, and do not change the others."""
     sizes, event = [], half_space(0.02)
 

@@ -7,7 +7,7 @@ from drake_quad import user_code
 
 @pytest.fixture(scope="module")
 def package_functions(request):
-    """Let the functions in the file of a test count as functions of the package, which they replace."""
+    """Let `user_code` treat the functions of a test file as package functions, since they replace such functions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(user_code, "_LIBRARIES", (*user_code._LIBRARIES, str(request.path)))
         yield

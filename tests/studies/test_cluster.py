@@ -86,7 +86,7 @@ def until_rows(study, folder):
 
 
 # The script runs one study after another, each on another cluster; each study ends with status 2.
-UNREACHABLE = """
+STUDIES_PROGRAM = """
 import sys
 from drake_quad.command_line.main import main
 _, scenario, folder, *addresses = sys.argv
@@ -106,7 +106,7 @@ def unreachable(tmp_path_factory):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x", "x"]
-        command = [sys.executable, "-c", UNREACHABLE, ROOT / "diagrams" / "robustness.yaml", folder, *addresses]
+        command = [sys.executable, "-c", STUDIES_PROGRAM, ROOT / "diagrams" / "robustness.yaml", folder, *addresses]
         process = subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True, cwd=ROOT)
         yield folder, addresses, process
     process.kill()

@@ -17,7 +17,7 @@ from drake_quad.studies.study import Study
 from drake_quad.visualization.study_plots import plot_influences
 
 MASS, DRAG, STEP = "vehicle.mass", "vehicle.linear_drag", "vehicle.quadratic_drag"
-CORRELATED = [
+CORRELATED_OVERRIDES = [
     "duration=0.2",
     f"{MASS}={{normal: {{mean: 0.68, standard_deviation: 0.02, min: 0.5, shared: {{a: 0.9}}}}}}",
     f"{DRAG}={{normal: {{mean: 0.2, standard_deviation: 0.05, min: 0.0, shared: {{a: 0.9}}}}}}",
@@ -27,7 +27,7 @@ CORRELATED = [
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    return load_scenario(diagrams / "robustness.yaml", CORRELATED)
+    return load_scenario(diagrams / "robustness.yaml", CORRELATED_OVERRIDES)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
 
 
 def test_drake_monte_carlo_flies_correlated_samples(diagrams):
-    scenario = load_scenario(diagrams / "hover.yaml", [*CORRELATED, "duration=0.1"])
+    scenario = load_scenario(diagrams / "hover.yaml", [*CORRELATED_OVERRIDES, "duration=0.1"])
     assert np.isfinite(drake_monte_carlo(scenario, 2, 1).rmse).all()
 
 

@@ -10,7 +10,7 @@ from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.correlation import shared_stream
 from drake_quad.studies.evaluator import Evaluator
 
-CORRELATED = {
+CORRELATED_DISTRIBUTIONS = {
     "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.02, "min": 0.6, "max": 0.8, "shared": {"a": 0.8}}},
     "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.3}},
     "vehicle.centre_of_mass.0": {
@@ -22,7 +22,7 @@ CORRELATED = {
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("laboratory:low_wind", [{key: value} for key, value in CORRELATED.items()])
+    return load_scenario("laboratory:low_wind", [{key: value} for key, value in CORRELATED_DISTRIBUTIONS.items()])
 
 
 def drawn(scenario, samples):
@@ -125,6 +125,6 @@ def test_flights_with_the_same_noise_until_a_period_are_equal_until_then(scenari
     assert metrics.rmse[1] == pytest.approx(second.metrics.rmse, rel=1e-12)
 
 
-def test_a_period_that_no_tick_divides_is_refused(scenario):
+def test_a_noise_period_that_is_no_multiple_of_the_control_period_is_refused(scenario):
     with pytest.raises(InputError, match=r"noise.period is 0.0301 s, but must be a multiple of the period of"):
         Evaluator(scenario, num_vehicles=2, noise_period=0.0301)

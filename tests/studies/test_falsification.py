@@ -32,7 +32,7 @@ def test_a_worst_case_is_worse_than_random_samples_within_the_same_limits(scenar
     assert found.value > random.max()
     assert found.num_flights == 4 * MIN_FLIGHTS
     assert np.abs(found.point).max() <= 3.0
-    # A mass at either limit makes the height wrong, and the other numbers hardly matter.
+    # A mass at either limit makes the height wrong, and the other random numbers hardly matter.
     assert abs(found.point[found.names.index("vehicle.mass")]) > 2.5
     assert found.means[-1] > found.means[0]
 
@@ -46,7 +46,7 @@ def test_a_worst_case_flies_again_with_the_same_metric(found):
 
 
 @pytest.mark.slow
-def test_a_search_is_repeated_by_its_seed(scenario, found):
+def test_the_same_seed_repeats_a_search(scenario, found):
     again = find_worst_case(scenario, "peak_error", max_flights=4 * MIN_FLIGHTS, num_noise=1)
     np.testing.assert_array_equal(again.point, found.point)
 

@@ -48,7 +48,7 @@ def test_fleet_sizes_are_halved_and_each_fleet_is_built_once(job, fleet):
     )
 
 
-def test_each_study_has_separate_fleets(job, fleet):
+def test_studies_do_not_share_fleets(job, fleet):
     flying._fleet(job, 10)
     flying._fleet(job._replace(key="another study"), 10)
     flying._fleet(job._replace(key="another study"), 10)

@@ -26,7 +26,7 @@ def test_an_index_beyond_the_end_is_an_error():
         missing[2]
 
 
-def test_no_list_of_all_samples_is_created():
+def test_missing_samples_are_not_stored_in_a_list():
     missing = MissingSamples(2**31 - 1, np.array([2.0**30]))
     assert missing[2**30 - 1 : 2**30 + 1] == [2**30 - 1, 2**30 + 1]
     assert len(missing) == 2**31 - 2

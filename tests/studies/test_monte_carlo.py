@@ -41,7 +41,7 @@ class Draught(LeafSystem):
         output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
 
 
-N = 24
+NUM_SAMPLES = 24
 OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
 
 
@@ -54,7 +54,7 @@ def simple():
     return load_scenario("figure_eight", ["duration=0.4", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}"])
 
 
-def run(folder=None, num_samples=N, **options):
+def run(folder=None, num_samples=NUM_SAMPLES, **options):
     return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
 
 
@@ -74,9 +74,10 @@ def whole(tmp_path_factory):
 
 
 def test_some_samples_crash_and_others_do_not(whole):
-    assert 3 < whole[1].metrics.crashed.sum() < N - 3
-    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn fields: vehicle.mass, "
-    assert repr(whole[1]).startswith(told)
+    assert 3 < whole[1].metrics.crashed.sum() < NUM_SAMPLES - 3
+    crashes = whole[1].metrics.crashed.sum()
+    words = f"<Study of robustness: {NUM_SAMPLES} samples, {crashes} crashed; drawn fields: vehicle.mass, "
+    assert repr(whole[1]).startswith(words)
 
 
 @pytest.mark.slow
@@ -133,8 +134,8 @@ def test_a_resumed_study_can_have_more_samples(whole, tmp_path):
     run(tmp_path, num_samples=9)
     found = run(tmp_path, resume=True, progress=lambda done, total: seen.append((done, total)))
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
-    assert seen[0] == (9, N)
-    assert seen[-1] == (N, N)
+    assert seen[0] == (9, NUM_SAMPLES)
+    assert seen[-1] == (NUM_SAMPLES, NUM_SAMPLES)
     assert found.simulated_time == pytest.approx(whole[1].flight_time[9:].sum())
     assert run(tmp_path, resume=True).simulated_time == 0.0
 
@@ -199,7 +200,7 @@ def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
 
     with pytest.raises(StudyInterrupted, match=r"interrupted: \d+ of 24 samples are in .*results.csv"):
         run(tmp_path, progress=interrupt)
-    assert 0 < len(read_study(tmp_path).samples) < N
+    assert 0 < len(read_study(tmp_path).samples) < NUM_SAMPLES
     run(tmp_path, resume=True)
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
@@ -236,7 +237,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
-    """The batch of 5 is split into 2 and 3, and the 3 again. A later run flies the failed sample."""
+    """The batch of 5 is split into 2 and 3 samples, and the 3 samples are split again. A later run flies the sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
@@ -244,7 +245,7 @@ def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reaso
         found = run(folder)
     assert len(list(attempts.iterdir())) == 3
     assert found.failures == {7: reason}
-    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, N)])
+    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, NUM_SAMPLES)])
     assert (folder / "failed.csv").read_text() == f"sample,reason\n7,{reason}\n"
     run(folder, resume=True)
     assert (folder / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
@@ -386,7 +387,7 @@ def test_a_study_is_not_overwritten(whole):
 def test_a_different_study_is_not_resumed(whole, overrides, seed, words):
     before = {path: path.read_bytes() for path in whole[0].iterdir()}
     with pytest.raises(InputError, match=words):
-        run_monte_carlo(study(*overrides), N, seed, folder=whole[0], resume=True)
+        run_monte_carlo(study(*overrides), NUM_SAMPLES, seed, folder=whole[0], resume=True)
     assert {path: path.read_bytes() for path in whole[0].iterdir()} == before
 
 
@@ -395,7 +396,7 @@ def test_resuming_with_fewer_samples_is_refused(whole):
         run(whole[0], num_samples=10, resume=True)
 
 
-def test_a_table_of_another_origin_is_not_resumed(tmp_path):
+def test_a_results_file_that_is_not_a_study_is_not_resumed(tmp_path):
     (tmp_path / "results.csv").write_text("time,x\n0,1\n")
     with pytest.raises(InputError, match=r"study.yaml"):
         run(tmp_path, resume=True)
@@ -409,7 +410,7 @@ def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, mo
     """The disk is full in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
 
-    append, count = ResultsFile.append, iter(range(N))
+    append, count = ResultsFile.append, iter(range(NUM_SAMPLES))
 
     def failing(self, rows):
         if next(count) == 2:
@@ -457,11 +458,11 @@ def test_a_difference_inside_a_list_is_named(whole):
     """The message names the old value first, then the new one."""
     other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
     with pytest.raises(InputError, match=r"its vehicle.inertia.1.normal.mean is 0\.007, not 0\.0071$"):
-        run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
+        run_monte_carlo(other, NUM_SAMPLES, 5, folder=whole[0], resume=True)
 
 
 def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
-    with open_study(tmp_path, study("seed=5"), N, 0.4, UserSystems(), compiled=True, resume=False) as rows:
+    with open_study(tmp_path, study("seed=5"), NUM_SAMPLES, 0.4, UserSystems(), compiled=True, resume=False) as rows:
         rows.add(Outcome([7], reason="late"))
         rows.add(Outcome([3], reason="early, with a comma"))
     assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'
@@ -518,8 +519,8 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
         run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
-class Known(WorkerPool):
-    """Pool with a known outcome of a trial."""
+class PoolWithOutcome(WorkerPool):
+    """Pool whose trial has a given outcome."""
 
     num_workers = capacity = 1
 
@@ -542,7 +543,7 @@ def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    pool = Known(Outcome([0], rows, reason, invalid_input, in_user_code))
+    pool = PoolWithOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return pool
@@ -633,7 +634,7 @@ def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
 def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
     given_up = []
 
-    class Here(Known):
+    class Here(PoolWithOutcome):
         def submit(self, function, given):
             self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
 
@@ -679,8 +680,8 @@ def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, 
     assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
 
 
-def test_wind_and_noise_of_designed_draws_are_those_of_independent_samples():
-    """With fields that have no effect, the flights are those of independent draws."""
+def test_designed_draws_do_not_change_wind_and_noise():
+    """The drawn field has no effect, so the flights equal those with independent draws."""
     harmless = load_scenario(
         "laboratory:low_wind", ["duration=0.3", "vehicle.gravity={uniform: {min: 9.81, max: 9.8100001}}"]
     )

@@ -310,8 +310,8 @@ def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
     assert pipe.sent == [None, Outcome(None, 3)]
 
 
-def begin_and_tell(file):
-    """Start a worker with an endless task, and print the process number of the worker."""
+def start_endless_task(file):
+    """Start a worker with an endless task, and write the process number of the worker to a file."""
     with Workers(1) as workers:
         workers.submit(hang, None)
         assert workers._workers[0]._pipe.poll(20.0)
@@ -334,7 +334,7 @@ def ends(pid):
 
 def test_a_busy_process_ends_with_its_parent(tmp_path):
     file = tmp_path / "worker"
-    parent = multiprocessing.get_context("fork").Process(target=functools.partial(begin_and_tell, file))
+    parent = multiprocessing.get_context("fork").Process(target=functools.partial(start_endless_task, file))
     parent.start()
     while not file.exists():
         time.sleep(0.005)

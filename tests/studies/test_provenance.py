@@ -10,7 +10,7 @@ import pytest
 
 from drake_quad.studies.provenance import _digest, code_difference, provenance, source_digest
 
-TEXT = "def make(num_vehicles):\n    return num_vehicles\n"
+MODULE_SOURCE = "def make(num_vehicles):\n    return num_vehicles\n"
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def module(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     made = []
 
-    def write(name, text=TEXT):
+    def write(name, text=MODULE_SOURCE):
         (tmp_path / f"{name}.py").write_text(text)
         importlib.invalidate_caches()
         made.append(name)
@@ -41,7 +41,7 @@ def test_provenance_has_versions_and_a_digest():
 
 def test_a_digest_depends_on_names_and_contents_of_files(module):
     one = source_digest([module("ours")])
-    two = source_digest([module("theirs", TEXT + "# more\n")])
+    two = source_digest([module("theirs", MODULE_SOURCE + "# more\n")])
     same = source_digest([module("another")])
     assert len({one, two, same, source_digest([])}) == 4
     ours, theirs = (importlib.import_module(name).make for name in ("ours", "theirs"))
@@ -65,7 +65,7 @@ def test_a_digest_separates_names_from_contents(tmp_path):
 def test_a_digest_follows_the_contents_of_a_file(module):
     make = module("ours")
     before = source_digest([make])
-    module("ours", TEXT.replace("num_vehicles", "vehicles"))
+    module("ours", MODULE_SOURCE.replace("num_vehicles", "vehicles"))
     assert source_digest([make]) != before
     module("ours")
     assert source_digest([make]) == before

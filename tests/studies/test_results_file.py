@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from drake_quad import InputError
 from drake_quad.studies.results_file import ResultsFile, RowFormat, open_results, read_results, write_results
 
-FORM = RowFormat(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
+ROW_FORMAT = RowFormat(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
 ROWS = np.array(
     [[3.0, 0.681234567890123, 0.5, np.inf, 0.0], [1.0, 0.7, np.nan, 4.02, 1.0], [0.0, 0.69, 1e-7, np.inf, 0.0]]
 )
 
 
-def write(path, rows=ROWS, form=FORM):
+def write(path, rows=ROWS, form=ROW_FORMAT):
     with open_results(path, form) as (file, found):
         file.append(rows)
     return found
@@ -26,7 +26,7 @@ def write(path, rows=ROWS, form=FORM):
 def test_rows_are_read_as_they_were_written(tmp_path):
     path = tmp_path / "results.csv"
     assert len(write(path).rows) == 0
-    found = read_results(path, FORM)
+    found = read_results(path, ROW_FORMAT)
     np.testing.assert_allclose(found.rows, ROWS, rtol=1e-11)
     np.testing.assert_array_equal(found.lines, [2, 3, 4])
     assert found.invalid_lines == []
@@ -45,7 +45,7 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
     cut = data.draw(st.integers(0, len(whole)))
     path.write_bytes(whole[:cut])
     left = max(whole[:cut].count(b"\n") - 1, 0)
-    with open_results(path, FORM) as (file, found):
+    with open_results(path, ROW_FORMAT) as (file, found):
         np.testing.assert_array_equal(found.rows[:, 0], ROWS[:left, 0])
         file.append(ROWS[left:])
     assert path.read_bytes() == whole
@@ -57,7 +57,7 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
 def test_any_alteration_of_a_row_is_detected(tmp_path, data):
     """A character of the index, a value or the checksum is replaced, added or removed."""
     path = tmp_path / "results.csv"
-    write_results(path, FORM, ROWS)
+    write_results(path, ROW_FORMAT, ROWS)
     lines = path.read_bytes().split(b"\n")
     row = data.draw(st.integers(1, len(ROWS)))
     line = lines[row]
@@ -66,7 +66,7 @@ def test_any_alteration_of_a_row_is_detected(tmp_path, data):
     lines[row] = line[:place] + new + line[place + length :]
     assume(lines[row] != line)
     path.write_bytes(b"\n".join(lines))
-    found = read_results(path, FORM)
+    found = read_results(path, ROW_FORMAT)
     assert found.invalid_lines == [row + 1]
     np.testing.assert_array_equal(found.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
 
@@ -74,22 +74,22 @@ def test_any_alteration_of_a_row_is_detected(tmp_path, data):
 def test_foreign_and_repeated_rows_are_ignored(tmp_path):
     path = tmp_path / "results.csv"
     write(path)
-    write_results(tmp_path / "other.csv", FORM._replace(study="another study"), ROWS[:1])
+    write_results(tmp_path / "other.csv", ROW_FORMAT._replace(study="another study"), ROWS[:1])
     others = (tmp_path / "other.csv").read_bytes().split(b"\n", 1)[1]
     own = path.read_bytes().splitlines(keepends=True)[1]
     path.write_bytes(path.read_bytes() + others + own)
-    found = read_results(path, FORM)
+    found = read_results(path, ROW_FORMAT)
     np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
     assert found.invalid_lines == [5]
 
 
 def test_rewriting_a_results_file_does_not_change_it(tmp_path):
     path = tmp_path / "results.csv"
-    rows = np.random.default_rng(1).normal(size=(200, len(FORM.columns))) * 10.0 ** np.arange(-100, 100)[:, None]
+    rows = np.random.default_rng(1).normal(size=(200, len(ROW_FORMAT.columns))) * 10.0 ** np.arange(-100, 100)[:, None]
     rows[:, 0] = np.arange(200)
     write(path, rows)
     before = path.read_bytes()
-    write_results(path, FORM, read_results(path, FORM).rows)
+    write_results(path, ROW_FORMAT, read_results(path, ROW_FORMAT).rows)
     assert path.read_bytes() == before
 
 
@@ -97,19 +97,19 @@ def test_rewriting_a_results_file_does_not_change_it(tmp_path):
 def test_a_foreign_file_is_refused_and_not_changed(tmp_path, content):
     path = tmp_path / "results.csv"
     path.write_text(content)
-    with pytest.raises(InputError, match="its columns are different"), open_results(path, FORM):
+    with pytest.raises(InputError, match="its columns are different"), open_results(path, ROW_FORMAT):
         pass
     assert path.read_text() == content
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"results\.csv cannot be read: no such file or directory"):
-        read_results(tmp_path / "results.csv", FORM)
+        read_results(tmp_path / "results.csv", ROW_FORMAT)
 
 
 def test_two_runs_cannot_write_to_the_same_file(tmp_path):
     path = tmp_path / "results.csv"
-    with open_results(path, FORM), pytest.raises(InputError, match="another run"), open_results(path, FORM):
+    with open_results(path, ROW_FORMAT), pytest.raises(InputError, match="another run"), open_results(path, ROW_FORMAT):
         pass
 
 
@@ -119,7 +119,7 @@ def test_a_full_disk_leaves_only_complete_rows(tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
-        with open_results(path, FORM) as (file, _):
+        with open_results(path, ROW_FORMAT) as (file, _):
             file.append(ROWS[:1])
             whole = path.read_bytes()
             resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, limits[1]))
@@ -131,7 +131,7 @@ def test_a_full_disk_leaves_only_complete_rows(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
-    assert read_results(path, FORM).rows.shape == ROWS.shape
+    assert read_results(path, ROW_FORMAT).rows.shape == ROWS.shape
 
 
 def test_partial_writes_are_completed(tmp_path):
@@ -149,15 +149,15 @@ def test_partial_writes_are_completed(tmp_path):
             return self.file.write(text[:7])
 
     with path.open("a+b", buffering=0) as file:
-        file.write(FORM.header)
-        ResultsFile(path, FORM, Slow(file)).append(ROWS)
-    assert path.read_bytes() == FORM.header + FORM.text(ROWS)
+        file.write(ROW_FORMAT.header)
+        ResultsFile(path, ROW_FORMAT, Slow(file)).append(ROWS)
+    assert path.read_bytes() == ROW_FORMAT.header + ROW_FORMAT.text(ROWS)
 
 
 def test_a_file_with_only_a_header_has_no_rows(tmp_path):
     path = tmp_path / "results.csv"
-    for content in (b"", FORM.header[:9], FORM.header):
+    for content in (b"", ROW_FORMAT.header[:9], ROW_FORMAT.header):
         path.write_bytes(content)
-        with open_results(path, FORM) as (_, found):
+        with open_results(path, ROW_FORMAT) as (_, found):
             assert (found.rows.shape, found.lines.tolist(), found.invalid_lines) == ((0, 5), [], [])
-        assert path.read_bytes() == FORM.header
+        assert path.read_bytes() == ROW_FORMAT.header

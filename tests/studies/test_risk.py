@@ -7,25 +7,25 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.statistics import subset_simulation
 from drake_quad.studies.risk import Event, estimate_risk
 
-MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
-SHORT = ["duration=0.6", MASS, "laboratory.motion_capture.position_noise=0.003"]
-BOUND = 0.055  # m
+MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+OVERRIDES = ["duration=0.6", MASS_DISTRIBUTION, "laboratory.motion_capture.position_noise=0.003"]
+PEAK_ERROR_BOUND = 0.055  # m
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("hover", SHORT)
+    return load_scenario("hover", OVERRIDES)
 
 
 @pytest.fixture(scope="module")
 def risk(scenario):
-    return estimate_risk(scenario, f"peak_error > {BOUND}", size=500, half_width=10.0, noise_period=0.3)
+    return estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, half_width=10.0, noise_period=0.3)
 
 
 @pytest.mark.slow
 def test_a_probability_agrees_with_plain_sampling(scenario, risk):
     plain = run_monte_carlo(scenario, 20_000, num_workers=1).metrics
-    frequency = np.mean(plain.peak_error > BOUND)
+    frequency = np.mean(plain.peak_error > PEAK_ERROR_BOUND)
     assert 0.01 < frequency < 0.04
     assert risk.probability.low < frequency < risk.probability.high
 
@@ -37,7 +37,7 @@ def test_worst_samples_fly_again_with_the_same_metric(risk):
     for each, performance in zip(risk.scenarios, values, strict=False):
         assert len(each.noise.samples) == 2
         peak_error = simulate(each, compiled=True).metrics.peak_error
-        assert peak_error == pytest.approx(BOUND + performance, rel=1e-9)
+        assert peak_error == pytest.approx(PEAK_ERROR_BOUND + performance, rel=1e-9)
 
 
 @pytest.mark.slow
@@ -47,30 +47,30 @@ def test_the_important_random_number_is_named_first(risk):
 
 
 @pytest.mark.slow
-def test_an_estimate_is_repeated_by_its_seed_for_any_noise_period(scenario, risk):
+def test_the_same_seed_repeats_an_estimate_with_any_noise_period(scenario, risk):
     options = {"size": 500, "half_width": 10.0}
-    again = estimate_risk(scenario, Event("peak_error", 1.0, BOUND), noise_period=0.3, **options)
+    again = estimate_risk(scenario, Event("peak_error", 1.0, PEAK_ERROR_BOUND), noise_period=0.3, **options)
     assert again.probability == risk.probability
-    other = estimate_risk(scenario, f"peak_error > {BOUND}", noise_period=0.2, **options)
+    other = estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", noise_period=0.2, **options)
     assert len(other.scenarios[0].noise.samples) == 3
-    # Both estimate the same probability.
+    # Both noise periods give the same probability, so the intervals overlap.
     assert other.probability.low < risk.probability.high
     assert risk.probability.low < other.probability.high
 
 
 @pytest.mark.slow
 def test_an_estimate_ends_when_its_interval_is_short_or_flights_are_used_up(scenario):
-    limited = estimate_risk(scenario, f"peak_error > {BOUND}", size=500, half_width=1e-3, max_flights=8000)
+    limited = estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, half_width=1e-3, max_flights=8000)
     assert not limited.is_precise
     assert limited.num_flights >= 8000
     with pytest.raises(InputError, match=r"1,000 flights are enough for \d runs?, but an interval needs 6"):
-        estimate_risk(scenario, f"peak_error > {BOUND}", size=500, max_flights=1000)
+        estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, max_flights=1000)
 
 
 @pytest.mark.slow
 def test_an_impossible_event_is_refused_with_the_largest_value(monkeypatch):
     monkeypatch.setattr(subset_simulation, "_MAX_LEVELS", 3)
-    quiet = load_scenario("hover", ["duration=0.1", MASS])
+    quiet = load_scenario("hover", ["duration=0.1", MASS_DISTRIBUTION])
     with pytest.raises(InputError, match=r"peak_error > 4 is too rare: a run ended below .* at peak_error = "):
         estimate_risk(quiet, "peak_error > 4", size=500)
 
@@ -86,7 +86,7 @@ def test_an_impossible_event_is_refused_with_the_largest_value(monkeypatch):
         ("peak_error > nan", "'nan' is not a number"),
     ],
 )
-def test_an_event_that_is_none_is_refused(scenario, text, words):
+def test_a_text_that_is_not_an_event_is_refused(scenario, text, words):
     with pytest.raises(InputError, match=words):
         Event.parse(text, scenario)
 
@@ -109,7 +109,7 @@ def test_performances_are_positive_if_the_event_occurs():
 
 
 @pytest.mark.slow
-def test_an_event_that_always_occurs_has_the_interval_of_plain_samples(scenario):
+def test_an_event_that_always_occurs_has_the_interval_of_plain_sampling(scenario):
     risk = estimate_risk(scenario, "peak_error > -1", size=500)
     assert risk.probability.value == risk.probability.high == 1.0
     assert 0.99 < risk.probability.low < 1.0

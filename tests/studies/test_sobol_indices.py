@@ -10,17 +10,17 @@ from drake_quad import InputError, load_scenario
 from drake_quad.studies import sobol_indices as module
 from drake_quad.studies.sobol_indices import CRASHED, NOISE, sobol_indices
 
-MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("hover", ["duration=0.3", MASS])
+    return load_scenario("hover", ["duration=0.3", MASS_DISTRIBUTION])
 
 
 @pytest.fixture
 def evaluated(monkeypatch):
-    """Return a function that replaces the flights by a function of three numbers and of the noise, from 0 to 1."""
+    """Return a function that replaces the flights by a function of three parameters and the noise, all in [0, 1]."""
 
     def replace(function, crashed=lambda points: np.zeros(len(points), dtype=bool)):
         class Evaluator:

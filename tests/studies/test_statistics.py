@@ -46,7 +46,7 @@ def coverage(interval, truth, draw, repetitions=600):
     return np.mean([low <= truth <= high for _, low, high in found])
 
 
-def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_coverage():
+def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_nominal_coverage():
     values = np.random.default_rng(0).normal(2.0, 3.0, 25)
     expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     assert mean_interval(values) == pytest.approx((values.mean(), expected.low, expected.high))
@@ -55,7 +55,7 @@ def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_coverage():
 
 
 @pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
-def test_the_interval_of_a_quantile_agrees_with_scipy_and_has_its_coverage(probability):
+def test_the_interval_of_a_quantile_agrees_with_scipy_and_has_its_nominal_coverage(probability):
     values = np.random.default_rng(0).exponential(size=150)
     expected = scipy.stats.quantile_test(values, p=probability).confidence_interval(0.95)
     found = quantile_interval(values, probability)
@@ -83,7 +83,7 @@ def test_a_crash_is_worse_than_any_error():
 
 
 def test_the_interval_of_a_fraction_is_exact():
-    """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
+    """If no event occurs in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert proportion_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = proportion_interval(7, 50)
     assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
@@ -93,7 +93,7 @@ def test_the_interval_of_a_fraction_is_exact():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
-def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
+def test_the_interval_of_a_rank_correlation_has_its_nominal_coverage(r):
     """The rank correlation of normal variables with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     fraction = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
@@ -160,7 +160,7 @@ def test_a_parameter_whose_small_and_large_values_matter_equally_is_influential(
     assert second.strongest == second.correlation
 
 
-def test_a_comparison_pairs_samples():
+def test_a_comparison_of_controllers_is_paired_by_sample():
     """The spread between samples, which is ten times the spread of the differences, cancels."""
     rng = np.random.default_rng(4)
     common = rng.normal(10.0, 1.0, 200)
@@ -263,7 +263,7 @@ def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():
     assert found.crash_significance == 1.0
 
 
-def test_samples_without_a_metric_are_the_last_of_the_worst():
+def test_samples_without_a_metric_come_last_among_the_worst_samples():
     found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
     assert worst(found) == [6, 5, 4]
     assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]

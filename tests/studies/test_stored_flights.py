@@ -17,8 +17,8 @@ from drake_quad.studies.stored_flights import FLIGHTS_FILE, stored_flights
 from drake_quad.studies.study_folder import StudyInterrupted
 from drake_quad.studies.worker_pool import ExecutorPool
 
-MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
-NOISY = ["duration=0.1", MASS, "laboratory.motion_capture.position_noise=0.003"]
+MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
+NOISY_OVERRIDES = ["duration=0.1", MASS_DISTRIBUTION, "laboratory.motion_capture.position_noise=0.003"]
 POINTS, NUMBERS = np.random.default_rng(0).random((10, 2)), np.arange(10)
 Values = namedtuple("Values", ["total"])
 
@@ -40,7 +40,7 @@ class Sum:
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("hover", NOISY)
+    return load_scenario("hover", NOISY_OVERRIDES)
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.studies.results_file import StoredRows
 from drake_quad.studies.study import Record, Study, check_draws, column_description, columns_of, read_record, rows_of
 
-REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
+REQUIRED_RECORD_FIELDS = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
 
 @pytest.mark.parametrize(
-    "text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n", f"samples: '3'\n{REST}"]
+    "text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n", f"samples: '3'\n{REQUIRED_RECORD_FIELDS}"]
 )
 def test_a_file_that_is_not_a_record_is_refused(tmp_path, text):
     (tmp_path / "study.yaml").write_text(text)
@@ -69,7 +69,7 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     )
 
 
-def test_drawn_values_are_compared_to_the_written_digits(two_masses):
+def test_drawn_values_are_compared_to_the_number_of_written_digits(two_masses):
     """Twelve digits are written; a value that differs in the eleventh digit does not count as drawn."""
     samples = [4, 0, 2]
     rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
@@ -105,7 +105,7 @@ def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
 
 
 def test_a_record_cannot_be_changed(tmp_path):
-    (tmp_path / "study.yaml").write_text(f"samples: 3\n{REST}")
+    (tmp_path / "study.yaml").write_text(f"samples: 3\n{REQUIRED_RECORD_FIELDS}")
     record = read_record(tmp_path)
     with pytest.raises(ValidationError, match="frozen"):
         record.samples = 4

@@ -14,7 +14,7 @@ from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.study import Study, columns_of, rows_of
 from drake_quad.studies.summary import crash_text, obstacle_table
 
-DRAWN = {
+SCENARIO_FIELDS = {
     "duration": 0.1,
     "vehicle.mass": {"uniform": {"min": 0.6, "max": 0.7}},
     "laboratory.command_link.delay_ticks": {"choice": [0, 1]},
@@ -24,7 +24,7 @@ DRAWN = {
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    return load_scenario(diagrams / "hover.yaml", DRAWN)
+    return load_scenario(diagrams / "hover.yaml", SCENARIO_FIELDS)
 
 
 @pytest.fixture(scope="module")

@@ -31,10 +31,22 @@ def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **paramet
     return Study(load_scenario(scenario), 10.0, np.arange(count), parameters, Metrics(**numbers))
 
 
-SIZES = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (10, 5), (300, 0), (300, 3), (300, 297), (300, 300)]
+SAMPLES_AND_CRASHES = [
+    (0, 0),
+    (1, 0),
+    (1, 1),
+    (2, 0),
+    (2, 1),
+    (2, 2),
+    (10, 5),
+    (300, 0),
+    (300, 3),
+    (300, 297),
+    (300, 300),
+]
 
 
-@pytest.mark.parametrize(("count", "crashed"), SIZES)
+@pytest.mark.parametrize(("count", "crashed"), SAMPLES_AND_CRASHES)
 def test_intervals_exclude_crashes_and_stay_within_the_possible_range(count, crashed):
     found = study(count, crashed)
     summary, words = metric_table(found), crash_text(found)
@@ -98,7 +110,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
             )
 
 
-@pytest.mark.parametrize(("count", "crashed"), [each for each in SIZES if each[0]])
+@pytest.mark.parametrize(("count", "crashed"), [each for each in SAMPLES_AND_CRASHES if each[0]])
 def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
     summary = comparison_table(pairs, "rmse")
@@ -156,7 +168,7 @@ def test_intervals_of_positive_means_are_student_s_cut_at_zero():
         (lambda rng: (rng.random(50) < 0.05) * 0.02, 0.001),
     ],
 )
-def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_coverage(draw, truth):
+def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_nominal_coverage(draw, truth):
     rng = np.random.default_rng(3)
     found = [bounded_mean_interval(draw(rng)) for _ in range(1500)]
     assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in found)
@@ -167,14 +179,14 @@ def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values
     assert bounded_mean_interval(np.zeros(100)) == proportion_interval(0, 100)
     assert bounded_mean_interval(np.ones(100)) == proportion_interval(100, 100)
     assert math.isnan(bounded_mean_interval(np.zeros(1)).high)
-    # For a precise mean, the interval is close to Student's.
+    # The interval of a precise mean is close to Student's.
     values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
     half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
     assert bounded_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
 def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
-    """With two values and a confidence close to 1, the odds of the ends would overflow."""
+    """The odds of the ends would overflow for two values and a confidence close to 1."""
     assert bounded_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 
@@ -220,7 +232,7 @@ def test_bins_contain_equally_many_samples():
     assert len(crash_bins(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
 
 
-def test_a_choice_has_a_bin_for_each_value_and_few_samples_have_few_bins():
+def test_a_discrete_parameter_has_a_bin_for_each_value_and_few_samples_have_few_bins():
     levels = crash_bins(crashing([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
     assert [(level.low, level.high, level.num_samples) for level in levels] == [(0, 0, 20), (1, 1, 40), (2, 2, 60)]
     assert [level.probability.value for level in levels] == [0.0, 0.5, pytest.approx(2.0 / 3.0)]
@@ -232,14 +244,14 @@ def test_a_choice_has_a_bin_for_each_value_and_few_samples_have_few_bins():
     assert sum(level.num_samples for level in skewed) == 1000
 
 
-def test_a_parameter_that_is_not_drawn_has_no_levels():
+def test_a_parameter_that_is_not_drawn_has_no_crash_bins():
     with pytest.raises(InputError, match="vehicle.gravity is not a drawn field .* drawn fields are: vehicle.mass"):
         crash_bins(crashing([1.0], [True]), "vehicle.gravity")
     with pytest.raises(InputError, match="the number of bins is 0; it must be at least 1"):
         crash_bins(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
 
 
-def test_the_parameter_with_most_influence_on_crashes_is_random_in_every_study():
+def test_the_most_influential_parameter_is_random_in_every_study():
     rng = np.random.default_rng(4)
     mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
     light, draggy = mass < 0.3, drag > 0.7
@@ -250,7 +262,7 @@ def test_the_parameter_with_most_influence_on_crashes_is_random_in_every_study()
     assert most_influential_path([study(10, 0)]) is None
 
 
-def test_the_plot_shows_levels_and_intervals_over_the_most_influential_parameter():
+def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     rng = np.random.default_rng(0)
     mass, drag = rng.normal(0.7, 0.05, (2, 600))
     studies = {

@@ -16,7 +16,7 @@ from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fl
 pytestmark = pytest.mark.usefixtures("package_functions")
 
 
-class Here(WorkerPool):
+class InProcessPool(WorkerPool):
     """Pool that runs tasks in this process, in order; `capacity` tasks may be pending."""
 
     num_workers = 2
@@ -48,7 +48,7 @@ def fly(cursed):
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
 def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, size, capacity):
-    pool = Here(capacity)
+    pool = InProcessPool(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
     outcomes = list(fly_batches(pool, fly(cursed), batches))
     assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
@@ -59,17 +59,19 @@ def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, si
 
 
 def test_a_failing_batch_is_halved_down_to_single_samples():
-    pool = Here(1)
+    pool = InProcessPool(1)
     list(fly_batches(pool, fly({5}), [range(8)]))
     assert pool.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
 
 
 def test_a_study_ends_after_eight_failures_of_single_samples_without_a_success():
-    pool = Here(3)
+    pool = InProcessPool(3)
     with pytest.raises(RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: cursed"):
         list(fly_batches(pool, fly(set(range(40))), [range(40)]))
     assert sum(len(samples) == 1 for samples in pool.done) == 8
-    failures = [outcome for outcome in fly_batches(Here(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason]
+    failures = [
+        outcome for outcome in fly_batches(InProcessPool(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason
+    ]
     assert len(failures) == 39
 
 
@@ -82,7 +84,9 @@ def leaving(samples):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+@pytest.mark.parametrize(
+    "make", [lambda: InProcessPool(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)]
+)
 def test_invalid_input_in_a_sample_ends_the_study(make):
     pool = make()
     with pytest.raises(InputError, match=r"samples \[0\] are not allowed"):
@@ -91,12 +95,14 @@ def test_invalid_input_in_a_sample_ends_the_study(make):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+@pytest.mark.parametrize(
+    "make", [lambda: InProcessPool(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)]
+)
 def test_system_exit_becomes_an_outcome(make):
     pool = make()
     (outcome,) = fly_batches(pool, leaving, [[4]])
     assert (outcome.argument, outcome.result) == ([4], None)
-    # A new process does not inherit the fixture of this file, so that it reports file and line.
+    # A new process does not inherit the fixture of this file, so its message may contain file and line.
     assert re.fullmatch(r"(\S*test_worker_pool\.py:\d+: )?SystemExit: 3", outcome.reason)
     pool.abandon()
 

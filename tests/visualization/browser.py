@@ -32,7 +32,7 @@ _OPTIONS = (
     "--remote-debugging-pipe",
 )
 # The browser reads from file descriptor 3 and writes to 4.
-_START = """
+_START_PROGRAM = """
 import os, sys
 there, back = (os.dup(int(each)) for each in sys.argv[1:3])
 high = [os.dup2(each, 100 + i) for i, each in enumerate((there, back))]
@@ -54,7 +54,7 @@ class Browser:
         there, self._to = os.pipe()
         self._from, back = os.pipe()
         command = [CHROMIUM, *_OPTIONS, f"--user-data-dir={profile}", "about:blank"]
-        start = [sys.executable, "-c", _START, str(there), str(back), *command]
+        start = [sys.executable, "-c", _START_PROGRAM, str(there), str(back), *command]
         self._process = subprocess.Popen(start, pass_fds=(there, back), stderr=subprocess.DEVNULL)
         os.close(there)
         os.close(back)
@@ -117,7 +117,7 @@ class Browser:
 
 
 # The README shows the picture 500 px wide, so the window is small and its resolution is high.
-_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
+_SCREENSHOT_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
 _FILM_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.0, "mobile": False}
 # Position of the camera, and the point at the centre of its view, m.
 _VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
@@ -149,7 +149,7 @@ def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any
 
 def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
     """Write a picture of a replay at a time (s) as PNG, with the view of `replay`."""
-    with replay(page, moment, view, _SIZE) as browser:
+    with replay(page, moment, view, _SCREENSHOT_SIZE) as browser:
         browser.screenshot(file)
 
 

@@ -13,7 +13,7 @@ from drake_quad.visualization.block_drawing import digest, drawings, svg
 
 ROOT = Path(__file__).parent.parent.parent
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
-DRAWN = re.search(r"^DRAWN = ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE).group(1).replace("\\", " ").split()
+DRAWN_SCENARIOS = re.search(r"^DRAWN = ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE).group(1).replace("\\", " ").split()
 
 
 # A drawing does not depend on the waypoints, and planning the whole path through the forest takes several seconds.
@@ -26,7 +26,7 @@ def drawings_of(spec):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", DRAWN)
+@pytest.mark.parametrize("spec", DRAWN_SCENARIOS)
 def test_committed_drawings_are_current(spec):
     name, current = drawings_of(spec)
     committed = {
@@ -39,7 +39,9 @@ def test_committed_drawings_are_current(spec):
 
 
 def test_every_scenario_file_has_a_drawing():
-    assert {spec.partition(":")[0] for spec in DRAWN} == {path.stem for path in (ROOT / "diagrams").glob("*.yaml")}
+    assert {spec.partition(":")[0] for spec in DRAWN_SCENARIOS} == {
+        path.stem for path in (ROOT / "diagrams").glob("*.yaml")
+    }
 
 
 def test_a_drawing_shows_systems_connections_and_sizes():

@@ -94,8 +94,8 @@ def test_sample_counts_have_ticks_at_one_two_and_five():
         assert len(axes.xaxis.get_minorticklocs()) == 0
 
 
-def alike(near, fraction, count=200):
-    """Return whether a curve is dashed that is `near` points from another one over a `fraction` of its length."""
+def is_dashed(near, fraction, count=200):
+    """Return whether a curve is dashed if it is `near` points from another one over a `fraction` of its length."""
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -109,13 +109,13 @@ def alike(near, fraction, count=200):
 
 
 def test_curves_overlap_if_they_are_near_over_a_quarter_of_their_length():
-    assert alike(1.1, 1.0)
-    assert not alike(1.3, 1.0)
-    assert alike(0.0, 0.27)
-    assert not alike(0.0, 0.23)
+    assert is_dashed(1.1, 1.0)
+    assert not is_dashed(1.3, 1.0)
+    assert is_dashed(0.0, 0.27)
+    assert not is_dashed(0.0, 0.23)
     # Lines between two points, such as limits, are not dashed.
-    assert not alike(0.0, 1.0, count=2)
-    assert alike(0.0, 1.0, count=3)
+    assert not is_dashed(0.0, 1.0, count=2)
+    assert is_dashed(0.0, 1.0, count=3)
 
 
 def test_curves_with_different_abscissas_are_not_compared():
@@ -133,7 +133,7 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # The dashed curves are 1 and 2 of the lower three, and 1 of the upper two.
+    # Curves 1 and 2 of the lower three are dashed, and curve 1 of the upper two.
     assert calls == [(1, 3), (2, 3), (1, 2)]
 
 

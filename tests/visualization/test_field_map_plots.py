@@ -10,14 +10,14 @@ from drake_quad.visualization.field_map_plots import plot_field_maps
 
 # One cell has crashed, one violates the requirement, one has not settled, and one has settled.
 CRASH_TIME = np.array([[1.0, math.inf], [math.inf, math.inf]])
-RECOVERS = np.array([[0.5, -0.1], [0.2, 0.3]])
+RECOVERY_ROBUSTNESS = np.array([[0.5, -0.1], [0.2, 0.3]])
 SETTLING_TIME = np.array([[2.0, 3.0], [math.inf, 4.0]])
 
 
 def made():
     kind = load_scenario("upset").metrics_type
     values = dict.fromkeys(kind._fields, np.ones((2, 2)))
-    values |= {"crash_time": CRASH_TIME, "recovers": RECOVERS, "settling_time": SETTLING_TIME}
+    values |= {"crash_time": CRASH_TIME, "recovers": RECOVERY_ROBUSTNESS, "settling_time": SETTLING_TIME}
     return FieldMap(np.array([-1.5, 1.5]), np.array([-5.0, 5.0]), kind(**values), ("recovers",))
 
 
@@ -36,7 +36,7 @@ def test_cells_are_dark_grey_light_grey_or_coloured():
     assert metric.get_array()[1, 1] == 4.0
 
 
-def test_titles_state_the_share_of_satisfactory_flights_and_angles_are_in_degrees():
+def test_titles_state_the_fraction_of_satisfactory_flights_and_angles_are_in_degrees():
     figure = drawn(5)
     panels = [axes for axes in figure.axes if axes.images]
     assert [axes.get_title() for axes in panels] == [f"controller {i}: 50 %" for i in range(5)]

@@ -19,7 +19,7 @@ from drake_quad.visualization.positions import coordinates_by_axis, positions
 from drake_quad.visualization.style import AXES, ROTORS, new_figure
 from drake_quad.visualization.wind_plots import plot_wind
 
-WIND = (
+WIND_OVERRIDE = (
     "laboratory.wind=["
     "{kind: fan, position: [-2.0, 0.3, 1.1], direction: [0.92106, 0.38942, 0.0], flow: 1.131, diameter: 0.6},"
     "{kind: steady, velocity: [0.3, -0.2, 0.1]}]"
@@ -253,7 +253,7 @@ def test_leg_numbers_are_next_to_the_path_and_along_the_time_axis(plan):
 
 @pytest.fixture(scope="module")
 def windy():
-    return simulate(load_scenario("laboratory:nominal", ["duration=1.5", WIND]))
+    return simulate(load_scenario("laboratory:nominal", ["duration=1.5", WIND_OVERRIDE]))
 
 
 def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
@@ -368,7 +368,7 @@ def test_a_uniform_wind_is_drawn_as_arrows_with_its_speed_and_direction(velocity
 
 
 def test_views_from_above_have_x_to_the_right_and_y_up(flight):
-    """Also where the region is longer along Y."""
+    """This is also the case if the region is longer along Y."""
     fan = "laboratory.wind=[{kind: fan, position: [0, -5, 1], direction: [0, 1, 0], flow: 1.0, diameter: 0.6}]"
     tall = simulate(load_scenario("hover", ["duration=0.2", fan]))
     for axes in (plot_wind(tall).axes[0], plots.plot_path(flight).axes[1]):
@@ -377,7 +377,7 @@ def test_views_from_above_have_x_to_the_right_and_y_up(flight):
         assert axes.get_ylim()[0] < axes.get_ylim()[1]
 
 
-def test_without_steady_wind_there_is_no_map(flight):
+def test_a_flight_in_still_air_has_no_wind_map(flight):
     still = simulate(load_scenario("hover", ["duration=0.1"]))
     (axes,) = plot_wind(still).axes
     assert axes.get_ylim() == (-1.0, 1.0)

@@ -17,14 +17,16 @@ from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 
 RNG = np.random.default_rng(5)
-NAMES = ("motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "inertia[0]")
+PARAMETER_NAMES = ("motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "inertia[0]")
 
 
 @pytest.fixture(scope="module")
 def identification(root):
     scenario = load_scenario(root / "diagrams" / "neural_fly.yaml:still")
     deviations = np.array([0.05, 0.2, 0.2, 0.002])
-    estimates = Estimates(NAMES, np.array([-1.5, 17.0, 1.0, 0.03]), np.diag(deviations**2), 20.0, Source("m", "a"))
+    estimates = Estimates(
+        PARAMETER_NAMES, np.array([-1.5, 17.0, 1.0, 0.03]), np.diag(deviations**2), 20.0, Source("m", "a")
+    )
     time = np.arange(12)[:, None] * 1.0 + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     predicted = measured + RNG.normal(scale=0.1, size=time.shape)
@@ -88,7 +90,7 @@ def test_the_thrust_has_a_confidence_band_from_its_covariance(identification):
 def test_nonzero_correlations_are_written(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 1] = covariance[1, 0] = -0.8 * 0.05 * 0.2
-    estimates = Estimates(NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
+    estimates = Estimates(PARAMETER_NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
     axes = plots.plot_correlations(estimates).axes[0]
     assert {text.get_text() for text in axes.texts} == {"-0.8"}
     assert [label.get_text() for label in axes.get_xticklabels()] == [
@@ -191,7 +193,7 @@ def test_residuals_of_short_windows_are_visible(identification):
     assert [axes.lines[0].get_marker() for axes in figure.axes] == [".", "."]
 
 
-def test_many_outputs_differ_in_colour_or_style(identification):
+def test_the_curves_of_many_outputs_differ_in_colour_or_style(identification):
     outputs = tuple(identification.outputs[0]._replace(name=str(i)) for i in range(14))
     left, _ = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, outputs)).axes
     looks = [(line.get_color(), line.get_linestyle()) for line in left.lines]
@@ -216,7 +218,7 @@ def test_each_correlation_is_shaded_in_its_cell(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 3] = covariance[3, 0] = 0.5 * 0.05 * 0.002
     covariance[1, 2] = covariance[2, 1] = 0.04 * 0.2 * 0.2
-    estimates = Estimates(NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
+    estimates = Estimates(PARAMETER_NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
     axes = plots.plot_correlations(estimates).axes[0]
     np.testing.assert_allclose(axes.images[0].get_array(), estimates.correlation)
     assert axes.images[0].get_clim() == (-1.0, 1.0)
@@ -248,7 +250,7 @@ def test_prediction_errors_have_intervals_and_are_side_by_side():
                 np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
     assert first.get_ylabel() == "RMS error of attitude (°)"
     assert second.get_ylabel() == "RMS error of velocity (m/s)"
-    # Without position and attitude, the first two of the other quantities are drawn.
+    # If position and attitude are missing, the first two remaining quantities are drawn.
     (only,) = plots.plot_predictions(replace(given, errors={"velocity": errors})).axes
     assert only.get_ylabel() == "RMS error of velocity (m/s)"
 

@@ -2,7 +2,7 @@
 
 import pytest
 from figure_content import legends
-from test_study_plots import DELAY, MASS, no_crash, study
+from test_study_plots import DELAY_PATH, MASS_PATH, no_crash, study
 
 from drake_quad import load_scenario, simulate
 from drake_quad.design.cascade import design_cascade
@@ -13,12 +13,12 @@ from drake_quad.visualization.overview import plot_flight, plot_study
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.wind_plots import plot_wind
 
-ROTORS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
-LEGS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
-SETS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
+ROTOR_LABELS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
+LEG_LABELS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
+SET_LABELS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
 # For each figure of a flight: the function that draws it, the labels (x, y) of its axes, and its legend entries.
-OF_FLIGHTS = {
-    "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEGS]),
+FLIGHT_FIGURES = {
+    "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEG_LABELS]),
     "errors": (plots.plot_errors, [("", "error (cm)"), ("time (s)", "Euclidean error (cm)")], ["X", "Y", "Z"]),
     "attitude": (
         plots.plot_attitude,
@@ -49,7 +49,7 @@ OF_FLIGHTS = {
             ("", "acceleration\ncommand (m/s²)"),
             ("time (s)", "rotor speed (rad/s)"),
         ],
-        ["flown", "reference", "start", "X", "Y", "Z", *ROTORS],
+        ["flown", "reference", "start", "X", "Y", "Z", *ROTOR_LABELS],
     ),
     "memberships": (
         learning_plots.plot_network_memberships,
@@ -66,7 +66,7 @@ OF_FLIGHTS = {
             ("time (s)", "trace of P (1/s)"),
             ("time (s)", ""),
         ],
-        ["PD, τ_c", "network, -τ_f", *SETS],
+        ["PD, τ_c", "network, -τ_f", *SET_LABELS],
     ),
     "surfaces": (
         learning_plots.plot_surfaces,
@@ -96,7 +96,7 @@ OF_FLIGHTS = {
             ("", "yaw (°)"),
             ("time (s)", "rotor speed (rad/s)"),
         ],
-        ROTORS,
+        ROTOR_LABELS,
     ),
 }
 TITLES = {
@@ -124,30 +124,30 @@ TITLES = {
     ],
     "plan": ["Path, from above and from two sides", "Dotted lines: limits; vertical lines: times of the waypoints"],
 }
-SHARE = "cumulative share of samples"
-SAMPLES = "number of samples; bands: 95 % confidence"
-OF_STUDIES = {
-    "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (cm)", SHARE)]),
+FRACTION_LABEL = "cumulative share of samples"
+SAMPLES_LABEL = "number of samples; bands: 95 % confidence"
+STUDY_FIGURES = {
+    "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (cm)", FRACTION_LABEL)]),
     "convergence": (
         lambda: study_plots.plot_convergence({"a": study()}, "peak_error"),
-        [(SAMPLES, "peak error (cm)"), (SAMPLES, "crashed samples")],
+        [(SAMPLES_LABEL, "peak error (cm)"), (SAMPLES_LABEL, "crashed samples")],
     ),
     "quantile": (
         lambda: study_plots.plot_convergence({"a": no_crash()}),
-        [(SAMPLES, "RMSE (cm)"), (SAMPLES, "RMSE (cm)")],
+        [(SAMPLES_LABEL, "RMSE (cm)"), (SAMPLES_LABEL, "RMSE (cm)")],
     ),
     "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [("crashed samples", "")]),
     "crashes": (
-        lambda: study_plots.plot_crash_probability(study(), MASS),
+        lambda: study_plots.plot_crash_probability(study(), MASS_PATH),
         [("vehicle mass (kg)", "crash probability")],
     ),
     "crashes by delay": (
-        lambda: study_plots.plot_crash_probability(study(), DELAY),
+        lambda: study_plots.plot_crash_probability(study(), DELAY_PATH),
         [("latency frames", "crash probability")],
     ),
     "overview": (
         lambda: plot_study({"a": study()})[0],
-        [("RMSE (cm)", SHARE), ("mean RMSE (cm)", ""), ("crashed samples", "")],
+        [("RMSE (cm)", FRACTION_LABEL), ("mean RMSE (cm)", ""), ("crashed samples", "")],
     ),
     "comparison": (
         lambda: plot_comparison({"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}),
@@ -166,9 +166,9 @@ def flight():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OF_FLIGHTS)
+@pytest.mark.parametrize("name", FLIGHT_FIGURES)
 def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
-    draw, expected, words = OF_FLIGHTS[name]
+    draw, expected, words = FLIGHT_FIGURES[name]
     figure = draw(flight)
     assert labels(figure) == expected
     assert sorted(legends(figure)) == sorted(words)
@@ -185,9 +185,9 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
         assert figure.axes[0].get_zlabel() == "Z (m)"
 
 
-@pytest.mark.parametrize("name", OF_STUDIES)
+@pytest.mark.parametrize("name", STUDY_FIGURES)
 def test_axes_of_studies_have_labels(name):
-    draw, expected = OF_STUDIES[name]
+    draw, expected = STUDY_FIGURES[name]
     assert labels(draw()) == expected
 
 

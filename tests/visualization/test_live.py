@@ -10,7 +10,7 @@ from drake_quad.command_line import live
 from drake_quad.visualization.live import LiveFlight
 from drake_quad.visualization.replay.scene import local_meshcat
 
-FLOWN = [
+LIVE_SCENARIOS = [
     ("robustness", []),
     ("neural_fly:still", []),
     ("nanobench", []),
@@ -36,11 +36,11 @@ class Page:
 @pytest.fixture
 def page(monkeypatch):
     found = Page()
-    monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", Unseen)
+    monkeypatch.setattr("drake_quad.visualization.live.QuadrotorVisualizer", NullVisualizer)
     return found
 
 
-class Unseen:
+class NullVisualizer:
     """Visualizer that draws nothing."""
 
     def __init__(self, *_):
@@ -112,7 +112,7 @@ def test_wind_and_gust_push_the_vehicle_along_x(page):
     assert wind[-1] == 0.0
 
 
-def test_a_motor_fails_and_a_new_start_repairs_it(page):
+def test_a_restart_repairs_a_failed_motor(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     flown(flight, 0.5)
     page.clicks["motor fails"] += 1
@@ -145,7 +145,7 @@ def test_a_live_flight_restarts_at_its_end_and_stops_at_a_click(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scenario", "layers"), FLOWN)
+@pytest.mark.parametrize(("scenario", "layers"), LIVE_SCENARIOS)
 def test_every_scenario_can_be_flown_live(page, scenario, layers):
     loaded = load_scenario(scenario, layers=layers)
     flight = LiveFlight(loaded, page, rate=0)

@@ -25,5 +25,5 @@ from drake_quad.visualization.names import short_name
         ("weights.4", "weights 5"),
     ],
 )
-def test_names_are_words_and_symbols(name: str, expected: str) -> None:
+def test_short_names_consist_of_words_and_symbols(name: str, expected: str) -> None:
     assert short_name(name) == expected

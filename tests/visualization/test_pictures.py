@@ -108,7 +108,7 @@ def test_equal_rotor_speeds_are_distinguishable(flight):
 
 
 def test_the_legend_identifies_each_weight(learned):
-    """The curve of the last rule, which has the last set of each input, has the colour and the style in the legend."""
+    """The last rule has the last set of each input, and its curve has the colour and the line style of these sets."""
     figure = plot_learning(learned)
     weights = figure.axes[3]
     key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}

@@ -8,20 +8,20 @@ from drake_quad.identification.logs.record import COLUMNS, FlightRecord
 from drake_quad.visualization.record_plots import plot_record
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
-DEGREES = 180.0 / np.pi
+DEGREES_PER_RADIAN = 180.0 / np.pi
 XYZ, ANGLES, RATES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
-FOUR = tuple(f"rotor {i}" for i in (1, 2, 3, 4))
+ROTOR_NAMES = tuple(f"rotor {i}" for i in (1, 2, 3, 4))
 # Measured signal and command, names of the columns, unit, and factor from the SI unit.
 PANELS = (
     ("position", "reference_position", XYZ, "m", 1.0),
     ("velocity", "reference_velocity", XYZ, "m/s", 1.0),
     ("reference_acceleration", None, XYZ, "m/s²", 1.0),
-    ("attitude", "attitude_command", ANGLES, "deg", DEGREES),
-    ("reference_yaw", None, (), "deg", DEGREES),
-    ("body_rates", "body_rate_command", RATES, "deg/s", DEGREES),
+    ("attitude", "attitude_command", ANGLES, "deg", DEGREES_PER_RADIAN),
+    ("reference_yaw", None, (), "deg", DEGREES_PER_RADIAN),
+    ("body_rates", "body_rate_command", RATES, "deg/s", DEGREES_PER_RADIAN),
     ("specific_force", None, XYZ, "m/s²", 1.0),
-    ("rotor_speed", "rotor_speed_command", FOUR, "rad/s", 1.0),
-    ("motor_command", None, FOUR, "%", 100.0),
+    ("rotor_speed", "rotor_speed_command", ROTOR_NAMES, "rad/s", 1.0),
+    ("motor_command", None, ROTOR_NAMES, "%", 100.0),
     ("thrust_command", None, (), "N", 1.0),
     ("thrust_fraction", "hover_thrust_fraction", (), "%", 100.0),
     ("torque_command", None, XYZ, "mN m", 1000.0),
@@ -49,7 +49,7 @@ def test_every_panel_has_its_signals_in_its_unit():
         assert axes.get_ylabel() == f"{words}\n({unit})"
         assert words.split(",")[0].split()[0] in name.replace("_", " ").split()
         count = max(len(names), 1)
-        colors = ROTORS if names == FOUR else tuple(AXES.values()) if names else (BLACK,)
+        colors = ROTORS if names == ROTOR_NAMES else tuple(AXES.values()) if names else (BLACK,)
         assert len(axes.lines) == (count if command is None else 2 * count)
         for lines, signal in ((axes.lines[:count], name), (axes.lines[count:], command)):
             columns = getattr(given, signal or name).reshape(50, -1).T

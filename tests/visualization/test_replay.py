@@ -83,7 +83,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
 
 @pytest.mark.slow
 @needs_chromium
-def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
+def test_a_replay_can_be_opened_at_a_given_time(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
     with Browser(page, tmp_path / "profile", fragment="#t=5.0") as browser:
         browser.wait_for("document.getElementById('clock')?.textContent === '5.0 s'")

@@ -120,7 +120,7 @@ def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
     for end in ("top", "bottom"):
         assert stage.properties["/Background/<object>", f"{end}_color"] == [1.0, 1.0, 1.0]
     lights = {path: value for (path, name), value in stage.properties.items() if name == "intensity"}
-    # With spot lights, colours would differ from the legend.
+    # Spot lights would make colours differ from the legend.
     assert {path for path, value in lights.items() if value > 0.0} == {
         "/Lights/AmbientLight/<object>",
         "/Lights/FillLight/<object>",

@@ -17,12 +17,12 @@ from drake_quad.visualization.overview import plot_study
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import save_figures
 
-COUNT = 200
-MASS = "vehicle.mass"
-DELAY = "laboratory.motion_capture.latency_frames"
+NUM_SAMPLES = 200
+MASS_PATH = "vehicle.mass"
+DELAY_PATH = "laboratory.motion_capture.latency_frames"
 
 
-def study(seed=0, crashes=30, count=COUNT):
+def study(seed=0, crashes=30, count=NUM_SAMPLES):
     """Return a study whose heaviest samples crash, and whose errors grow with the mass."""
     rng = np.random.default_rng(seed)
     mass, delay = rng.uniform(0.5, 0.9, count), rng.integers(0, 2, count).astype(float)
@@ -30,14 +30,14 @@ def study(seed=0, crashes=30, count=COUNT):
     crash_time = np.where(np.argsort(np.argsort(-mass)) < crashes, 3.0, math.inf)
     numbers = {name: (1.0 + i) * errors for i, name in enumerate(Metrics._fields)} | {"crash_time": crash_time}
     scenario = load_scenario("robustness")
-    return Study(scenario, 10.0, np.arange(count), {MASS: mass, DELAY: delay}, Metrics(**numbers))
+    return Study(scenario, 10.0, np.arange(count), {MASS_PATH: mass, DELAY_PATH: delay}, Metrics(**numbers))
 
 
-def no_crash(seed=0, count=COUNT):
+def no_crash(seed=0, count=NUM_SAMPLES):
     return study(seed, 0, count)
 
 
-def test_a_distribution_is_the_fraction_of_samples_up_to_a_value():
+def test_a_distribution_plot_shows_the_fraction_of_samples_up_to_each_value():
     """Crashed samples count as worse than all others. The bands follow from Massart's inequality."""
     some, none = study(), no_crash(1)
     figure = plots.plot_distribution({"one": some, "other": none})
@@ -46,12 +46,12 @@ def test_a_distribution_is_the_fraction_of_samples_up_to_a_value():
     for label, each, crashed in (("one (15.0 % crashed)", some, 30), ("other", none, 0)):
         values, fractions = curve(axes, label)
         expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
-        assert len(values) == COUNT - crashed
+        assert len(values) == NUM_SAMPLES - crashed
         np.testing.assert_array_equal(values, expected)
         np.testing.assert_allclose(
-            fractions, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / COUNT for v in values]
+            fractions, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / NUM_SAMPLES for v in values]
         )
-    max_rotor_distance = math.sqrt(math.log(2.0 / 0.05) / (2.0 * COUNT))
+    max_rotor_distance = math.sqrt(math.log(2.0 / 0.05) / (2.0 * NUM_SAMPLES))
     for collection, each in zip(axes.collections, (some, none), strict=True):
         edges = np.unique(collection.get_paths()[0].vertices[:, 1])
         assert edges.min() == 0.0
@@ -84,7 +84,7 @@ def test_estimates_converge_with_the_number_of_samples():
     assert corners[:, 1].min() == pytest.approx(low.min())
     assert corners[:, 1].max() == pytest.approx(high.max())
     stops, fractions = curve(right, "one")
-    assert (stops[0], stops[-1]) == (20.0, COUNT)
+    assert (stops[0], stops[-1]) == (20.0, NUM_SAMPLES)
     assert (np.diff(stops) > 0.0).all()
     np.testing.assert_allclose(fractions, [found.metrics.crashed[: int(n)].mean() for n in stops])
     assert right.get_title(loc="left") == "crashes"
@@ -110,7 +110,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
 
 
 def test_a_study_of_crashes_only_is_drawn_without_a_mean():
-    left, right = plots.plot_convergence({"one": study(crashes=COUNT)}).axes
+    left, right = plots.plot_convergence({"one": study(crashes=NUM_SAMPLES)}).axes
     assert left.get_xscale() == "linear"
     assert right.get_xscale() == "log"
 
@@ -124,7 +124,7 @@ def requirement_study(robustness, crash_time):
     return Study(scenario, 10.0, np.arange(len(robustness)), {}, metrics(**numbers))
 
 
-def test_in_the_distribution_of_a_metric_that_is_better_if_larger_crashes_have_the_smallest_values():
+def test_crashes_have_the_smallest_values_of_a_metric_that_is_better_if_larger():
     robustness = np.array([4.0, 2.0, 3.0, 1.0])
     (axes,) = plots.plot_distribution(
         {"one": requirement_study(robustness, np.array([math.inf, math.inf, math.inf, 3.0]))}, "near"
@@ -152,7 +152,7 @@ def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
     assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
     assert axes.texts[-1].get_text().startswith("rank correlation")
     expected = statistics.influences(found, name)
-    assert [each.path for each in expected] == [MASS, DELAY]
+    assert [each.path for each in expected] == [MASS_PATH, DELAY_PATH]
     values = found.metrics.crashed if name == "crashed" else found.metrics.rmse[~found.metrics.crashed]
     middle = np.mean(values)
     for place, each in enumerate(expected):
@@ -178,7 +178,7 @@ def test_a_tornado_shows_at_most_sixteen_fields():
     found = study()
     rng = np.random.default_rng(2)
     crowd = {
-        path: rng.uniform(size=COUNT)
+        path: rng.uniform(size=NUM_SAMPLES)
         for path in (
             *(f"vehicle.inertia.{i}" for i in range(3)),
             *(f"control.position.k_p.{i}" for i in range(3)),
@@ -199,8 +199,8 @@ def test_a_tornado_shows_at_most_sixteen_fields():
 def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
     found = study()
-    (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
-    levels = statistics.crash_bins(found, MASS, num_bins=8)
+    (axes,) = plots.plot_crash_probability(found, MASS_PATH, num_bins=8).axes
+    levels = statistics.crash_bins(found, MASS_PATH, num_bins=8)
     points = next(line for line in axes.lines if line.get_marker() == "o")
     np.testing.assert_allclose(points.get_xydata(), [[each.middle, each.probability.value] for each in levels])
     upright, across = axes.containers
@@ -224,7 +224,7 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
 def test_controllers_with_equal_values_are_drawn_side_by_side():
     """The markers are drawn three typographic points apart, around the true value. Integers have integer ticks."""
     studies = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
-    figure = plots.plot_crash_probability(studies, DELAY)
+    figure = plots.plot_crash_probability(studies, DELAY_PATH)
     (axes,) = figure.axes
     points = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(points) == 3
@@ -233,7 +233,7 @@ def test_controllers_with_equal_values_are_drawn_side_by_side():
     shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
     np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
     assert axes.xaxis.get_major_locator()._integer
-    alone = plots.plot_crash_probability(studies["a"], MASS).axes[0]
+    alone = plots.plot_crash_probability(studies["a"], MASS_PATH).axes[0]
     assert not getattr(alone.xaxis.get_major_locator(), "_integer", False)
 
 
@@ -257,7 +257,7 @@ def test_labels_of_metrics_have_units(name, label):
         assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
 
 
-def test_axes_are_logarithmic_where_medians_differ_tenfold():
+def test_axes_are_logarithmic_if_medians_differ_by_more_than_a_factor_of_ten():
     found = study()
     worse = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=20.0 * found.metrics.rmse))
     twice = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=2.0 * found.metrics.rmse))
@@ -300,7 +300,10 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
 
 def test_controllers_are_compared_by_all_of_their_samples():
     """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
-    flights = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
+    flights = {
+        "calm": {"a": study().metrics, "b": no_crash(1, 50).metrics},
+        "wind": {"a": study(2, NUM_SAMPLES).metrics},
+    }
     flights["wind"]["b"] = study(4, 3, 40).metrics
     first, second = plot_comparison(flights).axes
     for axes, name in ((first, "calm"), (second, "wind")):
@@ -327,7 +330,7 @@ def test_controllers_are_compared_by_all_of_their_samples():
     assert first.texts[1].xy == pytest.approx((100.0 * flights["calm"]["b"].rmse.mean(), 1))
     assert [label.get_text() for label in first.get_yticklabels()] == ["a", "b"]
     assert first.get_ylim() == (1.5, -0.5)
-    large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(COUNT, 0.126))}}).axes[0]
+    large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(NUM_SAMPLES, 0.126))}}).axes[0]
     assert large.texts[0].get_text().startswith("13 cm")
     one = plot_comparison({"gale": {"a": no_crash(count=1).metrics}}).axes[0]
     np.testing.assert_array_equal(one.lines[0].get_ydata(), [0.0])

@@ -16,7 +16,7 @@ from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
 HOVER = load_scenario("hover")
-PLACED = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
+VEHICLE_STATE = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
 
 
 def shown(time, scenario=HOVER, **constants):
@@ -30,8 +30,8 @@ def shown(time, scenario=HOVER, **constants):
     return scene
 
 
-def test_if_only_the_state_is_connected_only_the_vehicle_is_shown():
-    scene = shown(0.1, state=PLACED)
+def test_only_the_vehicle_is_shown_if_only_the_state_is_connected():
+    scene = shown(0.1, state=VEHICLE_STATE)
     pose = scene.poses["/mine"]
     np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
     np.testing.assert_allclose(pose.rotation().matrix(), RollPitchYaw(0.1, -0.2, 0.3).ToRotationMatrix().matrix())
@@ -40,7 +40,7 @@ def test_if_only_the_state_is_connected_only_the_vehicle_is_shown():
 
 def test_rotors_turn_in_their_directions_at_a_tenth_of_their_speeds():
     speeds = np.array([10.0, 20.0, 30.0, 40.0])
-    scene = shown(0.5, state=PLACED, rotor_speed=speeds)
+    scene = shown(0.5, state=VEHICLE_STATE, rotor_speed=speeds)
     for i, (rotor, speed) in enumerate(zip(Frame.of(HOVER.vehicle).rotors, speeds, strict=True), start=1):
         angle = 0.1 * rotor.direction * speed * 0.5
         turned = scene.poses[f"/mine/rotor_{i}"].rotation().matrix()
@@ -50,7 +50,7 @@ def test_rotors_turn_in_their_directions_at_a_tenth_of_their_speeds():
 def test_a_point_shows_the_reference_and_an_arrow_the_wind():
     reference = np.zeros(len(Reference._fields))
     reference[:3] = [4.0, 5.0, 6.0]
-    scene = shown(0.1, state=PLACED, reference=reference, wind=[0.0, 3.0, 4.0])
+    scene = shown(0.1, state=VEHICLE_STATE, reference=reference, wind=[0.0, 3.0, 4.0])
     np.testing.assert_allclose(scene.poses["/mine_reference"].translation(), [4.0, 5.0, 6.0])
     assert scene.objects["/mine_reference"].radius() < 0.25 * Frame.of(HOVER.vehicle).max_rotor_distance
     np.testing.assert_allclose(scene.poses["/mine_wind"].rotation().matrix()[:, 0], [0.0, 0.6, 0.8], atol=1e-12)
@@ -110,7 +110,7 @@ def test_a_watched_simulator_is_shown_from_the_start_after_each_restart(name):
     assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")  # the scene shows the fans
 
 
-def test_without_a_state_drake_names_the_port():
+def test_drake_names_the_state_port_if_it_is_not_connected():
     builder = DiagramBuilder()
     QuadrotorVisualizer.add_to_builder(builder, Recording(), HOVER)
     with pytest.raises(RuntimeError, match="state"):
@@ -127,9 +127,9 @@ def test_the_vehicle_of_the_sample_is_drawn():
 
 @pytest.mark.slow
 def test_an_existing_diagram_can_be_shown():
-    """The scene is Drake's own Meshcat.
+    """The scene is Drake's Meshcat.
 
-    With steps of 10 ms, frames are 40 ms apart, the smallest multiple above 1/32 s.
+    With steps of 10 ms, frames are 40 ms apart, the smallest multiple of 10 ms above 1/32 s.
     """
     scenario = load_scenario("outdoor", ["duration=1"])
     simulator = Simulator(build_tracking_diagram(scenario))

@@ -15,7 +15,7 @@ from drake_quad.visualization.style import AXES
 # Largest number of instants in the plot.
 _MAX_INSTANTS = 800
 # Smallest time step of the plot, s.
-_MIN_STEP = 0.05
+_MIN_TIME_STEP = 0.05
 _OBSTACLE_COLOR = "#555555"
 # Quantiles at the lower and upper edges of the band over many flights.
 _BAND_QUANTILES = (0.05, 0.95)
@@ -37,7 +37,7 @@ def page_data(
     """
     flights = [flight for group in groups.values() for flight in group]
     duration = max(float(flight.time[-1]) for flight in flights)
-    step = max(_MIN_STEP, duration / _MAX_INSTANTS)
+    step = max(_MIN_TIME_STEP, duration / _MAX_INSTANTS)
     times = np.arange(0.0, duration + 1e-9, step)
     sizes = [Frame.of(flight.scenario.vehicle).max_rotor_distance for flight in flights]
     marks = _marks(room)
@@ -52,7 +52,7 @@ def page_data(
         "frame": [*np.round(room.corners, 3).tolist(), *(mark["at"] for mark in marks)],
         "marks": marks,
     }
-    # Without the backslash, a name that contains "</script>" would end the script.
+    # A name that contains "</script>" would end the script if it had no backslash.
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 

@@ -19,7 +19,8 @@ from drake_quad.visualization.style import AXES
 # margin is 0.7 m for the vehicle of the paper.
 _MARGIN_RATIO = 4.0
 # Positions of the vehicle that are farther from the reference than this, m, do not enlarge the room.
-_MAX_DISTANCE = 3.0
+_MAX_DISTANCE_FROM_REFERENCE = 3.0
+# Width of the line along the reference path, pixels.
 _LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
@@ -65,7 +66,7 @@ def local_meshcat() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
-    # With diffuse light, the colours match the legend.
+    # The colours match the legend only if the light is diffuse.
     for light, intensity in _LIGHT_INTENSITIES.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     for end in ("top", "bottom"):
@@ -87,7 +88,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_
     """
     path = reference_points(plan)
     margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).max_rotor_distance
-    limits = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
+    limits = path.min(axis=0) - _MAX_DISTANCE_FROM_REFERENCE, path.max(axis=0) + _MAX_DISTANCE_FROM_REFERENCE
     nearby = np.vstack([path, np.clip(visited_positions, *limits)])
     low, high = nearby.min(axis=0) - margin, nearby.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)

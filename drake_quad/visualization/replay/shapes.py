@@ -31,11 +31,11 @@ _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25  # m, length of the housing of a fan
 # Speed of the drawn rotors relative to the real rotors, which turn at 200 rad/s, too fast for 30 frames per second.
 _ROTATION_FACTOR = 0.1
-# Length of the arrow of a wind of 1 m/s, m.
+# Length of a wind arrow per wind speed, m per m/s.
 _ARROW_LENGTH_PER_SPEED = 0.15
 # Flight time along one piece of a trail, s.
 TRAIL_PIECE_DURATION = 0.25
-_TRAIL_RADIUS = 0.018
+_TRAIL_RADIUS = 0.018  # m
 ERROR_COLORS = colormaps["viridis"]
 # Rotors whose x is at least this fraction of the x of the foremost rotor have arms in the colour of the front.
 _MIN_FRONT_FRACTION = 0.5
@@ -48,7 +48,8 @@ class Frame(NamedTuple):
 
     Attributes:
         rotors: rotors 1 to 4.
-        roots: start of the arm of each rotor in B, (3,), m: the middle, or an end of the crossbar of an H frame.
+        roots: point in B, (3,), m, at which the arm of each rotor begins: the centre, or an end of the crossbar of an H
+            frame.
     """
 
     rotors: Rotors
@@ -212,7 +213,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
     lengths = np.linspace(0.0, length, 9)
     x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # With depth writing, a jet that is drawn first would hide the trails inside and behind the jet.
+    # A jet that writes depth and is drawn first would hide the trails inside and behind the jet.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
