@@ -1,4 +1,4 @@
-"""Tests of the wheel in a new environment, without the checkout."""
+"""Tests of the wheel in a new virtual environment, without the files of the repository."""
 
 import itertools
 import os
@@ -21,7 +21,7 @@ COMMANDS = [
     ["study", "robustness", "--samples", "4", "--set", "duration=1"],
     ["design", "vehicles/hummingbird"],
 ]
-# Environment variables, without those that point to the checkout or to the environment of the tests.
+# Environment variables without PYTHONPATH and VIRTUAL_ENV, which refer to the environment of the tests.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
@@ -41,14 +41,14 @@ def wheel(tmp_path_factory):
 
 
 def link_required(distribution, extras, site):
-    """Link the dependencies of a distribution and its extras, recursively, into a folder of packages."""
+    """Link the dependencies of a distribution and of its extras into a site-packages folder, recursively."""
     for text in distribution.requires or ():
         required = Requirement(text)
         if required.marker and not any(required.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
             continue
         dependency = metadata.distribution(required.name)
         assert required.specifier.contains(dependency.version), text
-        # Each entry is a module, a package, or a folder with metadata or libraries.
+        # Each name is a module, a package, or a folder with metadata or shared libraries.
         names = {path.parts[0] for path in dependency.files} - {"..", "__pycache__"}
         missing = [name for name in names if not (site / name).exists()]
         for name in missing:
@@ -59,7 +59,7 @@ def link_required(distribution, extras, site):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Return the folder of programs of an environment that contains only the wheel and its dependencies.
+    """Install the wheel and its dependencies in a new environment, and return the environment's `bin` folder.
 
     The dependencies are linked, which is faster than installing them again.
     """
@@ -84,8 +84,8 @@ def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert names == shipped | {name for name in sources if "__pycache__" not in name}
 
 
-# All commands and code blocks run in one process, because importing and compiling take most of the time. Figures are
-# not rendered, because rendering takes most of the remaining time.
+# Program that runs all commands and code blocks in one process, because importing and compiling take most of the time.
+# It does not render figures, because this takes most of the remaining time.
 RUN_ALL = """
 import sys
 from matplotlib.figure import Figure
@@ -101,19 +101,19 @@ for command in {commands!r}:
 
 @pytest.fixture(scope="module")
 def printed(installed, tmp_path_factory):
-    """Return the output of the README's code blocks and of the commands in an empty folder, and that folder."""
+    """Run the README's code blocks and the commands in an empty folder; return their output and the folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
     return run_checked(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
 
 
 @pytest.mark.slow
-def test_blocks_of_the_readme_run_without_a_checkout(printed):
+def test_code_blocks_of_the_readme_run_without_the_repository(printed):
     errors = re.findall(r"\d cm", printed[0].partition("wrote\n")[0])
     assert len(errors) >= len(BLOCKS)
 
 
 @pytest.mark.slow
-def test_commands_run_without_a_checkout(printed):
+def test_commands_run_without_the_repository(printed):
     text, folder = printed
     lists = text.split("wrote\n")[1:]
     assert len(lists) == len(COMMANDS)
