@@ -19,11 +19,11 @@ from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 
 HORIZON = 6.0  # s, duration of the flight
-# Errors (m, rad, m/s, rad/s) and commands (rad/s) that have equal cost.
+# The LQR assigns the same cost to each of these errors (m, rad, m/s, rad/s) and commands (rad/s).
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
 COMMAND = np.array(4 * [30.0])
 
-# Differential flatness gives the states and rotor speeds along the plan. Commands lead these speeds by the rotor lag.
+# States and rotor speeds along the plan follow from differential flatness. Commands lead the speeds by the rotor lag.
 scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
 plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)

@@ -27,7 +27,7 @@ def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
 
 
 def is_signal(node: ast.AST) -> bool:
-    """Return whether an expression has the form of a flight's signal, its record, or metrics, as in `flight["state"]`."""
+    """Return whether an expression reads a signal of a flight, its record or metrics, as in `flight["state"]`."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return node.slice.value in SIGNALS
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):

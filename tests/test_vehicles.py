@@ -26,8 +26,8 @@ def test_every_shipped_vehicle_is_tested_here_except_the_one_compared_with_real_
     assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
-# Largest accepted fraction of crashed flights among 200 samples. The limit is wide for `crazyflie`, which has no onboard
-# attitude control: a radio link delays its commands by 20 to 60 ms, and its rotors lag by 80 to 220 ms.
+# Largest accepted fraction of crashed flights among 200 samples. The limit is wide for `crazyflie`, which has no
+# onboard attitude control: a radio link delays its commands by 20 to 60 ms, and its rotors lag by 80 to 220 ms.
 MAX_CRASH_FRACTION = {
     "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
