@@ -372,7 +372,7 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """Return planning tasks by name: random routes with about a metre between waypoints, and the route of the forest."""
+    """Return planning tasks by name: random routes with waypoints about a metre apart, and the route of the forest."""
     rng = np.random.default_rng(0)
     limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)

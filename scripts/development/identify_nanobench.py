@@ -176,7 +176,7 @@ def correlation_samples(signal: np.ndarray) -> int:
 
 
 def climb_slope(record: FlightRecord, lift_off: int) -> float:
-    """Estimate the derivative (m/s²) of the vertical acceleration with respect to the collective command in the climb."""
+    """Estimate the derivative of the vertical acceleration with respect to the collective command in a climb, m/s²."""
     part = record.subset(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
     acceleration = np.gradient(smooth(np.gradient(part.of("position")[:, 2], part.time)), part.time)
     command = smooth(_FULL_THROTTLE * part.of("motor_command").mean(axis=1))
