@@ -137,7 +137,7 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
         load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", ALL_IMPERFECTIONS, layers=[layer])
         for layer in (_DIAGRAMS / "gains" / "laboratory.yaml", _NETWORK)
     )
-    print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
+    print("| | ideal laboratory | with every imperfection, noise and wind | the same with type-2 networks on X and Y |")
     print("|---|---|---|---|")
     for size, compiled in itertools.product(sizes, (True, False)):
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
@@ -232,7 +232,7 @@ def print_controllers(repetitions: int) -> None:
 def print_obstacles(repetitions: int) -> None:
     """Print the simulation speed of compiled fleets with and without obstacles."""
     size = 512
-    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | ratio |")
+    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 obstacles around the path | ratio |")
     print("|---|---|---|---|")
     for name in ("figure_eight", "robustness"):
         scenarios = [

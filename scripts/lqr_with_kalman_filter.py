@@ -12,17 +12,17 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from drake_quad import compare_studies, laboratory_plant, load_scenario, mean_interval, run_monte_carlo
 from drake_quad.signals import Reference, State, Wrench
 
-LABORATORY, UNCERTAIN = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
+LABORATORY, UNCERTAIN_MASS = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
 NOMINAL = load_scenario(LABORATORY)
 MASS, GRAVITY = NOMINAL.nominal.mass, NOMINAL.nominal.gravity
 PLANT = laboratory_plant(NOMINAL).system
 # The LQR assigns the same cost to each of these errors (m, rad, m/s, rad/s) and commands (N, N m).
-ERROR = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
-COMMAND = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
+ERROR_SCALES = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
+COMMAND_SCALES = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
 # Standard deviations of the measurement noise (m, rad, m/s, rad/s) in the Kalman filter.
 NOISE = np.array([*State(*3 * [0.001], *3 * [0.004], *3 * [0.01], *3 * [0.04])])
-WEIGHT, DISTURBANCE = PLANT.C / ERROR[:, np.newaxis], PLANT.B * 0.1 * COMMAND
-K, _ = DiscreteTimeLinearQuadraticRegulator(PLANT.A, PLANT.B, WEIGHT.T @ WEIGHT, np.diag(COMMAND**-2))
+WEIGHT, DISTURBANCE = PLANT.C / ERROR_SCALES[:, np.newaxis], PLANT.B * 0.1 * COMMAND_SCALES
+K, _ = DiscreteTimeLinearQuadraticRegulator(PLANT.A, PLANT.B, WEIGHT.T @ WEIGHT, np.diag(COMMAND_SCALES**-2))
 L = DiscreteTimeSteadyStateKalmanFilter(PLANT.A, PLANT.C, DISTURBANCE @ DISTURBANCE.T, np.diag(NOISE**2))
 
 
@@ -52,7 +52,7 @@ class Lqr(LeafSystem):
 
 
 if __name__ == "__main__":  # worker processes import this file
-    uncertain = load_scenario(LABORATORY, [UNCERTAIN])
+    uncertain = load_scenario(LABORATORY, [UNCERTAIN_MASS])
     mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
     for name, study in {"LQR": mine, NOMINAL.cascade.position.kind: built_in}.items():
         print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text(unit='cm', size=0.01)}")
