@@ -31,7 +31,7 @@ GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication
 DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED_FOLDERS]
 PAGES = [ROOT / "README.md", *DOCS]
 # Pages for developers. The tests check their links and names, but do not run their commands.
-OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+DEVELOPER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 # Options that the tests append to commands of the pages, to shorten them. The last one of equal options applies.
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
@@ -74,7 +74,7 @@ def blocks(language):
 
 
 @pytest.fixture
-def elsewhere(tmp_path, monkeypatch):
+def linked_folder(tmp_path, monkeypatch):
     """Return a temporary working directory with links to the files that the pages mention."""
     for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
@@ -95,11 +95,11 @@ def few_samples(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
-def test_every_python_block_of_the_pages_runs(block, elsewhere, capsys):
+def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
     for library in OPTIONAL_LIBRARIES:
         if re.search(rf"^import {library}\b", block, re.MULTILINE):
             pytest.importorskip(library)
-    path = elsewhere / "block.py"
+    path = linked_folder / "block.py"
     path.write_text(block, encoding="utf-8")
     # run_path replaces sys.modules["__main__"], because worker processes look up the classes of a block there. The path
     # is absolute, because spawned processes interpret relative paths in the folder where pytest was started.
@@ -123,8 +123,8 @@ def test_code_blocks_name_shipped_scenarios_without_a_path_in_the_repository(blo
 
 
 @pytest.mark.parametrize("block", blocks("yaml"))
-def test_every_scenario_of_the_pages_loads(block, elsewhere):
-    path = elsewhere / "mine" / "loop.yaml"
+def test_every_scenario_of_the_pages_loads(block, linked_folder):
+    path = linked_folder / "mine" / "loop.yaml"
     path.parent.mkdir()
     path.write_text(block, encoding="utf-8")
     # A block that describes only a vehicle is not a complete scenario, so it is loaded without gains.
@@ -134,7 +134,7 @@ def test_every_scenario_of_the_pages_loads(block, elsewhere):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
+@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
     if "qemu" in block and shutil.which(EMULATOR) is None:
@@ -150,7 +150,7 @@ def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
+@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
     """The blocks of the page run in order. Each line of a text block must be in the output of the previous block."""
@@ -210,7 +210,7 @@ def commands():
 
 
 @pytest.mark.parametrize("command", commands())
-@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.usefixtures("linked_folder")
 def test_every_command_in_the_text_of_a_page_can_be_parsed(command, monkeypatch):
     program, *arguments = shlex.split(command.partition(" > ")[0], comments=True)  # omits a redirection of the output
     if program == "drake-quad" and len(arguments) == 1:
@@ -234,7 +234,7 @@ def test_every_command_in_the_text_of_a_page_can_be_parsed(command, monkeypatch)
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", [*PAGES, *DEVELOPER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_path_and_link_of_a_page_exists(page):
     text = page.read_text(encoding="utf-8")
     for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
@@ -246,7 +246,7 @@ def test_every_path_and_link_of_a_page_exists(page):
         assert (page.parent / target.partition("#")[0]).exists(), target
 
 
-ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *OTHER_PAGES])
+ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *DEVELOPER_PAGES])
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(drake_quad(?:\.\w+)+)`", ALL_TEXT))))

@@ -8,13 +8,13 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.gym import QuadrotorVectorEnv
 
-BILLION = 10**9
+ONE_BILLION = 10**9
 OVERSIZED_FLEETS = [
-    ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=BILLION)),
-    ("num_vehicles", lambda scenario: StudyFleet(scenario, plan_route(scenario), BILLION)),
-    ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, BILLION)),
-    ("the number of samples", lambda scenario: simulate_samples(scenario, range(BILLION))),
-    ("batch", lambda scenario: run_monte_carlo(scenario, BILLION, batch_size=BILLION)),
+    ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=ONE_BILLION)),
+    ("num_vehicles", lambda scenario: StudyFleet(scenario, plan_route(scenario), ONE_BILLION)),
+    ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, ONE_BILLION)),
+    ("the number of samples", lambda scenario: simulate_samples(scenario, range(ONE_BILLION))),
+    ("batch", lambda scenario: run_monte_carlo(scenario, ONE_BILLION, batch_size=ONE_BILLION)),
 ]
 
 
@@ -28,7 +28,7 @@ def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
 @pytest.mark.slow
 def test_a_batch_larger_than_its_study_needs_memory_only_for_the_study(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 10**9)
-    study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=BILLION)
+    study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=ONE_BILLION)
     assert len(study.metrics.crashed) == 2
 
 
@@ -55,7 +55,7 @@ def test_available_memory_is_the_physical_memory_if_there_is_no_meminfo(tmp_path
 
 def test_every_fleet_is_accepted_if_the_available_memory_is_unknown(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: None)
-    memory.check_fleet_fits(BILLION, "num_envs")
+    memory.check_fleet_fits(ONE_BILLION, "num_envs")
 
 
 @pytest.mark.slow

@@ -20,12 +20,12 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.signals import State
 
 ROOT = Path(__file__).parent.parent
-SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "benchmark.py")
-DEVELOPMENT = sorted((ROOT / "scripts" / "development").glob("*.py"))
-TOOLS = [path for path in (ROOT / "scripts" / "benchmark.py", *DEVELOPMENT) if "__main__" in path.read_text()]
+EXAMPLE_SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "benchmark.py")
+DEVELOPMENT_SCRIPTS = sorted((ROOT / "scripts" / "development").glob("*.py"))
+TOOLS = [path for path in (ROOT / "scripts" / "benchmark.py", *DEVELOPMENT_SCRIPTS) if "__main__" in path.read_text()]
 MAX_LINES = 60
 
-scripts = pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+scripts = pytest.mark.parametrize("script", EXAMPLE_SCRIPTS, ids=lambda path: path.stem)
 tools = pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.stem)
 
 
@@ -41,7 +41,9 @@ def test_the_readme_of_the_scripts_lists_each_script_with_its_purpose():
     table = dict(
         re.findall(r"^\| \[`(\w+\.py)`\]\(\1\) \| (.+) \|$", (ROOT / "scripts" / "README.md").read_text(), re.M)
     )
-    purposes = {each.name: ast.get_docstring(ast.parse(each.read_text())).partition("\n")[0] for each in SCRIPTS}
+    purposes = {
+        each.name: ast.get_docstring(ast.parse(each.read_text())).partition("\n")[0] for each in EXAMPLE_SCRIPTS
+    }
     assert table == purposes
 
 

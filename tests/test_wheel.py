@@ -15,18 +15,20 @@ from packaging.requirements import Requirement
 import drake_quad
 
 ROOT = Path(__file__).parent.parent
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-COMMANDS = [
+README_BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+TESTED_COMMANDS = [
     ["fly", "laboratory:high_wind", "--set", "duration=1"],
     ["study", "robustness", "--samples", "4", "--set", "duration=1"],
     ["design", "vehicles/hummingbird"],
 ]
 # Environment variables without PYTHONPATH and VIRTUAL_ENV, which refer to the environment of the tests.
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+CLEAN_ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
 def run_checked(*command, cwd):
-    result = subprocess.run([*map(str, command)], cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        [*map(str, command)], cwd=cwd, env=CLEAN_ENVIRONMENT, capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stderr
     return result.stdout
 
@@ -103,20 +105,22 @@ for command in {commands!r}:
 def printed(installed, tmp_path_factory):
     """Run the README's code blocks and the commands in an empty folder; return their output and the folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    return run_checked(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
+    return run_checked(
+        installed / "python", "-c", RUN_ALL.format(blocks=README_BLOCKS, commands=TESTED_COMMANDS), cwd=folder
+    ), folder
 
 
 @pytest.mark.slow
 def test_code_blocks_of_the_readme_run_without_the_repository(printed):
     errors = re.findall(r"\d cm", printed[0].partition("wrote\n")[0])
-    assert len(errors) >= len(BLOCKS)
+    assert len(errors) >= len(README_BLOCKS)
 
 
 @pytest.mark.slow
 def test_commands_run_without_the_repository(printed):
     text, folder = printed
     lists = text.split("wrote\n")[1:]
-    assert len(lists) == len(COMMANDS)
+    assert len(lists) == len(TESTED_COMMANDS)
     for each in lists:
         written = [line.strip() for line in itertools.takewhile(lambda line: line.startswith("  "), each.splitlines())]
         assert written
