@@ -1,4 +1,4 @@
-"""Sphinx: `make docs` builds the pages and the reference."""
+"""Sphinx configuration of the documentation, which `make docs` builds."""
 
 import copy
 import functools
@@ -28,7 +28,7 @@ extensions = [
 ]
 myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath", "html_image"]
 myst_heading_anchors = 3
-# Notebooks are flown whenever the site is built; one that fails fails the build.
+# Notebooks are executed whenever the site is built. An error in a notebook stops the build.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
@@ -41,31 +41,31 @@ html_title = "drake_quad"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_copyright = False
-smartquotes_action = "qe"  # options begin with two dashes
+smartquotes_action = "qe"  # quotes and ellipses only: a dash would replace the two hyphens of a command's option
 html_show_sphinx = False
 default_role = "code"
 autodoc_member_order = "bysource"
-autodoc_mock_imports = ["stable_baselines3"]  # brings PyTorch with it
+autodoc_mock_imports = ["stable_baselines3"]  # not imported, because it depends on PyTorch
 autodoc_default_options = {"members": True}
-autodoc_use_type_comments = False  # there are none, and reading each function's source again takes long
+autodoc_use_type_comments = False  # the package has no type comments, and searching for them is slow
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
 
 class PortBlock(Directive):
-    """The ports of a system, as Drake's documentation writes them."""
+    """Directive `pydrake_system`, which shows the ports of a system in the format of Drake's documentation."""
 
     has_content = True
 
     def run(self) -> list[nodes.Node]:
-        """Return the block as it is written."""
+        """Return the content of the directive as a block of YAML code."""
         text = "\n".join(self.content)
         return [nodes.literal_block(text, text, language="yaml")]
 
 
-def as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Keep formulas, which are the indented blocks of docstrings, and bars in the text as they are written."""
+def keep_formulas(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Prevent Sphinx from interpreting formulas (indented blocks) and vertical bars in a docstring, and add units."""
     result: list[str] = []
     inside = False
     for i, line in enumerate(lines):
@@ -76,14 +76,14 @@ def as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: li
         if begins and not directive:
             result += ["::", ""]
             inside = True
-        # A letter before a full stop is no list.
+        # Without the backslash, a letter followed by a full stop would start a list.
         text = re.sub(r": (\w)\.$", r": \1\\.", line.replace("|", r"\|"))
         result.append(line if inside or directive else text)
-    lines[:] = [*result, *rows_of(obj)]
+    lines[:] = [*result, *units_of_rows(obj)]
 
 
-def rows_of(record: Any) -> list[str]:
-    """Return the units of the rows of a record as text, and the frames of their axes."""
+def units_of_rows(record: Any) -> list[str]:
+    """Return lines of text with the unit and the frame of each row of a record; no lines for other objects."""
     if not (isinstance(record, type) and hasattr(record, "_fields")):
         return []
     hints = get_type_hints(record, include_extras=True)
@@ -99,8 +99,8 @@ def rows_of(record: Any) -> list[str]:
     return ["", f"Units: {'; '.join(texts)}.", ""] if texts else []
 
 
-def constructor(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returns: str) -> Any:
-    """Return the signature of a record without types, or the arguments with which a system is declared."""
+def short_signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returns: str) -> Any:
+    """Return the signature of a record without types, or that of a system with the arguments of its `declare`."""
     if what == "class" and hasattr(obj, "_fields"):
         defaults = {name: f"={value!r}" for name, value in obj._field_defaults.items() if not isinstance(value, tuple)}
         return f"({', '.join(field + defaults.get(field, '') for field in obj._fields)})", ""
@@ -110,15 +110,18 @@ def constructor(app: Any, what: str, name: str, obj: Any, options: Any, signatur
     return f"({', '.join(['*', 'num_vehicles=1', *(str(each) for each in arguments)])})", ""
 
 
-def skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
-    """Leaves out the fields of records, which the text of the record has, and what is not ours."""
+def is_skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Return True for members that the reference leaves out.
+
+    These are the fields of records, which the docstring of the record describes, and objects of other packages.
+    """
     if type(obj).__name__ == "_tuplegetter" or "[" in name or name in ("model_config", "ToAutoDiffXd", "ToSymbolic"):
         return True
     return True if str(getattr(obj, "__module__", "")).startswith(("pydrake", "matplotlib")) else None
 
 
 def write_reference(app: Any) -> None:
-    """Write a page for each folder of the package, with all of its modules, and an index with the public names."""
+    """Write a reference page for each folder of the package with all of its modules, and an index of public names."""
     package = Path(__file__).parents[1] / "drake_quad"
     pages = {"modules": [path.stem for path in sorted(package.glob("*.py")) if not path.stem.startswith("_")]}
     for folder in sorted(path.parent for path in package.glob("*/__init__.py")):
@@ -146,12 +149,15 @@ def _module(name: str) -> str:
 
 
 def keep_notebooks_as_files(app: Any, config: Any) -> None:
-    """Offer `docs/notebooks/*.ipynb` as downloads, since the site has these pages from their Markdown files."""
+    """Stop Sphinx from building pages from `docs/notebooks/*.ipynb`, which remain available as downloads.
+
+    The same pages are built from their Markdown files.
+    """
     del config.source_suffix[".ipynb"]
 
 
 class IndexedPythonDomain(PythonDomain):
-    """The domain of Python, which looks names up in an index instead of comparing them with every object."""
+    """Python domain that finds the target of a reference in an index instead of searching all objects."""
 
     @functools.cached_property
     def _objects_by_last_part(self) -> dict[str, dict[str, Any]]:
@@ -161,7 +167,7 @@ class IndexedPythonDomain(PythonDomain):
         return index
 
     def find_obj(self, env: Any, modname: str, classname: str, name: str, *options: Any, **named: Any) -> Any:
-        """Return the objects that a name may refer to. Their last part is the last part of the name."""
+        """Return the objects that a dotted name may refer to, searching only objects with the same last part."""
         candidates = self._objects_by_last_part.get(name.removesuffix("()").rpartition(".")[2], {})
         domain = copy.copy(self)
         domain.data = {**self.data, "objects": candidates}
@@ -170,7 +176,7 @@ class IndexedPythonDomain(PythonDomain):
 
 @functools.cache
 def _titles(environment: Any) -> dict[str, Any]:
-    """Return the table of contents of each page with its title and its toctrees, but without sections and objects."""
+    """Return the table of contents of each page, reduced to the title and the toctrees of the page."""
     tables = {page: toc.deepcopy() for page, toc in environment.tocs.items()}
     for item in itertools.chain.from_iterable(table.children for table in tables.values()):
         if len(item) > 1:
@@ -180,7 +186,10 @@ def _titles(environment: Any) -> dict[str, Any]:
 
 
 def navigate_by_titles(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Build the navigation from titles. Sphinx copies the entries of all objects for each page and then omits them."""
+    """Build the navigation from page titles only.
+
+    Otherwise Sphinx would copy the entries of all documented objects for each page, only to omit them afterwards.
+    """
     toctree = context["toctree"]
 
     def toctree_of_titles(**options: Any) -> str:
@@ -194,13 +203,13 @@ def navigate_by_titles(app: Any, page: str, template: str, context: dict[str, An
 
 
 def setup(app: Any) -> None:
-    """Register the extensions of this file with Sphinx."""
+    """Register the directive, the domain and the event handlers of this file with Sphinx."""
     app.connect("config-inited", keep_notebooks_as_files, priority=900)  # after MyST-NB has registered the suffix
     # autosummary reads the pages at the same event, with the priority 500.
     app.connect("builder-inited", write_reference, priority=100)
     app.connect("html-page-context", navigate_by_titles, priority=400)  # before the theme
     app.add_domain(IndexedPythonDomain, override=True)
     app.add_directive("pydrake_system", PortBlock)
-    app.connect("autodoc-process-docstring", as_written, priority=400)
-    app.connect("autodoc-process-signature", constructor)
-    app.connect("autodoc-skip-member", skipped)
+    app.connect("autodoc-process-docstring", keep_formulas, priority=400)
+    app.connect("autodoc-process-signature", short_signature)
+    app.connect("autodoc-skip-member", is_skipped)

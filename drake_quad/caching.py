@@ -14,8 +14,8 @@ class ThreadSafeCache(Generic[Value]):
     one result. This wastes time if a value takes seconds to compute, and is wrong for values that own memory outside
     Python, such as machine code.
 
-    Reading a cached value never waits. While one thread computes a value, other threads that need to compute a value
-    wait, even if the keys differ. The computation of a value may use other values of the same cache.
+    Reading a cached value never waits. Only one thread computes a value at a time: other threads that need to compute a
+    value wait, even if the keys differ. The computation of a value may use other values of the same cache.
 
     Args:
         max_values: largest number of cached values; a further value replaces the oldest one. None for no limit.

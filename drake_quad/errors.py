@@ -61,7 +61,7 @@ def not_connected(port: str, system: Any) -> InputError:
 
     Args:
         port: name of the port.
-        system: system of Drake with the port, or the diagram that exports it.
+        system: Drake system with the port, or diagram that exports the port.
     """
     # The root of a diagram without a name is called "_", and the classes for other scalar types have a suffix.
     path = str(system.GetSystemPathname()).removeprefix("::_").removeprefix("::").replace("::", "/")
@@ -91,7 +91,7 @@ def did_you_mean(name: Any, names: Iterable[str], max_suggestions: int = 2, *, s
     """Return a question with the names that are most similar to a misspelt one, such as "did you mean mass?".
 
     Args:
-        name: name that is not among the names.
+        name: misspelt name, which is not one of `names`.
         names: existing names.
         max_suggestions: largest number of suggested names.
         similarity: smallest similarity of a suggested name, from 0 to 1 for equal names.

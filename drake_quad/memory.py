@@ -6,8 +6,8 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 
-# Smallest memory that a fleet needs per vehicle, bytes. In measurements with 20,000 vehicles, a learning
-# environment needed 8 kB (figure_eight) to 19 kB (robustness) per vehicle, and the fleet of a study 15 to 37 kB.
+# Smallest memory that a fleet needs per vehicle, bytes. With 20,000 vehicles, a learning environment needed 8 kB
+# (figure_eight) to 19 kB (robustness) per vehicle; the fleet of a study needed 15 to 37 kB.
 _MIN_BYTES_PER_VEHICLE = 8_000
 # File in which Linux reports the available memory, in kB.
 _MEMORY_INFO = Path("/proc/meminfo")
@@ -20,7 +20,7 @@ def check_fleet_fits(num_vehicles: int, name: str) -> None:
 
     Args:
         num_vehicles: number of vehicles in the fleet.
-        name: name of the argument that gives this number, for the message.
+        name: name of the argument `num_vehicles` in the error message.
 
     Raises:
         InputError: if the fleet needs more memory than is available.

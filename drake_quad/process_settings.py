@@ -37,7 +37,7 @@ class ProcessSetting:
 
     @contextmanager
     def __call__(self) -> Iterator[None]:
-        """Change the setting inside a `with` statement."""
+        """Return a context manager for a `with` statement, inside which the setting is changed."""
         with self._lock:
             if not self._num_users:
                 self._changed = self._change()

@@ -1,4 +1,4 @@
-"""Types of the signals of the control loop, with the name, unit and frame of each row.
+"""Signal types of the control loop, with the name, unit and frame of each row.
 
 The Z axis of the world frame W points up. The axes of the body frame B point forward (x), to the left (y) and up (z).
 A positive yaw turns from X towards Y.
@@ -11,18 +11,18 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 Row = float
 """Type of one number per vehicle.
 
-A row is a float for one vehicle and an array for a fleet. Drake and the compiler use their own types in its place, see
-`drake_quad.framework.elementary`. Type checkers treat a formula as a formula for a single vehicle, on floats.
+A row is a float for one vehicle and an array for a fleet. Drake and the compiler replace it with types of their own,
+see `drake_quad.framework.elementary`. Type checkers see only the float, so they check formulas for a single vehicle.
 """
 
 
 class Quantity(NamedTuple):
-    """Unit, frame and sign of a row.
+    """Physical quantity of a row: its unit, frame and allowed sign.
 
     Attributes:
         unit: SI unit.
         frame: frame in which the row is expressed, W or B; empty for a row without a direction.
-        sign: sign that a parameter with this quantity must have; empty if any sign is allowed.
+        sign: sign required of a parameter with this quantity; empty if any sign is allowed.
     """
 
     unit: str
@@ -102,14 +102,14 @@ class Charge(NamedTuple):
 
 
 class BatteryLoad(NamedTuple):
-    """Voltage at the terminals of the battery, and its current."""
+    """Terminal voltage and current of the battery."""
 
     voltage: Annotated[Row, Quantity("V")]
     current: Annotated[Row, Quantity("A")]
 
 
 class Swing(NamedTuple):
-    """Angles and angular rates of the cable of a slung load, rotated by pitch about Y, then by roll about X."""
+    """Angles and angular rates of a slung load's cable. Pitch rotates it about Y, then roll about X."""
 
     roll: Angle
     pitch: Angle
@@ -151,7 +151,7 @@ class Reference(NamedTuple):
 
 
 class Jerk(NamedTuple):
-    """Third time derivative of the position of the reference."""
+    """Third time derivative of the reference position."""
 
     x: JerkW
     y: JerkW
@@ -159,7 +159,7 @@ class Jerk(NamedTuple):
 
 
 class Snap(NamedTuple):
-    """Fourth time derivative of the position of the reference, and second time derivative of its yaw."""
+    """Fourth time derivative of the reference position, and second time derivative of the reference yaw."""
 
     x: SnapW
     y: SnapW
@@ -184,7 +184,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """Commanded acceleration, a term of the command, or the estimated acceleration due to disturbances."""
+    """Acceleration that is commanded, one term of the command, or an estimate of the effect of disturbances."""
 
     x: AccelerationW
     y: AccelerationW
@@ -253,39 +253,39 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
-# Signals of a fuzzy neural network have a row for each rule, for each axis, or for each parameter of a membership
-# function. Rows for rules are ordered by axis: all rules of the first axis precede all rules of the second.
+# Signals of a fuzzy neural network have one row per rule, per axis, or per parameter of a membership function. Rows for
+# rules are ordered by axis: all rules of the first axis precede all rules of the second.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
 Antecedents = tuple[Number, ...]
-# Signals of a policy have a row for each observation or action.
+# Signals of a policy have one row per observation or per action.
 Observation = tuple[Number, ...]
 Action = tuple[Number, ...]
-# The future reference has X, Y and Z at each of several future times.
+# The future reference has three rows (X, Y and Z) per future time.
 FutureReference = tuple[PositionW, ...]
 
 
 class Signals(dict[str, Any]):
-    """Types of the signals, by the names of their ports.
+    """Signal types by port name.
 
-    The registration of a sensor adds the type of its measurements. Ports of the second and later sensors of the same
-    kind are numbered, as in `accelerometer_2`.
+    Registering a sensor adds the type of its measurements. Ports of the second and later sensors of the same type are
+    numbered, as in `accelerometer_2`.
     """
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a signal has this name, which may end with the number of a sensor."""
+        """Return whether a signal has this name; the name may end with a sensor number, as in `accelerometer_2`."""
         return super().__contains__(name) or super().__contains__(_without_number(name))
 
     def __missing__(self, name: str) -> Any:
-        """Return the type of the signal whose name is given with the number of a sensor."""
+        """Return the type of a signal whose name ends with a sensor number, as in `accelerometer_2`."""
         if name not in self:
             raise KeyError(name)
         return self[_without_number(name)]
 
 
 def numbered(kind: str, number: int) -> str:
-    """Return the port name of the n-th sensor of a kind, such as `accelerometer`, `accelerometer_2`."""
+    """Return the port name of the n-th sensor of a type: `accelerometer`, `accelerometer_2`, and so on."""
     return kind if number == 1 else f"{kind}_{number}"
 
 

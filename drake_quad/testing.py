@@ -17,7 +17,7 @@ from drake_quad.errors import did_you_mean, join_names
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.signals import SIGNALS
 
-# Number of times at which outputs are compared.
+# Number of instants at which outputs are compared.
 _NUM_TIMES = 6
 # Time between comparisons for a system without a periodic event, s.
 _DEFAULT_PERIOD = 0.02
@@ -26,16 +26,16 @@ _TOLERANCE = 1e-12
 # Tolerance on the outputs of compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
 
-# A port whose name is at least this similar to the name of a signal counts as misspelt. `accel_command` does, and
-# `estimate` does not.
-_MISSPELT = 0.78
+# A port name that is at least this similar to a signal name counts as misspelt; 1 means equal. The name `accel_command`
+# counts as misspelt, `estimate` does not.
+_MIN_SIMILARITY = 0.78
 
 
 class _Inputs(NamedTuple):
     """Inputs of a system for N vehicles over time.
 
     Attributes:
-        rows: (num_times, num_rows, N) input values, by the name of the port.
+        rows: input values (num_times, num_rows, N) by port name.
         times: (num_times,) times at which the inputs change, s.
         num_vehicles: number N of vehicles.
     """
@@ -52,10 +52,9 @@ class _Inputs(NamedTuple):
 def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int = 0) -> tuple[str, ...]:
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
-    - names: the ports of a controller, a wind or a policy have names that flights connect. In a system that is no
-      `FleetSystem`, a name that is similar to the name of a signal is refused, and so is an input port of a controller
-      that is no signal.
-    - ports: each port of a fleet has as many rows as the port of one vehicle, and a column for each vehicle.
+    - names: flights connect ports by name. Unless the system is a `FleetSystem`, which checks names itself, this
+      function rejects port names that look like a misspelt signal, and input ports of a controller that are no signal.
+    - ports: each port of a fleet has as many rows as the same port of a single vehicle, and a column for each vehicle.
     - context: outputs depend only on the context, not on earlier computations.
     - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.
     - numbers: outputs are not NaN if the inputs are finite.
@@ -102,13 +101,13 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
 
 
 def _check_names(system: Any) -> None:
-    """Check the rule "names". The declaration of a `FleetSystem` has already checked the names of its ports."""
+    """Check the rule "names". A `FleetSystem` is skipped, because its declaration has already checked the names."""
     if isinstance(system, FleetSystem):
         return
     inputs, outputs = _inputs_of(system), _outputs_of(system)
     is_controller = not outputs.keys().isdisjoint(COMMANDS)
     for name in [each for each in (*inputs, *outputs) if each not in SIGNALS]:
-        question = did_you_mean(name, SIGNALS, 1, similarity=_MISSPELT)
+        question = did_you_mean(name, SIGNALS, 1, similarity=_MIN_SIMILARITY)
         if is_controller and name in inputs:
             question = did_you_mean(name, SIGNALS, 1) or f"they connect {join_names([*PORTS['control'].inputs])}"
         assert not question, f"names: flights connect no port called `{name}`; {question}"
@@ -145,7 +144,7 @@ def _random_inputs(system: Any, ports: dict[str, int], num_vehicles: int, seed: 
 
 
 def _outputs(system: Any, inputs: _Inputs, scalar: type = float) -> dict[str, np.ndarray]:
-    """Compute the outputs of a system in a new context, (num_times, num_rows, N) by the name of the port."""
+    """Return the outputs of a system, computed in a new context, as arrays (num_times, num_rows, N) by port name."""
     context = system.CreateDefaultContext()
     simulator: Any = None
     outputs: dict[str, list[np.ndarray]] = {name: [] for name in _outputs_of(system)}
@@ -173,7 +172,13 @@ def _can_be_compiled(system: Any) -> bool:
 
 
 def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:
-    """Return a diagram of a system and a clock with a period in s; only diagrams with a periodic event are compiled."""
+    """Return a diagram of a system and a clock, because only diagrams with a periodic event can be compiled.
+
+    Args:
+        system: system for N vehicles.
+        period: period of the clock, s.
+        num_vehicles: number N of vehicles.
+    """
     builder = DiagramBuilder()
     builder.AddNamedSystem("system", system)
     clock = builder.AddNamedSystem("clock", ZeroOrderHold(period, num_vehicles))

@@ -9,18 +9,18 @@ from pathlib import Path
 from drake_quad.errors import InputError, shortest_path
 
 _PACKAGE = str(Path(__file__).parent) + os.sep
-# The function `run` in this module calls the main function of a program, which is not user code.
+# File whose function `run` calls the main function of a program; its frames are not user code.
 _RUNNER = str(Path(__file__).parent / "command_line" / "running.py")
 # Folders of the standard library and of installed packages.
 _LIBRARIES = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 
 
 def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
-    """Return the frames of the user's code in which an error was raised, outermost first; empty if there are none.
+    """Return the stack frames of user code that this package called and that raised an error, outermost first.
 
-    These are the frames below the first frame of this package that belong neither to this package nor to an installed
-    one. The frames above belong to the program that called this package. If one error was raised from another, the
-    frames of the original error are returned.
+    The result skips frames of this package, of installed packages and of the standard library. It also skips the frames
+    above the first frame of this package, since they belong to the program that called this package. If one error was
+    raised from another, the frames of the original error are returned. The result is empty if no user code is involved.
     """
     for each in _chain(error):
         frames, is_inside = [], False
@@ -57,7 +57,7 @@ def user_traceback(error: BaseException) -> str:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """Yield the errors from which an error was raised, the original one first."""
+    """Yield an error and all errors that led to it, starting with the original one."""
     chain: list[BaseException] = []
     each: BaseException | None = error
     while each is not None and each not in chain:

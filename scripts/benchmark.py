@@ -1,4 +1,4 @@
-"""Measure the speed of single flights, fleets, studies and planning, and print tables in Markdown."""
+"""Measure the speed of single flights, fleets, studies, planning and commands, and print tables in Markdown."""
 
 import gc
 import itertools
@@ -54,18 +54,20 @@ ALL_IMPERFECTIONS = [
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"
     " {kind: fan, position: [1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75}]",
 ]
-# Inputs of a network in addition to the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
+# Overrides that add the position as an input of a network, besides the error and its rate.
 _POSITION_INPUTS = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
-_TWO_SETS = [
-    f"control.network.inputs.{name}.{numbers}"
+# Overrides that give each of the four inputs two fuzzy sets instead of three.
+_TWO_SETS_PER_INPUT = [
+    f"control.network.inputs.{name}.{override}"
     for name in ("error", "error_rate", "x", "y")
-    for numbers in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
+    for override in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
 ]
-# With 81 rules, updates of the covariance would take most of the time (docs/background/performance.md).
+# Learning law of the network with 81 rules. The covariance law would take most of the time for so many rules
+# (docs/background/performance.md).
 _GRADIENT_LAW = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
 _COMPARED_CONTROLLERS: dict[str, tuple[Path, list[str]]] = {
     "the paper's network, 9 rules on two inputs": (_NETWORK, []),
-    "the same on four inputs, 16 rules": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS]),
+    "the same on four inputs, 16 rules": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS_PER_INPUT]),
     "on four inputs, 81 rules, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT_LAW]),
     "linear-quadratic-Gaussian control": (_DIAGRAMS / "controllers" / "lqg.yaml:lqg", []),
 }
@@ -77,7 +79,7 @@ def main() -> None:
     quick = options.parse_args().quick
     repetitions = 5 if quick else 15
     print(f"{machine()}\n")
-    print(f"Medians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
+    print(f"Medians (and best) of {repetitions} runs on one core; studies run {repetitions // 3} times.\n")
     print_flights(repetitions, (1, 64, 1024) if quick else (1, 8, 64, 512, 1024, 4096, 16384))
     print_plain_python(repetitions)
     print_rules(repetitions)
@@ -102,13 +104,16 @@ _TIMED_COMMANDS = {
 
 
 def print_commands(repetitions: int) -> None:
-    """Print the run times of commands in new processes, with and without a cache of machine code and plans."""
+    """Print the run times of commands, each in a new process, with a filled and with an empty cache.
+
+    The cache contains machine code and plans.
+    """
     print("\n| run time of a command (s) | elapsed | processor | elapsed with an empty cache |")
     print("|---|---|---|---|")
     for command, options in _TIMED_COMMANDS.items():
         with tempfile.TemporaryDirectory() as folder:
             empty = {"DRAKE_QUAD_CACHE": str(Path(folder) / "cache")}
-            # The first run fills the cache for the others, so its time is reported separately.
+            # The first run fills the cache that later runs use, so its time is reported separately.
             first, *others = [command_times([*command.split(), *options], empty) for _ in range(repetitions + 1)]
         elapsed, busy = zip(*others, strict=True)
         cells = [f"{statistics.median(each):.2f} ({min(each):.2f})" for each in (elapsed, busy)]
@@ -116,7 +121,7 @@ def print_commands(repetitions: int) -> None:
 
 
 def command_times(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, float]:
-    """Return the elapsed time and the processor time of a command, s."""
+    """Run a command in a new process, and return the elapsed time and the processor time, s."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "drake_quad", *arguments, "--output", folder]
         before, start = os.times(), time.perf_counter()
@@ -126,13 +131,13 @@ def command_times(arguments: Sequence[str], variables: dict[str, str]) -> tuple[
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
-    """Print the simulation speed of fleets by their size, compiled and uncompiled."""
+    """Print the simulation speed of fleets of several sizes, compiled and uncompiled."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real, learning = (
         load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", ALL_IMPERFECTIONS, layers=[layer])
         for layer in (_DIAGRAMS / "gains" / "laboratory.yaml", _NETWORK)
     )
-    print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
+    print("| | ideal laboratory | with every imperfection, noise and wind | the same with type-2 networks on X and Y |")
     print("|---|---|---|---|")
     for size, compiled in itertools.product(sizes, (True, False)):
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
@@ -159,7 +164,7 @@ def print_plain_python(repetitions: int) -> None:
 
 
 class PlainPython(LeafSystem):
-    """Position controller in NumPy without the library's formulas: PD and feed-forward."""
+    """PD position controller with feed-forward, written in plain NumPy without the library's formulas."""
 
     def __init__(self, num_vehicles: int) -> None:
         super().__init__()
@@ -175,7 +180,7 @@ class PlainPython(LeafSystem):
 
 
 def print_rules(repetitions: int) -> None:
-    """Print the simulation speed of compiled fleets by the number of rules in their networks."""
+    """Print the simulation speed of compiled fleets whose networks have different numbers of rules."""
     print("\n| type-2 networks on X and Y in the ideal laboratory, vehicle-seconds per second | one vehicle | 1,024 |")
     print("|---|---|---|")
     none = load_scenario(_DIAGRAMS / "figure_eight.yaml")
@@ -190,7 +195,7 @@ def print_rules(repetitions: int) -> None:
 
 
 def with_rules(sets: int) -> Scenario:
-    """Return the figure eight with type-2 networks, given the number of sets on each of their two inputs."""
+    """Return the figure-eight scenario with type-2 networks whose two inputs have `sets` fuzzy sets each."""
     centres, widths = np.linspace(-1.0, 1.0, sets).tolist(), [2.0 / (sets - 1)] * sets
     return load_scenario(
         _DIAGRAMS / "figure_eight.yaml",
@@ -204,7 +209,7 @@ def with_rules(sets: int) -> Scenario:
 
 
 def print_controllers(repetitions: int) -> None:
-    """Print the simulation speed of compiled fleets with several controllers, also relative to the paper's network."""
+    """Print the simulation speed of compiled fleets with several controllers, and its ratio to the first of them."""
     size = 1024
     laboratories: dict[str, tuple[str, list[str]]] = {
         "low_wind": ("low_wind", []),
@@ -227,7 +232,7 @@ def print_controllers(repetitions: int) -> None:
 def print_obstacles(repetitions: int) -> None:
     """Print the simulation speed of compiled fleets with and without obstacles."""
     size = 512
-    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | ratio |")
+    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 obstacles around the path | ratio |")
     print("|---|---|---|---|")
     for name in ("figure_eight", "robustness"):
         scenarios = [
@@ -239,7 +244,11 @@ def print_obstacles(repetitions: int) -> None:
 
 
 def obstacle_ring(count: int) -> dict[str, object]:
-    """Return a ring of obstacles around the figure eight, half a metre from most of its path."""
+    """Return an override of `space` with obstacles on an ellipse around the figure eight, about 0.5 m from its path.
+
+    Args:
+        count: number of obstacles.
+    """
     kinds: list[dict[str, object]] = [
         {"kind": "cylinder", "radius": 0.2, "height": 2.0},
         {"kind": "box", "size": [0.5, 0.4, 1.0], "rotation": [0.1, 0.2, 0.3]},
@@ -265,7 +274,7 @@ def print_studies(repetitions: int, largest: int) -> None:
     for size in (1_000, largest):
         cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
         print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
-    # The start-up time cancels in the difference.
+    # The time to start the workers is the same in both studies, so the difference does not contain it.
     further = [spread([times[largest, n].marginal_cost(times[2_000, n]) for times in rounds], 1) for n in workers]
     print(f"| additional flights, from 2,000 to {largest:,} | {' | '.join(further)} |")
 
@@ -283,16 +292,16 @@ class StudyTime(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Computing time per simulated second, s."""
+        """Computing time per simulated second of one vehicle, s."""
         return self.seconds / self.simulated_time
 
     def marginal_cost(self, shorter: "StudyTime") -> float:
-        """Return the additional computing time per additional simulated second, compared with a shorter study, s."""
+        """Return the computing time (s) that each additional simulated second takes, compared with a shorter study."""
         return (self.seconds - shorter.seconds) / (self.simulated_time - shorter.simulated_time)
 
 
 def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
-    """Fly a study into a temporary folder, and return its computing time."""
+    """Run a study that writes into a temporary folder, and return its computing time."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         simulated_time = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).simulated_time
@@ -300,7 +309,7 @@ def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
 
 
 def print_planning(repetitions: int) -> None:
-    """Print the computing times of planning."""
+    """Print the computing times of several planning tasks."""
     print("\n| planning | |")
     print("|---|---|")
     for count in (10, 50, 200):
@@ -310,7 +319,12 @@ def print_planning(repetitions: int) -> None:
 
 
 def spread(costs: list[float], size: int) -> str:
-    """Return the vehicle-seconds per second as text: the median, and the best in parentheses."""
+    """Return the simulation speed in vehicle-seconds per second as text: the median, and the best in parentheses.
+
+    Args:
+        costs: computing times per simulated second of the whole fleet, s.
+        size: number of vehicles.
+    """
     return f"{size / statistics.median(costs):,.0f} ({size / min(costs):,.0f})"
 
 
@@ -318,7 +332,7 @@ class Stepper:
     """Fleet that repeats a flight: a single vehicle flies the whole route, a larger fleet 1 s of it.
 
     Args:
-        scenario: scenario of the flight, of which each vehicle is a sample.
+        scenario: scenario of the flight; each vehicle is a sample of it.
         num_vehicles: number of vehicles.
         compiled: whether the diagram is compiled.
         user_systems: user-defined systems that replace parts of the loop.
@@ -340,7 +354,10 @@ class Stepper:
 
 
 def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
-    """Return the costs of each stepper, interleaved so that a change of the machine's speed affects all."""
+    """Return the measured costs of each stepper.
+
+    The steppers take turns, so that a change of the machine's speed affects all of them.
+    """
     gc.collect()
     rounds = [[stepper.cost() for stepper in steppers] for _ in range(repetitions)]
     return [list(costs) for costs in zip(*rounds, strict=True)]
@@ -355,13 +372,13 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """Return further planning tasks by name: random routes with waypoints about a metre apart, and the forest."""
+    """Return planning tasks by name: random routes with waypoints about a metre apart, and the route of the forest."""
     rng = np.random.default_rng(0)
     limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
-    # Times shorter than those of the fastest minimum-snap path activate the limits and the walls.
+    # These times are 3 % shorter than the fastest minimum-snap path allows, so limits and walls become active.
     tight_times = FixedTimes(tuple(0.97 * plan_path(hallways, MinimumTimeTiming()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {
@@ -378,7 +395,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
 
 
 def through_forest(timing: Timing) -> Callable[[], object]:
-    """Return a function that plans a route through the forest, including the regions and passages of free space."""
+    """Return a function that plans a route through the forest, after it has divided the free space into regions."""
     forest = load_scenario("forest")
     space = forest.room()
     assert isinstance(forest.route, WaypointRoute)
@@ -388,7 +405,7 @@ def through_forest(timing: Timing) -> Callable[[], object]:
 
 
 def milliseconds(work: Callable[[], object], repetitions: int) -> str:
-    """Return the time of a call as text: the median, and the best in parentheses."""
+    """Return the time of a call in ms as text: the median of several calls, and the best in parentheses."""
     times = [1e3 * timed(work) for _ in range(repetitions)]
     return f"{statistics.median(times):.3g} ({min(times):.3g}) ms"
 
@@ -401,7 +418,7 @@ def timed(work: Callable[[], object]) -> float:
 
 
 def machine() -> str:
-    """Return a description of the machine and of the measured versions."""
+    """Return a description of the machine, and the versions of Python, Drake and NumPy."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

@@ -1,6 +1,6 @@
 """Add an effect on the vehicle to the scenario language: rotors gain thrust below a ceiling.
 
-The option `--import scripts/ceiling_effect.py` registers it for a command.
+The option `--import scripts/ceiling_effect.py` makes the effect available in a command.
 """
 
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -16,13 +16,16 @@ from drake_quad.vehicle.aerodynamics import Flow, Load
 
 
 class Ceiling(NamedTuple):
-    """Ceiling above the rotors. Its fields have the names of the scenario language."""
+    """Ceiling above the rotors: rotor radius R, and height of the ceiling above the origin of W.
+
+    The fields have the same names as in the scenario language.
+    """
 
     rotor_radius: Annotated[Row, Quantity("m")]
     height: PositionW
 
     def load(self, flow: Flow) -> Load:
-        """Return the additional thrust, (R / 4d)² times the thrust, at a distance d of at least R / 2."""
+        """Return the additional thrust, (R / 4d)² times the thrust, for a distance d ≥ R / 2 to the ceiling."""
         ratio = 0.25 * self.rotor_radius / maximum(self.height - flow.height, 0.5 * self.rotor_radius)
         return Load(Vector(0.0, 0.0, ratio * ratio * flow.wrench.thrust), Vector(0.0, 0.0, 0.0))
 
@@ -37,7 +40,7 @@ class CeilingEffect(AirLoadEffect):
     description: ClassVar = "above the vehicle, if any"
     record: ClassVar = Ceiling
     is_nominal: ClassVar = False
-    depends_on_time: ClassVar = True  # the controller ignores the gain, so the vehicle rises
+    depends_on_time: ClassVar = True  # the controller ignores the additional thrust, so the vehicle rises over time
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = False
 

@@ -7,10 +7,10 @@ from drake_quad import design_cascade, load_undesigned, save_scenario, simulate,
 
 MASS = 1.05  # kg, drone with its battery
 ARM = 0.177  # m, distance of the motors from the centre; the rotors form an X
-# The data sheet of the motor has these values for a rotor at full throttle.
+# Values of one rotor at full throttle, from the data sheet of the motor.
 THRUST = 7.6  # N
 POWER = 110.0  # W, mechanical
-SPEED = 8600.0 * 2.0 * math.pi / 60.0  # rad/s
+SPEED = 8600.0 * 2.0 * math.pi / 60.0  # rad/s, at 8600 rpm
 PROPELLER_MASS = 0.009  # kg
 PROPELLER_DIAMETER = 0.24  # m
 MOTOR_MASS = 0.055  # kg, including its bell

@@ -1,6 +1,6 @@
 """Linearise a vehicle around hover, choose PD gains by the poles, and compare a step of 0.5 m with the linear model.
 
-The attitude loop is as fast as the lag of the rotors allows, and the position loop six times slower.
+The script chooses the fastest attitude loop that the rotor lag allows. The position loop is six times slower.
 """
 
 from pathlib import Path
@@ -27,7 +27,7 @@ wrench_of_speeds = 2.0 * speeds * np.array([[b, b, b, b], [0, -arm, 0, arm], [-a
 
 
 def pd(e: State, fast: float) -> Wrench:
-    """Return the change of the wrench for a deviation e; the attitude loop has the natural frequency `fast` (rad/s)."""
+    """Return the wrench for a deviation e from hover. The attitude loop has the natural frequency `fast` (rad/s)."""
     slow, g = fast / 6.0, nominal.gravity
     a_x, a_y, a_z = (-slow * (slow * p + 2.0 * damping * v) for p, v in ((e.x, e.v_x), (e.y, e.v_y), (e.z, e.v_z)))
     angles = np.array([-a_y / g - e.roll, a_x / g - e.pitch, -e.yaw])
@@ -39,7 +39,7 @@ for fast in np.arange(15.0, 1.0, -0.1):
     K = np.linalg.solve(wrench_of_speeds, np.column_stack([pd(State(*unit), fast) for unit in np.eye(12)]))
     loop = model.A() + model.B() @ K @ model.C()
     poles = np.linalg.eigvals(loop)
-    if np.all(-poles.real > 0.5 * np.abs(poles)):  # a damping ratio of 0.5
+    if np.all(-poles.real > 0.5 * np.abs(poles)):  # the damping ratio of all poles exceeds 0.5
         break
 for name, rate in (("attitude", fast), ("position", fast / 6.0)):
     print(f"{name}: k_p {rate**2:.2f} 1/s², k_d {2.0 * damping * rate:.2f} 1/s")

@@ -1,4 +1,4 @@
-"""Identify a Crazyflie from a flight log, predict the log with the result, and fly the reference of the log again."""
+"""Identify a Crazyflie from a flight log, predict the logged motion, and simulate the flight with the result."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ sheet = load_undesigned("vehicles/crazyflie", ["nominal.mass=0.0375"])  # the da
 result = identify([record], sheet, held_out_fraction=1.0 / 3.0)
 print(result.estimates)
 
-# In the last third of the flight, predictions start from logged states and use logged commands. The fit also used this
-# part of the log.
+# Predictions start from logged states in the last third of the flight, and use logged commands. The estimates are based
+# on the whole log, including this part.
 predictions = predict(
     record, {"identified": result.vehicle, "data sheet": sheet}, nominal=sheet, final_fraction=1.0 / 3.0
 )
@@ -19,7 +19,7 @@ for horizon in (0.1, 0.2, 0.5):
     improvement = predictions.better("position", "identified", "data sheet", horizon).percent()
     print(f"after {horizon} s: error {error}, {improvement} below that of the data sheet")
 
-# The controller of the logged flight, with its gains, flies 400 vehicles drawn from the estimates. Some of them
+# 400 vehicles are drawn from the estimates, and fly with the controller and gains of the logged flight. Some of them
 # oscillate and crash.
 Path("out").mkdir(exist_ok=True)
 path = write_vehicle(Path("out/identified.yaml"), "identified", result.estimates, base="crazyswarm2:sheet_100")

@@ -1,7 +1,7 @@
 """Design an LQR with a Kalman filter on the linear plant of a laboratory, and compare it with the built-in controller.
 
-The plant is the linear model from the wrench to the measurement over a control period. It includes the link, the
-rotors, the body and the cameras. It is linearised at zero yaw, so the yaw of the reference must be zero.
+The plant is the discrete linear model from the commanded wrench to the measurement. It includes the link, the rotors,
+the body and the cameras. It is linearised at zero yaw, so the yaw of the reference must be zero.
 """
 
 import numpy as np
@@ -12,21 +12,22 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from drake_quad import compare_studies, laboratory_plant, load_scenario, mean_interval, run_monte_carlo
 from drake_quad.signals import Reference, State, Wrench
 
-LABORATORY, UNCERTAIN = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
+LABORATORY, UNCERTAIN_MASS = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
 NOMINAL = load_scenario(LABORATORY)
 MASS, GRAVITY = NOMINAL.nominal.mass, NOMINAL.nominal.gravity
 PLANT = laboratory_plant(NOMINAL).system
-# Errors (m, rad, m/s, rad/s) and commands (N, N m) that have equal cost, and standard deviations of the noise.
-ERROR = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
-COMMAND = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
+# The LQR assigns the same cost to each of these errors (m, rad, m/s, rad/s) and commands (N, N m).
+ERROR_SCALES = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
+COMMAND_SCALES = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
+# Standard deviations of the measurement noise (m, rad, m/s, rad/s) in the Kalman filter.
 NOISE = np.array([*State(*3 * [0.001], *3 * [0.004], *3 * [0.01], *3 * [0.04])])
-WEIGHT, DISTURBANCE = PLANT.C / ERROR[:, np.newaxis], PLANT.B * 0.1 * COMMAND
-K, _ = DiscreteTimeLinearQuadraticRegulator(PLANT.A, PLANT.B, WEIGHT.T @ WEIGHT, np.diag(COMMAND**-2))
+WEIGHT, DISTURBANCE = PLANT.C / ERROR_SCALES[:, np.newaxis], PLANT.B * 0.1 * COMMAND_SCALES
+K, _ = DiscreteTimeLinearQuadraticRegulator(PLANT.A, PLANT.B, WEIGHT.T @ WEIGHT, np.diag(COMMAND_SCALES**-2))
 L = DiscreteTimeSteadyStateKalmanFilter(PLANT.A, PLANT.C, DISTURBANCE @ DISTURBANCE.T, np.diag(NOISE**2))
 
 
 class Lqr(LeafSystem):
-    """Regulator of N vehicles. Its state is an estimate of the plant's state, with a column for each vehicle."""
+    """LQR and Kalman filter for N vehicles. The state is the estimated state of the plant, in a column per vehicle."""
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()
@@ -51,7 +52,7 @@ class Lqr(LeafSystem):
 
 
 if __name__ == "__main__":  # worker processes import this file
-    uncertain = load_scenario(LABORATORY, [UNCERTAIN])
+    uncertain = load_scenario(LABORATORY, [UNCERTAIN_MASS])
     mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
     for name, study in {"LQR": mine, NOMINAL.cascade.position.kind: built_in}.items():
         print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text(unit='cm', size=0.01)}")

@@ -11,14 +11,14 @@ import numpy as np
 from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
 from drake_quad.statistics.estimates import proportion_interval
 
-UNCERTAIN = {
+UNCERTAIN_FIELDS = {
     "vehicle.mass": {"normal": {"mean": 0.68, "standard_deviation": 0.03, "min": 0.5}},  # kg
     "vehicle.rotor_time_constant": {"uniform": {"min": 0.03, "max": 0.09}},  # s
     "laboratory.command_link.delay_ticks": {"choice": [1, 2, 3, 4]},
 }
 
 if __name__ == "__main__":  # worker processes import this file
-    scenario = load_scenario("laboratory:low_wind", UNCERTAIN)
+    scenario = load_scenario("laboratory:low_wind", UNCERTAIN_FIELDS)
     study = run_monte_carlo(scenario, num_samples=1000, seed=1)
     crashed, rmse = study.metrics.crashed > 0, study.metrics.rmse
     print(f"RMSE without crashes: {mean_interval(rmse[~crashed]).text(unit='cm', size=0.01)}")

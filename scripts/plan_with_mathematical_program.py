@@ -1,7 +1,7 @@
 """Plan a path through three gates with a MathematicalProgram, and fly it.
 
-The path is a B-spline of degree 7 that minimises the sum of the squared snap at 200 instants. Limits on the control
-points of its derivative limit the speed along each axis: a spline lies in the convex hull of its control points.
+The path is a B-spline of degree 7 that minimises the sum of the squared snap at 200 instants. The speed along each axis
+is limited by limits on the control points of the derivative, since a spline lies in the convex hull of these points.
 """
 
 from pathlib import Path
@@ -44,7 +44,8 @@ result = Solve(program)
 assert result.is_success()
 spline = BsplineTrajectory(basis, result.GetSolution(points)[:, :, np.newaxis])
 
-# Position, velocity, acceleration and jerk at both ends define a polynomial of degree 7.
+# The spline is a polynomial of degree 7 between two knots. Position, velocity, acceleration and jerk at both knots
+# determine this polynomial.
 times = np.unique(basis.knots())
 knots = np.array([[spline.EvalDerivative(time, order).ravel() for order in range(4)] for time in times])
 plan = Plan.with_constant_yaw(hermite_path(times, knots))

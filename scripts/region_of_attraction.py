@@ -1,7 +1,7 @@
 """Certify a region of attraction of a planar vehicle's hover by sums of squares, and simulate from its boundary.
 
-The loop of an LQR is polynomial in e = (x, z, s = sin θ, v_x, v_z, q) and c = 1 - cos θ. With its cost-to-go S, let
-V = eᵀ S e + S_θθ c². If (V - ρ) (|e|² + c²) + λ V' + μ (s² + c² - 2 c) is a sum of squares, V decreases where V < ρ.
+The loop of an LQR is polynomial in e = (x, z, s = sin θ, v_x, v_z, q) and c = 1 - cos θ. V = eᵀ S e + S_θθ c² contains
+its cost-to-go S. V decreases where V < ρ if (V - ρ) (|e|² + c²) + λ V' + μ (s² + c² - 2 c) is a sum of squares.
 """
 
 from pathlib import Path
@@ -18,10 +18,10 @@ from pydrake.systems.primitives import LogVectorOutput, SymbolicVectorSystem
 from drake_quad import load_scenario
 
 G = load_scenario("hover").nominal.gravity
-# Errors e (m, rad, m/s, rad/s), and vertical (m/s²) and angular (rad/s²) accelerations, that have equal cost.
-ERROR, COMMAND = np.array([2.5, 2.5, 0.2, 2.5, 2.5, 4.0]), np.array([1.6, 5.5])
+# The LQR assigns the same cost to each of these errors (m, 1, m/s, rad/s) and accelerations (m/s², rad/s²).
+ERROR_SCALES, COMMAND_SCALES = np.array([2.5, 2.5, 0.2, 2.5, 2.5, 4.0]), np.array([1.6, 5.5])
 A = np.diag([1.0, 1.0, 1.0], 3) + G * np.outer(np.eye(6)[3], np.eye(6)[2])
-K, S = LinearQuadraticRegulator(A, np.eye(6)[:, 4:], np.diag(ERROR**-2), np.diag(COMMAND**-2))
+K, S = LinearQuadraticRegulator(A, np.eye(6)[:, 4:], np.diag(ERROR_SCALES**-2), np.diag(COMMAND_SCALES**-2))
 
 program = MathematicalProgram()
 y, (level,) = program.NewIndeterminates(7), program.NewContinuousVariables(1)

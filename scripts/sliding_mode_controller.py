@@ -10,7 +10,10 @@ from drake_quad.signals import Acceleration, Reference, State
 
 
 class SlidingMode(LeafSystem):
-    """Sliding-mode controller u = a_r + η tanh(s / w) + λ ė with s = ė + λ e; tanh replaces the sign of s."""
+    """Sliding-mode controller u = a_r + η tanh(s / w) + λ ė with s = ė + λ e.
+
+    The function tanh approximates the sign function without chattering.
+    """
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()
@@ -32,7 +35,7 @@ class SlidingMode(LeafSystem):
 
 
 def sliding_mode(error: Any, error_rate: Any) -> Any:
-    """Return η tanh(s / w) + λ ė with η = 0.4 m/s², w = 0.4 m/s and λ = 0.8 1/s."""
+    """Return η tanh(s / w) + λ ė for one axis, with η = 0.4 m/s², w = 0.4 m/s and λ = 0.8 1/s."""
     surface = error_rate + 0.8 * error
     return 0.8 * error_rate + 0.4 * np.tanh(surface / 0.4)
 

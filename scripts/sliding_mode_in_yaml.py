@@ -16,7 +16,7 @@ from drake_quad.signals import Acceleration, Reference, State
 
 
 class SlidingParameters(NamedTuple):
-    """Slope λ (1/s) of the sliding surface, gain K (m/s²), and width φ (m/s) of the boundary layer."""
+    """Slope λ (1/s) of the sliding surface, gain K (m/s²), and width φ (m/s) of the boundary layer, along X, Y, Z."""
 
     slope: PerAxis
     gain: PerAxis
@@ -25,7 +25,7 @@ class SlidingParameters(NamedTuple):
 
 def sliding_law(measurement: State, reference: Reference, parameters: SlidingParameters) -> Acceleration:
     """Return a_r + λ ė + K sat(s / φ) with s = ė + λ e (J.-J. Slotine and W. Li, Applied Nonlinear Control, 7.2)."""
-    ones = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))  # the errors do not depend on gains
+    ones = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))  # any gains, since only the errors are used
     errors = pd_law(measurement, reference, ones, "tracking_error", feeds_forward=True)
     return Acceleration._make(
         a + slope * rate + gain * maximum(minimum((rate + slope * error) / width, 1.0), -1.0)
@@ -35,7 +35,7 @@ def sliding_law(measurement: State, reference: Reference, parameters: SlidingPar
 
 @fleet_system(float, AutoDiffXd)
 class SlidingMode(FleetSystem):
-    """Sliding mode with a boundary layer."""
+    """Position controller by sliding mode with a boundary layer."""
 
     def declare(self, *, parameters: SlidingParameters) -> None:
         """Declare the system."""
@@ -45,7 +45,7 @@ class SlidingMode(FleetSystem):
 
 @POSITION_CONTROLLERS.member
 class SlidingPosition(PositionController):
-    """Sliding mode with a boundary layer: a PD whose response to errors is limited."""
+    """Sliding mode with a boundary layer, which acts like a PD with a limited response to errors."""
 
     kind: Literal["sliding_mode"]
     slope: Positives = Field(description="λ of the sliding surface on X, Y, Z (1/s)")

@@ -19,11 +19,11 @@ from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 
 HORIZON = 6.0  # s, duration of the flight
-# Errors (m, rad, m/s, rad/s) and commands (rad/s) that have equal cost.
-ERROR = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
-COMMAND = np.array(4 * [30.0])
+# The LQR assigns the same cost to each of these errors (m, rad, m/s, rad/s) and commands (rad/s).
+ERROR_SCALES = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
+COMMAND_SCALES = np.array(4 * [30.0])
 
-# Differential flatness gives the states and rotor speeds along the plan. Commands lead these speeds by the rotor lag.
+# States and rotor speeds along the plan follow from differential flatness. Commands lead the speeds by the rotor lag.
 scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
 plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)
@@ -39,8 +39,8 @@ options = FiniteHorizonLinearQuadraticRegulatorOptions()
 options.x0 = PiecewisePolynomial.CubicShapePreserving(times, states)
 options.u0 = PiecewisePolynomial.CubicShapePreserving(times, commands)
 options.input_port_index = vehicle.GetInputPort("rotor_speed_command").get_index()
-options.Qf = np.diag(ERROR**-2)
-cost = np.diag(ERROR**-2), np.diag(COMMAND**-2)
+options.Qf = np.diag(ERROR_SCALES**-2)
+cost = np.diag(ERROR_SCALES**-2), np.diag(COMMAND_SCALES**-2)
 regulator = builder.AddSystem(
     MakeFiniteHorizonLinearQuadraticRegulator(vehicle, vehicle.CreateDefaultContext(), 0.0, HORIZON, *cost, options)
 )

@@ -14,7 +14,7 @@ from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
 from drake_quad.gym import QuadrotorVectorEnv
 from drake_quad.gym.stable_baselines3 import StableVectorEnv, save_trained
 
-# Episodes end at this distance from the reference (m), because a policy learns nothing useful farther away.
+# Training episodes end at this distance from the reference (m), since a policy learns nothing useful farther away.
 CRASH_LIMIT = {"crash.position_error": 1.0}
 # Training uses the seeds 0 to 63, so the test uses another one.
 TEST_SEED = 1000

@@ -1,6 +1,6 @@
-"""Add a wind to the scenario language: its speed grows with height by the power law of the boundary layer over land.
+"""Add a wind to the scenario language whose speed grows with height, by the power law over land.
 
-The option `--import scripts/wind_shear.py` registers it for a command.
+The option `--import scripts/wind_shear.py` makes the wind available in a command.
 """
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -16,7 +16,7 @@ from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
 
 
 class ShearParameters(NamedTuple):
-    """Parameters of the power law, with the wind velocity at the reference height."""
+    """Parameters of the power law: velocity at the reference height, reference height, and exponent."""
 
     velocity: Wind
     reference_height: Annotated[float, Quantity("m")]
@@ -24,14 +24,14 @@ class ShearParameters(NamedTuple):
 
 
 def shear_wind(state: State, shear: ShearParameters) -> Wind:
-    """Return the wind velocity v (z / h)^a at the height of a vehicle."""
+    """Return the wind velocity v (z / h)^a at a vehicle, whose height is z."""
     factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # infinite derivative at 0 m
     return Wind._make(factor * part for part in shear.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
 class ShearWind(FleetSystem):
-    """Wind that grows with height."""
+    """Wind whose speed grows with height."""
 
     def declare(self, *, period: float = 0.01, parameters: ShearParameters) -> None:
         state, shear = self.input("state"), self.parameter("shear", lambda shear: shear)
@@ -52,7 +52,7 @@ class ShearSource(BlowingSource):
     depends_on_time: ClassVar = False
 
     def max_speed(self) -> VelocityW:
-        """Return the speed at ten times the reference height, m/s."""
+        """Return the wind speed at ten times the reference height, m/s, as an upper bound."""
         return super().max_speed() * 10.0**self.exponent
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:

@@ -1,4 +1,4 @@
-"""Examples of all systems: each FleetSystem, and each diagram that a function of the package builds."""
+"""Examples of all systems: every FleetSystem class, and every diagram that a function of the package builds."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -151,39 +151,39 @@ class Example(NamedTuple):
         return self.make_with(self.parameters)
 
     def make_with(self, parameters: Any) -> Any:
-        """Return the system with given numbers."""
+        """Return the system with the given parameters, or with no parameters if they are None."""
         given = {} if parameters is None else {"parameters": parameters}
         return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
 
     @property
-    def flat_numbers(self) -> list[Any]:
-        """Numbers of the example in a flat list."""
+    def flat_parameters(self) -> list[Any]:
+        """Parameters of the example as a flat list of numbers; empty if the system has none."""
         if self.parameters is None or isinstance(self.parameters, Samples):
             return []
         return layout_of(type(self.parameters), self.parameters).flatten(self.parameters)
 
     @property
     def is_compiled(self) -> bool:
-        """True if the system is compiled, because it has no continuous state and solves no optimisation problem."""
+        """Whether the system can be compiled: it has no continuous state and solves no optimisation problem."""
         return self.structure.get("time_step") != 0.0 and self.system is not PredictiveProgramme
 
     @property
-    def other_numbers(self) -> Any:
-        """Numbers that differ from the example's numbers, and between vehicles."""
+    def other_parameters(self) -> Any:
+        """Parameters whose numbers all differ from those of the example, and between vehicles."""
         if self.parameters is None:
             return None
         if isinstance(self.parameters, Samples):
             return Samples(self.parameters.seed + 1, [sample + 10 for sample in self.parameters.indices])
         layout = layout_of(type(self.parameters), self.parameters)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Every row has its own factor, so the ratios of two rows also differ.
+        # Each row is multiplied by a different factor, so that ratios of rows differ from those of the example, too.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.parameters))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
 
-GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
-ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
-INCREMENTAL = IncrementalAttitudeParameters(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
+PD_GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
+PD_ATTITUDE = AttitudeParameters(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+INCREMENTAL_ATTITUDE = IncrementalAttitudeParameters(PD_ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
 AXIS_LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
 START_POSITION = PerAxis(0.3, -0.2, 1.1)
 KALMAN_ESTIMATOR = EstimatorParameters(
@@ -203,7 +203,7 @@ INCREMENTAL_ESTIMATOR = EstimatorParameters(
     (IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), AXIS_LAGS, 4.3, START_POSITION
 )
 TILT_ESTIMATOR = TiltEstimatorParameters(ADAPTIVE_ESTIMATOR.laws, 0.06, 9.79, 4.4, START_POSITION)
-VECTORING = VectoringParameters(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
+THRUST_VECTORING = VectoringParameters(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
 VEHICLE = QuadrotorConfig(
     QuadrotorParameters(
         mass=0.74,
@@ -253,7 +253,7 @@ JETS = (
     Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
 )
 GUST = GustParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
-CAMERAS = CameraParameters(
+CAMERA_PARAMETERS = CameraParameters(
     1e-3,
     4e-3,
     0.1,
@@ -264,8 +264,8 @@ CAMERAS = CameraParameters(
     VelocityDrift(0.03, 0.02, 0.01),
     0.4,
 )
-LINK = LinkParameters(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
-TARGET_LINK = LinkParameters(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+WRENCH_LINK = LinkParameters(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
+ATTITUDE_LINK = LinkParameters(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 AUTOPILOT = AutopilotParameters(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),
@@ -277,7 +277,7 @@ AUTOPILOT = AutopilotParameters(
 
 
 def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
-    """Return PID terms of three axes. All numbers differ."""
+    """Return PID terms of three axes, with coefficients that all differ."""
     first, second, third = (
         Terms(
             Integral(scale * k, 0.7 * scale * k, 3.1 + k),
@@ -292,7 +292,7 @@ def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
 
 def _with_first_order_filter(terms: Terms) -> Terms:
     lag = first_order(55.0, 0.005)
-    # No number of an example may be zero.
+    # No parameter of an example may be zero, so the zero coefficients of a first-order filter are replaced.
     low_pass = lag._replace(b_1=1e-3, b_2=2e-3, a_2=3e-3)
     return Terms(Integral(terms.integral.k_i, terms.integral.limit), Derivative(terms.derivative.k_d, low_pass))
 
@@ -334,9 +334,9 @@ ANTECEDENTS = Antecedents(
 CIRCULAR_ANTECEDENTS = ANTECEDENTS._replace(
     inputs=(ANTECEDENTS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7)))
 )
-LIMITS = LearningLimits(0.9, 0.01, 0.02)
-SAMPLES = Samples(3, (5, 6))
-STREAMS = (
+LEARNING_LIMITS = LearningLimits(0.9, 0.01, 0.02)
+NOISE_SAMPLES = Samples(3, (5, 6))
+RANDOM_STREAMS = (
     Stream("here", StreamKind.WIND, 3, RandomDistribution.kGaussian, 0.01),
     Stream("there", StreamKind.NOISE, 1, RandomDistribution.kUniform, 0.02),
 )
@@ -349,16 +349,16 @@ ALL_CAMERA_ERRORS = {
     "drifts": True,
     "longest_latency": 2,
 }
-ACCELEROMETER_NUMBERS = AccelerometerParameters(
+ACCELEROMETER_PARAMETERS = AccelerometerParameters(
     SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0
 )
 ACCELEROMETER_STRUCTURE = {"name": "accelerometer", "law": ACCELEROMETER}
 LOSSY_LINK = {"longest_delay": 3, "loses_packets": True}
 
 
-THRUSTS = ThrustRange(2.0, 12.0)
-RATES = RatesScale(THRUSTS, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.0065, 0.0085, 0.0126)
-SPEEDS = SpeedScale(
+THRUST_RANGE = ThrustRange(2.0, 12.0)
+RATES_SCALE = RatesScale(THRUST_RANGE, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.0065, 0.0085, 0.0126)
+SPEED_SCALE = SpeedScale(
     60.0,
     300.0,
     PerRotor(
@@ -368,7 +368,7 @@ SPEEDS = SpeedScale(
         Wrench(4.4e-5, 7.3e-6, 1.7e-6, -1.8e-6),
     ),
 )
-OBSERVATION_NUMBERS = ObservationParameters(290.0, (0.1, -0.2, 0.3))
+OBSERVATION_PARAMETERS = ObservationParameters(290.0, (0.1, -0.2, 0.3))
 OBSERVATION_SPEC = ObservationSpec(
     ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
 )
@@ -378,7 +378,7 @@ OBSERVATION_STRUCTURE = {"spec": OBSERVATION_SPEC, "num_actions": 3, "num_ahead"
 
 
 def _network_of(inputs, outputs) -> Network:
-    """Return a network with a layer of each kind."""
+    """Return a network with a layer of each type."""
     rng = np.random.default_rng(inputs)
 
     def matrix(rows, columns) -> Matrix:
@@ -393,7 +393,14 @@ def _network_of(inputs, outputs) -> Network:
 
 
 def _loop(kind, measured, delay, seed) -> AxisLoop:
-    """Return a control loop of an axis. All numbers differ."""
+    """Return the control loop of one axis, with coefficients that all differ.
+
+    Args:
+        kind: record type of the loop's state.
+        measured: number of measured quantities.
+        delay: delay of the command, ticks.
+        seed: seed of the coefficients.
+    """
     rng = np.random.default_rng(seed)
 
     def rows() -> Any:
@@ -418,7 +425,7 @@ TARGET_LQG = LqgParameters(
 
 
 def _regulator(loop: AxisLoop) -> Regulator:
-    """Return a stable regulator. All numbers differ."""
+    """Return a stable regulator for the states of a loop, with coefficients that all differ."""
     count = len(loop.K) + len(loop.K_pending)
     rng = np.random.default_rng(count)
     A = np.eye(count) * 0.7 + rng.uniform(0.0, 0.2 / count, (count, count))
@@ -449,22 +456,28 @@ FLEET_SYSTEMS = [
         AttitudeAutopilot, PID_AUTOPILOT, {"rules": LoopRules(False, True, True)}, num_vehicles=2, has_all_ports=False
     ),
     Example(AttitudeAutopilot, PX4_AUTOPILOT, has_all_ports=False),
-    Example(AttitudeController, ATTITUDE),
+    Example(AttitudeController, PD_ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
-    Example(CommandLink, LINK, LOSSY_LINK, num_vehicles=2),
-    Example(CommandLink, LINK, has_all_ports=False),
+    Example(CommandLink, WRENCH_LINK, LOSSY_LINK, num_vehicles=2),
+    Example(CommandLink, WRENCH_LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
     Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
-    Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
-    Example(OffboardRateActuation, RATES, num_vehicles=2),
-    Example(OnboardRateActuation, RATES, num_vehicles=2),
-    Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
-    Example(Observation, OBSERVATION_NUMBERS, OBSERVATION_STRUCTURE, num_vehicles=2),
-    Example(Observation, OBSERVATION_NUMBERS, HEADING_OBSERVATION, has_all_ports=False),
+    Example(AttitudeActuation, AttitudeScale(THRUST_RANGE, 0.6, 0.5), num_vehicles=2),
+    Example(OffboardRateActuation, RATES_SCALE, num_vehicles=2),
+    Example(OnboardRateActuation, RATES_SCALE, num_vehicles=2),
+    Example(RotorSpeedActuation, SPEED_SCALE, {"order": (2, 0, 3, 1)}, num_vehicles=2),
+    Example(Observation, OBSERVATION_PARAMETERS, OBSERVATION_STRUCTURE, num_vehicles=2),
+    Example(Observation, OBSERVATION_PARAMETERS, HEADING_OBSERVATION, has_all_ports=False),
     Example(Policy, structure={"network": _network_of(7, 3)}, num_vehicles=2),
-    Example(CommandLink, TARGET_LINK, {"signal": "attitude_target", **LOSSY_LINK}, num_vehicles=2, has_all_ports=False),
     Example(
-        CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY_LINK, num_vehicles=2, has_all_ports=False
+        CommandLink, ATTITUDE_LINK, {"signal": "attitude_target", **LOSSY_LINK}, num_vehicles=2, has_all_ports=False
+    ),
+    Example(
+        CommandLink,
+        WRENCH_LINK._replace(delay_ticks=np.array([3.0, 1.0])),
+        LOSSY_LINK,
+        num_vehicles=2,
+        has_all_ports=False,
     ),
     Example(DisturbanceEstimator, KALMAN_ESTIMATOR, {"delay_ticks": 2}),
     Example(DisturbanceEstimator, ADAPTIVE_ESTIMATOR, {"delay_ticks": 1}, num_vehicles=2),
@@ -481,18 +494,18 @@ FLEET_SYSTEMS = [
         {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)},
         has_all_ports=False,
     ),
-    Example(GeometricAttitudeController, ATTITUDE),
-    Example(GeometricAttitudeController, ATTITUDE, {"transports": False}, num_vehicles=2),
+    Example(GeometricAttitudeController, PD_ATTITUDE),
+    Example(GeometricAttitudeController, PD_ATTITUDE, {"transports": False}, num_vehicles=2),
     Example(Gust, GUST),
-    Example(IncrementalAttitudeController, INCREMENTAL, {"delay_ticks": 1}),
-    Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
+    Example(IncrementalAttitudeController, INCREMENTAL_ATTITUDE, {"delay_ticks": 1}),
+    Example(IncrementalAttitudeController, INCREMENTAL_ATTITUDE, num_vehicles=2),
     Example(SineWind, SineParameters(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), {"integration": "backward_euler"}),
-    Example(IntegratingAttitudeController, IntegratingAttitudeParameters(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
+    Example(IntegratingAttitudeController, IntegratingAttitudeParameters(PD_ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
     Example(
         IntegratingAttitudeController,
-        IntegratingAttitudeParameters(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
+        IntegratingAttitudeParameters(PD_ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
         {"period": 0.01, "integration": "backward_euler", "transports": False},
         num_vehicles=2,
     ),
@@ -507,10 +520,10 @@ FLEET_SYSTEMS = [
         has_all_ports=False,
     ),
     Example(LinearQuadraticGaussian, TARGET_LQG, {"signal": "attitude_target", "period": 0.005}, has_all_ports=False),
-    Example(MotionCapture, CAMERAS, ALL_CAMERA_ERRORS, num_vehicles=2),
-    Example(MotionCapture, CAMERAS, ALL_CAMERA_ERRORS),
-    Example(MotionCapture, CAMERAS, has_all_ports=False),
-    Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
+    Example(MotionCapture, CAMERA_PARAMETERS, ALL_CAMERA_ERRORS, num_vehicles=2),
+    Example(MotionCapture, CAMERA_PARAMETERS, ALL_CAMERA_ERRORS),
+    Example(MotionCapture, CAMERA_PARAMETERS, has_all_ports=False),
+    Example(NoiseSource, NOISE_SAMPLES, {"streams": RANDOM_STREAMS}, num_vehicles=2),
     Example(
         PidCascade, TILT_CASCADE, {"num_ticks": 5, "tick": 0.002, "rules": CascadeRules(True, True)}, num_vehicles=2
     ),
@@ -518,7 +531,7 @@ FLEET_SYSTEMS = [
     Example(PidCascade, ACCELERATION_CASCADE, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
     Example(PredictiveProgramme, structure=MPC_STRUCTURE, num_vehicles=2),
     Example(PredictiveProgramme, structure={**MPC_STRUCTURE, "nominal": TARGET_LQG, **TARGET_REGULATORS}),
-    Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
+    Example(ProportionalDerivative, PD_GAINS, {"feeds_forward": True}),
     Example(Quadrotor, VEHICLE, {"faulty": True}, has_all_ports=False),
     Example(Quadrotor, VEHICLE_WITH_EFFECTS, {"faulty": True, "effects": VEHICLE_WITH_EFFECTS.effects.names}),
     Example(
@@ -556,24 +569,29 @@ FLEET_SYSTEMS = [
         num_vehicles=2,
     ),
     Example(
-        Sensor, ACCELEROMETER_NUMBERS, {**ACCELEROMETER_STRUCTURE, "noisy": True, "longest_latency": 2}, num_vehicles=2
+        Sensor,
+        ACCELEROMETER_PARAMETERS,
+        {**ACCELEROMETER_STRUCTURE, "noisy": True, "longest_latency": 2},
+        num_vehicles=2,
     ),
-    Example(Sensor, ACCELEROMETER_NUMBERS, ACCELEROMETER_STRUCTURE, has_all_ports=False),
+    Example(Sensor, ACCELEROMETER_PARAMETERS, ACCELEROMETER_STRUCTURE, has_all_ports=False),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
-    Example(TickByTick, structure={"stream": STREAMS[0], "period": 4.0 * STREAMS[0].period}, num_vehicles=2),
+    Example(
+        TickByTick, structure={"stream": RANDOM_STREAMS[0], "period": 4.0 * RANDOM_STREAMS[0].period}, num_vehicles=2
+    ),
     Example(
         ThrottleAllocation,
         ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
     ),
     Example(ThrustOnly),
-    Example(ThrustVectoring, VECTORING),
-    Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
-    Example(ThrustVectoring, VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
+    Example(ThrustVectoring, THRUST_VECTORING),
+    Example(ThrustVectoring, THRUST_VECTORING, {"projects": True}, num_vehicles=2),
+    Example(ThrustVectoring, THRUST_VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
     Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, {"delay_ticks": 2}),
     Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, num_vehicles=2),
     Example(
         WeightLearning,
-        LearningParameters(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
+        LearningParameters(1.4, CovarianceLaw(0.8, 5.0, 0.997), LEARNING_LIMITS, 0.05),
         {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0), "leads": True},
         num_vehicles=2,
     ),
@@ -582,14 +600,17 @@ FLEET_SYSTEMS = [
         AdaptationParameters(
             (ANTECEDENTS, ANTECEDENTS._replace(a1=1.7)),
             AdaptationRates(0.3, 0.2, 0.1),
-            LearningParameters(1.4, GradientLaw(0.4), LIMITS, 0.05),
+            LearningParameters(1.4, GradientLaw(0.4), LEARNING_LIMITS, 0.05),
         ),
         {"axes": ("x", "z")},
         num_vehicles=2,
     ),
-    Example(WeightLearning, LearningParameters(1.4, GradientLaw(0.4), LIMITS, 0.05), has_all_ports=False),
+    Example(WeightLearning, LearningParameters(1.4, GradientLaw(0.4), LEARNING_LIMITS, 0.05), has_all_ports=False),
     Example(
-        WeightLearning, LearningParameters(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, has_all_ports=False
+        WeightLearning,
+        LearningParameters(1.4, SignLaw(0.4, 0.2), LEARNING_LIMITS, 0.05),
+        num_vehicles=2,
+        has_all_ports=False,
     ),
 ]
 
@@ -601,23 +622,25 @@ def _policy_control() -> Any:
             spec=spec, num_actions=4, parameters=ObservationParameters(290.0, (0.1, 0.2, 0.3, 0.4))
         ),
         policy=Policy(network=_network_of(6, 4)),
-        actuation=OffboardRateActuation(parameters=RATES),
+        actuation=OffboardRateActuation(parameters=RATES_SCALE),
     )
 
 
 def _cascade() -> Any:
     return build_cascade(
-        position=build_position_controller(ProportionalDerivative(parameters=GAINS)),
-        thrust_vectoring=ThrustVectoring(parameters=VECTORING),
-        attitude=AttitudeController(parameters=ATTITUDE),
+        position=build_position_controller(ProportionalDerivative(parameters=PD_GAINS)),
+        thrust_vectoring=ThrustVectoring(parameters=THRUST_VECTORING),
+        attitude=AttitudeController(parameters=PD_ATTITUDE),
         feed_forward="snap",
     )
 
 
 def _corrected_pid() -> Any:
-    """Return a PID with all ports, for an integral and a correction."""
+    """Return a PID controller with all optional ports: those of the integral and of the correction."""
     integral = IntegralCorrection(parameters=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
-    return build_position_controller(ProportionalDerivative(parameters=GAINS), integral=integral, takes_correction=True)
+    return build_position_controller(
+        ProportionalDerivative(parameters=PD_GAINS), integral=integral, takes_correction=True
+    )
 
 
 def _network() -> Any:
@@ -642,7 +665,9 @@ def _wind() -> Any:
 
 def _sensors() -> Any:
     sensors = {
-        "accelerometer": Sensor(num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, parameters=ACCELEROMETER_NUMBERS)
+        "accelerometer": Sensor(
+            num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, parameters=ACCELEROMETER_PARAMETERS
+        )
     }
     streams = random_streams(sensors, StreamKind.NOISE)
     return build_sensors(sensors, streams=streams, available=ACCELEROMETER.reads)
@@ -652,10 +677,10 @@ def _laboratory() -> Any:
     return build_laboratory(
         vehicle=Quadrotor(num_vehicles=2),
         allocation=Allocation(num_vehicles=2),
-        motion_capture=MotionCapture(num_vehicles=2, **ALL_CAMERA_ERRORS, parameters=CAMERAS),
-        command_link=CommandLink(num_vehicles=2, **LOSSY_LINK, parameters=LINK),
+        motion_capture=MotionCapture(num_vehicles=2, **ALL_CAMERA_ERRORS, parameters=CAMERA_PARAMETERS),
+        command_link=CommandLink(num_vehicles=2, **LOSSY_LINK, parameters=WRENCH_LINK),
         wind=_sources(),
-        samples=SAMPLES,
+        samples=NOISE_SAMPLES,
     )
 
 

@@ -1,4 +1,4 @@
-"""Comparison of flights in uncompiled and compiled diagrams."""
+"""Comparison of flights that are simulated by uncompiled and by compiled diagrams."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ TOLERANCE = 1e-9
 
 
 def assert_alike(found, expected, what=""):
-    """Assert that numbers agree, including NaN and infinities."""
+    """Assert that two arrays agree within the tolerance; NaN and infinities must be at the same places."""
     found, expected = np.asarray(found), np.asarray(expected)
     assert found.shape == expected.shape, what
     size = max(1.0, np.max(np.abs(expected[np.isfinite(expected)]), initial=0.0))
@@ -33,7 +33,7 @@ def assert_metrics_alike(found, expected):
 
 
 def assert_flown_alike(batch, *, plan=None):
-    """Assert that a batch has the same flights compiled and uncompiled, and return the flights."""
+    """Assert that a batch of samples has equal flights compiled and uncompiled, and return the flights."""
     wired = simulate_batch(batch, plan=plan, compiled=False)
     compiled = simulate_batch(batch, plan=plan, compiled=True)
     assert all(flight.compiled for flight in compiled)

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from repository_guard import RepositoryGuard
 
-# The processes of pytest use all cores, so threads of linear algebra would only slow them down. NumPy reads this
-# variable when it is imported.
+# The worker processes of pytest use all cores, so BLAS threads would only slow them down. NumPy reads this variable
+# when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
@@ -25,7 +25,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
-# Files that take longest, which start first, so that no process is left with a long file at the end.
+# The slowest test files. They start first, so that no worker process is still busy with one when all others are done.
 _LONG_FILES = (
     "test_docs",
     "test_identified_vehicles",
@@ -47,9 +47,9 @@ _LONG_FILES = (
 
 @pytest.hookimpl(optionalhook=True)  # xdist is optional
 def pytest_xdist_auto_num_workers() -> int:
-    """Return the number of worker processes: one more than there are cores, since some tests wait, and at most 4.
+    """Return the number of worker processes: one more than there are cores, but at most 4.
 
-    Each process needs a few hundred MB of memory.
+    The additional process uses the time in which tests wait. Each process needs a few hundred MB of memory.
     """
     return min(4, (os.cpu_count() or 1) + 1)
 
@@ -60,9 +60,10 @@ def pytest_collection_modifyitems(items) -> None:
 
 
 def pytest_configure(config) -> None:
-    """Disable garbage collection while tests are collected, because their modules stay in memory until the end.
+    """Disable garbage collection while tests are collected, and register the guard of the repository's files.
 
-    The process that starts the others, or the only one, also checks that no test writes into the repository.
+    The modules of the tests stay in memory until the end, so there is no garbage to collect. Only the main process
+    registers the guard, not the worker processes.
     """
     gc.disable()
     if not hasattr(config, "workerinput"):
@@ -70,7 +71,7 @@ def pytest_configure(config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Freeze imported objects, because searching them for garbage would take a quarter of the time of the tests."""
+    """Exempt imported objects from garbage collection, which would otherwise take a quarter of the tests' run time."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
     gc.enable()
@@ -78,9 +79,9 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True)
 def _no_result_cache(request, monkeypatch):
-    """Disable the cache of results on disk, because tests and mutants change parts of what computes the results.
+    """Disable the cache of results on disk, because tests and mutants change the code that computes the results.
 
-    The fixture `cached_results` enables it for pages, scripts and commands, which compute the same results.
+    The fixture `cached_results` enables the cache for tests of pages, scripts and commands, which share results.
     """
     if "cached_results" not in request.fixturenames:
         monkeypatch.setattr(result_cache, "_program", lambda: None)
@@ -93,7 +94,7 @@ def cached_results():
 
 @pytest.fixture(autouse=True)
 def _restored_process_settings():
-    """Let Ctrl-C raise an exception in every test, and restore the process-wide settings that commands change."""
+    """Let Ctrl-C raise KeyboardInterrupt in every test, and restore process-wide settings that commands change."""
     handler, thresholds = signal.signal(signal.SIGINT, signal.default_int_handler), gc.get_threshold()
     yield
     signal.signal(signal.SIGINT, handler)
@@ -102,7 +103,7 @@ def _restored_process_settings():
 
 @pytest.fixture(autouse=True)
 def _restored_registries():
-    """Remove the members of unions and the effects that a test has registered."""
+    """Remove what a test has registered: members of open unions, and effects."""
     before = {registry: {*registry.members} for registry in REGISTRIES}
     yield
     for registry, names in before.items():
@@ -112,7 +113,7 @@ def _restored_registries():
 
 @pytest.fixture(scope="session")
 def root() -> Path:
-    """Return the root folder of the repository; with it, tests do not depend on the working directory."""
+    """Return the root folder of the repository, so that tests do not depend on the working directory."""
     return Path(__file__).parent.parent
 
 
@@ -130,7 +131,7 @@ def asymmetric(root):
 
 @pytest.fixture(scope="session")
 def asymmetric_vehicle() -> QuadrotorParameters:
-    """Return the parameters of a vehicle. All numbers differ."""
+    """Return the parameters of an asymmetric vehicle, in which no two parameters are equal."""
     return QuadrotorParameters(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
@@ -161,7 +162,7 @@ class Result(NamedTuple):
 
 @pytest.fixture
 def run(capsys, monkeypatch):
-    """Return a function that runs a command or script in this process, which has already imported Drake."""
+    """Return a function that runs a command or script in this process, which saves the time to import Drake again."""
     monkeypatch.chdir(_ROOT)
     monkeypatch.syspath_prepend(_ROOT / "scripts")
 
@@ -183,13 +184,16 @@ def run(capsys, monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Save blank pictures instead of figures. Other tests draw the figures."""
+    """Replace `Figure.savefig` by a function that saves a blank picture, without drawing the figure."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
 
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Draw figures without layout and rendering, and save blank pictures, which takes a quarter of the time."""
+    """Replace `Figure.savefig` by a function that draws the figure without rendering it, and saves a blank picture.
+
+    This takes a quarter of the time, and still finds errors in the drawing code.
+    """
 
     def drawn_only(figure, file, **_):
         figure.set_layout_engine("none")

@@ -101,13 +101,13 @@ FEED_FORWARD_REPLACEMENTS = {
 
 
 def structures(rng, count):
-    """Return `count` structures, each of which maps the parts of a scenario to options."""
+    """Return `count` random structures. A structure maps each part of a scenario to one of its options."""
     columns = {name: rng.permutation(np.arange(count) % len(options)) for name, options in STRUCTURES.items()}
     return [{name: STRUCTURES[name][column[i]] for name, column in columns.items()} for i in range(count)]
 
 
 def scenario_of(structure, rng, folder, *, duration):
-    """Return a scenario with the options of a structure. Its quantities have random distributions.
+    """Return a scenario with the options of a structure, in which physical quantities have random distributions.
 
     Args:
         structure: structure from `structures`.
@@ -220,13 +220,13 @@ def _effect(name, draw, duration):
 
 
 class _Draw:
-    """Generator of random uniform distributions."""
+    """Generator of uniform distributions with random bounds."""
 
     def __init__(self, rng):
         self._rng = rng
 
     def __call__(self, low, high):
-        """Return a uniform distribution over a random part of an interval."""
+        """Return a uniform distribution over a random subinterval of the interval from `low` to `high`."""
         ends = sorted(self._rng.uniform(low, high, 2).tolist())
         return {"uniform": {"min": ends[0], "max": ends[1]}}
 
@@ -235,7 +235,12 @@ class _Draw:
 
 
 def _layout(kind, length_of):
-    """Return a layout of rotors, given a function from a nominal length to a number or a distribution."""
+    """Return a layout of rotors.
+
+    Args:
+        kind: `kind` of the layout in the scenario language.
+        length_of: function from a nominal length (m) to the number or distribution that the layout contains.
+    """
     if kind != "rotors":
         return {"kind": kind, "length": length_of(0.3), "width": length_of(0.26), "rotor_1_turns": "anticlockwise"}
     places = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))

@@ -1,16 +1,16 @@
-"""Plugin of pytest that fails a session if a test has written into the repository."""
+"""Pytest plugin that fails a test session in which a file of the repository has changed."""
 
 import os
 from pathlib import Path
 
 import pytest
 
-# Folders besides hidden ones into which tests may write: default output of commands, bytecode and generated pages.
+# Folders into which tests may write, besides hidden folders: default output of commands, bytecode, generated pages.
 _IGNORED_FOLDERS = {"out", "__pycache__", "api"}
 
 
 def files_in(root: Path) -> dict[Path, tuple[int, int]]:
-    """Return size and time of the last change of each file below a folder, without ignored folders."""
+    """Return size (bytes) and modification time (ns) of each file below a folder, without ignored folders."""
     files = {}
     for folder, names, _ in os.walk(root):
         names[:] = [name for name in names if not _is_ignored(name)]
@@ -27,7 +27,7 @@ def _is_ignored(name: str) -> bool:
 
 
 class RepositoryGuard:
-    """Compares the files of a repository before and after all tests.
+    """Plugin that compares the files of a repository before and after all tests.
 
     Args:
         root: root folder of the repository.
@@ -38,7 +38,7 @@ class RepositoryGuard:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self, session) -> None:
-        """Let the session fail if a file was created, changed or removed."""
+        """Fail the session if a file was created, changed or removed."""
         after = files_in(self._root)
         paths = sorted(path for path in {*self._before, *after} if self._before.get(path) != after.get(path))
         if paths:

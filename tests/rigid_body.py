@@ -6,7 +6,7 @@ from drake_quad.vehicle.dynamics import Motion, equations_of_motion
 
 
 def rigid_body_derivative(state, rotors, wind, parameters, kinematics):
-    """Return the time derivative of the state, eqs (2) and (3), with given `AttitudeKinematics`."""
+    """Return the time derivative of the state by eqs (2) and (3) of the paper, with the given `AttitudeKinematics`."""
     attitude = Attitude(state.roll, state.pitch, state.yaw)
     turning = kinematics.angle_rates(BodyRates(state.p, state.q, state.r), attitude)
     accelerations = equations_of_motion(BodyAxes.of(*attitude), Motion.of(state), rotors, wind, parameters)

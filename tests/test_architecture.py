@@ -1,4 +1,4 @@
-"""Tests of the tables of folders in CONTRIBUTING.md and of commands in README.md, and of the direction of imports."""
+"""Tests of the folder table in CONTRIBUTING.md, of the command table in README.md, and of the direction of imports."""
 
 import ast
 import functools
@@ -13,7 +13,7 @@ PACKAGE = ROOT / "drake_quad"
 # Rows of the table: | level | `folder/` | contents |
 ROW_PATTERN = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
 LEVELS = {folder: int(level) for level, folder, _ in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
-# Modules outside the folders are at level 0, except for these modules, which are above all folders.
+# Modules outside the folders are at level 0, except for these modules, which may import from all folders.
 TOP_MODULES = ("__init__", "__main__", "testing")
 
 
@@ -54,7 +54,7 @@ def imports():
     return modules
 
 
-def test_the_table_lists_each_folder_with_its_docstring():
+def test_the_folder_table_repeats_the_docstring_of_each_folder():
     rows = {folder: contents for _, folder, contents in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
     docstrings = {
         path.parent.name: ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0].rstrip(".")
@@ -63,9 +63,9 @@ def test_the_table_lists_each_folder_with_its_docstring():
     assert rows == docstrings
 
 
-def test_imports_are_from_lower_levels():
-    """Folders at the same level do not import each other."""
-    # The version is the only name that is imported from the package itself.
+def test_folders_import_only_from_folders_at_lower_levels():
+    """Folders at the same level must not import each other either."""
+    # Imports of the package itself are allowed, since they only read its version.
     upward = [
         (module, target)
         for module, targets in imports().items()
@@ -75,7 +75,7 @@ def test_imports_are_from_lower_levels():
     assert not upward
 
 
-def test_modules_outside_the_folders_import_no_folder():
+def test_modules_outside_the_folders_do_not_import_folders():
     upward = [
         (module, target)
         for module, targets in imports().items()
@@ -85,7 +85,7 @@ def test_modules_outside_the_folders_import_no_folder():
     assert not upward
 
 
-def test_no_modules_import_each_other_in_a_cycle():
+def test_imports_of_modules_contain_no_cycle():
     remaining = imports()
     while free := [module for module, targets in remaining.items() if not targets & remaining.keys()]:
         for module in free:

@@ -1,4 +1,4 @@
-"""Tests that concurrent threads compute a cached value once, and share process-wide settings."""
+"""Tests that concurrent threads compute a cached value only once, and can share process-wide settings."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ def in_threads(*functions):
         thread.join()
 
 
-def test_threads_that_request_a_value_at_once_share_it():
+def test_a_value_that_threads_request_at_once_is_computed_once():
     cache = ThreadSafeCache()
     values = []
     gate = threading.Barrier(4)
@@ -28,7 +28,7 @@ def test_threads_that_request_a_value_at_once_share_it():
 
     def make():
         makers.append(threading.get_ident())
-        threading.Event().wait(0.02)  # meanwhile the other threads request the value
+        threading.Event().wait(0.02)  # gives the other threads time to request the value
         return object()
 
     def request():
@@ -72,7 +72,7 @@ def test_an_error_is_not_cached():
     assert cache.get("key", lambda: 5) == 5
 
 
-def test_the_oldest_values_are_dropped():
+def test_a_full_cache_drops_its_oldest_value():
     cache = ThreadSafeCache(2)
     for key in (1, 2, 3):
         assert cache.get(key, lambda key=key: key) == key
@@ -81,7 +81,7 @@ def test_the_oldest_values_are_dropped():
 
 
 class Setting:
-    """Context manager that changes and restores a setting, as libraries provide."""
+    """Context manager that changes a setting and restores its previous value."""
 
     value = "usual"
 
@@ -92,8 +92,8 @@ class Setting:
         Setting.value = self.before
 
 
-def test_overlapping_threads_restore_a_setting():
-    """The first thread leaves the context before the second one."""
+def test_a_setting_is_restored_when_overlapping_threads_have_left():
+    """The thread that enters first also leaves first, while the other thread is still inside."""
     changed = ProcessSetting(Setting)
     one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
     seen = []
@@ -186,7 +186,7 @@ def fresh_process(program, cache):
 @pytest.mark.parametrize(
     ("program", "printed"), [(KERNELS_PROGRAM, "0 0\n"), (FLIGHTS_PROGRAM, "alike\n")], ids=["kernels", "flights"]
 )
-def test_threads_of_a_fresh_process_share_their_machine_code(program, printed, tmp_path):
+def test_threads_of_a_new_process_compile_each_formula_once_and_fly_as_alone(program, printed, tmp_path):
     """The cache on disk is empty, so all threads start compiling at the same time."""
     result = fresh_process(program, tmp_path / "cache")
     assert (result.returncode, result.stdout, result.stderr) == (0, printed, "")

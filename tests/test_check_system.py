@@ -17,27 +17,27 @@ from drake_quad.testing import check_system
 
 TWO_ROWS = rows_layout(2)
 ALL_RULES = ("names", "ports", "context", "vehicles", "numbers", "derivatives", "compiled")
-# The check varies the number of vehicles. A broadcast always has one vehicle at its input, and a noise source has a
-# vehicle for each of its samples. Examples with numbers for exactly two vehicles are not checked either.
+# `check_system` varies the number of vehicles. This is impossible for a broadcast, whose input has one vehicle, and for
+# a noise source, which has one vehicle per sample. Examples with parameters for exactly two vehicles are left out, too.
 UNCHECKED_SYSTEMS = (Broadcast, NoiseSource)
 EXAMPLES = [
     example
     for example in FLEET_SYSTEMS
-    if example.system not in UNCHECKED_SYSTEMS and not any(np.ndim(number) for number in example.flat_numbers)
+    if example.system not in UNCHECKED_SYSTEMS and not any(np.ndim(number) for number in example.flat_parameters)
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.system.__name__)
-def test_every_system_obeys_the_rules(example):
-    """Systems with a continuous state and systems that solve optimization problems are not compiled."""
+def test_every_system_of_the_package_passes_check_system(example):
+    """The rule "compiled" does not apply to systems with a continuous state or an optimisation problem."""
     rules = check_system(lambda n: example._replace(num_vehicles=n).make())
     assert rules in (ALL_RULES, ALL_RULES[:-1])
     assert (rules == ALL_RULES) == example.is_compiled
 
 
 def system_with(law, **options):
-    """Return the class of a system with two rows of output, y = law(u)."""
+    """Return the class of a system with input u and output y = law(u), which have two rows each."""
 
     @fleet_system(float, AutoDiffXd)
     class CustomSystem(FleetSystem):
@@ -60,7 +60,7 @@ def different_with_derivatives(u):
 
 
 class Plain(LeafSystem):
-    """System in plain Python. Its output is a function of its input (rows, N)."""
+    """System in plain Python whose output is y = law(u), where u is an array (2, N)."""
 
     def __init__(self, num_vehicles=1, law=np.sin, rows=2):
         super().__init__()
@@ -74,7 +74,7 @@ class Plain(LeafSystem):
 
 
 class Counting(Plain):
-    """System whose output depends on a hidden state, the number of its evaluations."""
+    """System that breaks the rule "context": its output depends on how often it has been evaluated."""
 
     def __init__(self, num_vehicles=1):
         self._calls = 0
@@ -85,7 +85,7 @@ class Counting(Plain):
         return rows + 1e-9 * self._calls
 
 
-def test_compiled_systems_python_systems_and_diagrams_are_checked():
+def test_check_system_accepts_compiled_systems_python_systems_and_diagrams():
     assert check_system(system_with(doubled)) == ALL_RULES
     assert check_system(Plain) == ALL_RULES[:5]
 
@@ -101,7 +101,7 @@ def test_compiled_systems_python_systems_and_diagrams_are_checked():
 
 
 def controller_with(*inputs, output="acceleration_command"):
-    """Return the function that builds a controller in plain Python with given names of its ports."""
+    """Return a function from a number of vehicles to a controller in plain Python with the given port names."""
 
     def make(num_vehicles):
         system = LeafSystem()
@@ -124,12 +124,12 @@ def controller_with(*inputs, output="acceleration_command"):
         (controller_with("state", output="winds"), "called `winds`; did you mean wind[?]"),
     ],
 )
-def test_a_port_that_no_flight_connects_is_named_with_the_nearest_name(make, words):
+def test_the_message_about_an_unknown_port_suggests_the_most_similar_name(make, words):
     with pytest.raises(AssertionError, match=f"^names: flights connect no port {words}"):
         check_system(make)
 
 
-def test_a_system_for_another_diagram_may_have_any_names():
+def test_port_names_that_resemble_no_signal_are_accepted():
     assert check_system(controller_with("position", output="estimate")) == ALL_RULES[:5]
     assert check_system(controller_with("measurement", output="error_rate")) == ALL_RULES[:5]
 
@@ -150,6 +150,6 @@ def test_a_system_for_another_diagram_may_have_any_names():
         (system_with(different_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
     ],
 )
-def test_the_rule_that_a_system_breaks_is_named(make, words):
+def test_the_message_names_the_rule_that_a_system_breaks(make, words):
     with pytest.raises(AssertionError, match=words):
         check_system(make)

@@ -1,4 +1,4 @@
-"""Tests of README and docs: code blocks run, commands are parsed, and names and links exist."""
+"""Tests of README.md and docs/: code blocks run, commands are parsed, and names and links exist."""
 
 import argparse
 import csv
@@ -30,9 +30,9 @@ ROOT = Path(__file__).parent.parent
 GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
 DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED_FOLDERS]
 PAGES = [ROOT / "README.md", *DOCS]
-# The links and names of these pages are checked, but not their commands, which are for developers.
-OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
-# Options that shorten the commands of the pages, to which they are appended. A later option replaces an earlier one.
+# Pages for developers. The tests check their links and names, but do not run their commands.
+DEVELOPER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+# Options that the tests append to commands of the pages, to shorten them. The last one of equal options applies.
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
@@ -53,13 +53,13 @@ SHORT_OPTIONS = {
 SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
-# If the first line of a YAML block is the name of its file, the blocks of the page run in order and use this file, as
-# they use Python blocks that begin with the name of a file.
+# First line of a block that is saved as a file. On a page with such a YAML block, all blocks run in order in one
+# folder, so that later blocks can use the files.
 FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
 
 
-# Libraries that only examples use. A block that imports one of them is skipped if the library is not installed.
+# Libraries that only examples need. If a library is not installed, blocks that import it are skipped.
 OPTIONAL_LIBRARIES = ("openturns", "optuna")
 
 
@@ -74,7 +74,7 @@ def blocks(language):
 
 
 @pytest.fixture
-def elsewhere(tmp_path, monkeypatch):
+def linked_folder(tmp_path, monkeypatch):
     """Return a temporary working directory with links to the files that the pages mention."""
     for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
@@ -95,21 +95,21 @@ def few_samples(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
-def test_every_python_block_runs(block, elsewhere, capsys):
+def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
     for library in OPTIONAL_LIBRARIES:
         if re.search(rf"^import {library}\b", block, re.MULTILINE):
             pytest.importorskip(library)
-    path = elsewhere / "block.py"
+    path = linked_folder / "block.py"
     path.write_text(block, encoding="utf-8")
-    # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block. A process that
-    # is spawned looks up relative paths in the folder where pytest was started.
+    # run_path replaces sys.modules["__main__"], because worker processes look up the classes of a block there. The path
+    # is absolute, because spawned processes interpret relative paths in the folder where pytest was started.
     runpy.run_path(str(path), run_name="__main__")
     printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed
 
 
-def test_other_libraries_are_used_in_at_most_25_lines(root):
+def test_examples_with_other_libraries_have_at_most_25_lines(root):
     page = (root / "docs" / "how_to" / "your_own_method.md").read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     imported = {name for text in examples for name in re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)}
@@ -118,31 +118,31 @@ def test_other_libraries_are_used_in_at_most_25_lines(root):
 
 
 @pytest.mark.parametrize("block", [*blocks("python"), *blocks("yaml")])
-def test_code_blocks_load_no_files_of_the_checkout(block):
+def test_code_blocks_name_shipped_scenarios_without_a_path_in_the_repository(block):
     assert "diagrams/" not in block
 
 
 @pytest.mark.parametrize("block", blocks("yaml"))
-def test_every_scenario_loads(block, elsewhere):
-    path = elsewhere / "mine" / "loop.yaml"
+def test_every_scenario_of_the_pages_loads(block, linked_folder):
+    path = linked_folder / "mine" / "loop.yaml"
     path.parent.mkdir()
     path.write_text(block, encoding="utf-8")
-    # A block may contain only a vehicle, which is not a complete scenario.
+    # A block that describes only a vehicle is not a complete scenario, so it is loaded without gains.
     load_undesigned(path)
     if "nominal:" not in block:
         load_scenario(path)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
+@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
-def test_every_block_of_commands_runs(block, monkeypatch):
+def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
     if "qemu" in block and shutil.which(EMULATOR) is None:
         pytest.skip("no QEMU")
     for line in block.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
-            # With PYTHON, make does not search for installed versions of Python.
+            # PYTHON is given, so that make does not search for installed versions of Python.
             subprocess.run(["make", "--dry-run", "PYTHON=python", *arguments], check=True, capture_output=True)
             continue
         options = [*SHORT_OPTIONS.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
@@ -150,10 +150,10 @@ def test_every_block_of_commands_runs(block, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
+@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
-    """The blocks of the page run in order, and each line of a text block is in the output of the block before it."""
+    """The blocks of the page run in order. Each line of a text block must be in the output of the previous block."""
     printed = ""
     for language, text in re.findall(r"```(\w+)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
         if language in ("yaml", "python"):
@@ -176,7 +176,7 @@ def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
 
 
 def begins(printed, shown):
-    """Return whether a printed line begins with a shown line: the same words, and numbers within 1 %."""
+    """Return whether a printed line begins with a line that a page shows: equal words, and numbers equal within 1 %."""
     number = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
     words, numbers = re.sub(number, " # ", shown).split(), re.findall(number, shown)
     begun = re.sub(number, " # ", printed).split()[: len(words)]
@@ -187,7 +187,7 @@ def begins(printed, shown):
 
 
 def run_program(program, arguments, monkeypatch):
-    """Run a command, or a script of the checkout, in this process."""
+    """Run a `drake-quad` command, or a Python script of the repository, in this process."""
     monkeypatch.syspath_prepend(ROOT / "scripts")
     if program == "drake-quad":
         monkeypatch.setattr(sys, "argv", [program, *arguments])
@@ -199,20 +199,20 @@ def run_program(program, arguments, monkeypatch):
 
 
 class ParsedError(BaseException):
-    """A command line has been parsed. Commands report every `Exception` of a file outside the library."""
+    """Signal that a command line has been parsed. It is no `Exception`, because commands catch those of user files."""
 
 
 def commands():
-    """Return the commands in the text of a page, without those in blocks."""
+    """Return the commands in the text of all pages, without those in code blocks."""
     text = "\n".join(re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL) for page in PAGES)
     tool = r"python scripts/(?:benchmark|development/\w+)\.py[^`\n]*"
     return sorted(set(re.findall(rf"(?:`|^    )({tool}|drake-quad [^`\n]+)", text, re.MULTILINE)))
 
 
 @pytest.mark.parametrize("command", commands())
-@pytest.mark.usefixtures("elsewhere")
-def test_every_command_is_parsed(command, monkeypatch):
-    program, *arguments = shlex.split(command.partition(" > ")[0], comments=True)  # without a redirection of the output
+@pytest.mark.usefixtures("linked_folder")
+def test_every_command_in_the_text_of_a_page_can_be_parsed(command, monkeypatch):
+    program, *arguments = shlex.split(command.partition(" > ")[0], comments=True)  # omits a redirection of the output
     if program == "drake-quad" and len(arguments) == 1:
         assert arguments[0] in COMMANDS
         return
@@ -220,7 +220,7 @@ def test_every_command_is_parsed(command, monkeypatch):
     def parse_only(parse):
         def parse_and_stop(parser, *arguments):
             namespace = parse(parser, *arguments)
-            if "command" in namespace:  # this parser reads only the name of the command
+            if "command" in namespace:  # the first of two parsers, which reads only the name of the command
                 return namespace
             raise ParsedError
 
@@ -234,8 +234,8 @@ def test_every_command_is_parsed(command, monkeypatch):
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_path_and_link_exists(page):
+@pytest.mark.parametrize("page", [*PAGES, *DEVELOPER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_path_and_link_of_a_page_exists(page):
     text = page.read_text(encoding="utf-8")
     for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
         assert (ROOT / path).exists(), path
@@ -246,32 +246,32 @@ def test_every_path_and_link_exists(page):
         assert (page.parent / target.partition("#")[0]).exists(), target
 
 
-ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *OTHER_PAGES])
+ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *DEVELOPER_PAGES])
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(drake_quad(?:\.\w+)+)`", ALL_TEXT))))
-def test_every_module_and_name_exists(name):
+def test_every_python_name_in_the_pages_exists(name):
     assert pydoc.locate(name) is not None
 
 
-def test_every_target_of_make_exists():
+def test_every_make_target_in_the_pages_exists():
     targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)[1].split()
     assert set(re.findall(r"(?:^ *|`)make (\w+)", ALL_TEXT, re.MULTILINE)) <= set(targets)
 
 
-def test_every_environment_variable_is_read():
+def test_the_pages_name_exactly_the_environment_variables_that_the_code_reads():
     sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "drake_quad").rglob("*.py"))
     read = set(re.findall(r"environ\.get\(\"(\w+)\"", sources))
     assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
 
 
 @pytest.mark.parametrize("folder", GENERATED_FOLDERS, ids=lambda folder: folder.name)
-def test_the_markdown_and_html_reports_agree(folder):
+def test_the_html_report_has_the_content_of_the_markdown_report(folder):
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
 
-# Pages to which the README and the index must link: all except the index itself and the pages of the API.
+# Pages to which the README and the index must link: all except the index itself and the pages of the API reference.
 LINKED_PAGES = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
 
 
@@ -286,7 +286,10 @@ def test_every_page_is_linked_from_the_index():
 
 
 def row_of(system):
-    """Return a system's cells on the page of systems, as lists of names and numbers of rows (empty if absent)."""
+    """Return the cells of a system in the table of docs/reference/systems.md: inputs, outputs, parameters and states.
+
+    A cell is a list of pairs of a name and a number of rows, which is empty if the cell does not contain it.
+    """
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
@@ -307,7 +310,7 @@ def test_the_page_of_systems_lists_the_ports_of_each_system(documented, make):
 
 @pytest.mark.parametrize("system", dict.fromkeys(each.system for each in FLEET_SYSTEMS), ids=lambda each: each.__name__)
 def test_the_page_of_systems_lists_the_parameters_and_states_of_each_system(system):
-    """The page lists the parameters and states of all examples, since they depend on the structure of a system."""
+    """The parameters and states of a system depend on its options, so the page must list those of all examples."""
     _, _, parameters, states = row_of(system)
     made = [example.make() for example in FLEET_SYSTEMS if example.system is system]
     for documented_names, groups in (
@@ -335,7 +338,7 @@ def test_the_page_of_systems_lists_the_signals():
         for names, rows, fields in re.findall(r"^\| (`.*?) \| (.*?) \| (.*) \|$", table, re.MULTILINE)
         for name in re.findall(r"`(\w+)`", names)
     }
-    # The page omits internal signals of a diagram, and sensors, which the page of the scenario language lists.
+    # The page omits signals inside diagrams, and sensors, which scenario_language.md lists.
     assert SIGNALS.keys() - documented_names.keys() - SENSORS.members.keys() == {
         "feed_forward",
         "thrust",
@@ -356,8 +359,8 @@ def test_the_page_of_systems_lists_all_systems():
     assert sum(counts) == len({documented for documented, _ in SYSTEMS})
 
 
-def test_the_table_at_the_top_of_the_readme_agrees_with_the_committed_results():
-    """The command below the table names the controllers of its rows."""
+def test_the_first_table_of_the_readme_agrees_with_the_committed_results():
+    """The rows are in the order of the `--controller` options of the command below the table."""
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| .+ \| ([\d.]+) cm \| (\d+) ms \|$", page, re.MULTILINE)
     flown = re.findall(r"--controller controllers/designed/laboratory:(\w+)", page)
@@ -373,14 +376,14 @@ NOTEBOOKS = [page for page in DOCS if "{code-cell}" in page.read_text(encoding="
 
 
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
-def test_notebooks_with_results_are_up_to_date(page):
+def test_a_notebook_with_results_has_the_cells_of_its_markdown_page(page):
     advice = "run python scripts/development/run_notebooks.py --output docs/notebooks to update the notebook"
     text = page.read_text(encoding="utf-8")
     notebook = json.loads((ROOT / "docs" / "notebooks" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     given = re.findall(r"```\{code-cell\} ipython3\n(.*?)\n```", text, re.DOTALL)
     sources = ["".join(cell["source"]) for cell in cells]
-    # Lines before the code of a cell may hide or name it.
+    # A cell may begin with lines such as `:tags: [hide-cell]`, which the notebook stores as metadata.
     assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in given], advice
     outputs = [output for cell in cells for output in cell["outputs"]]
     assert outputs

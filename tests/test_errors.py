@@ -1,4 +1,4 @@
-"""Tests of error messages and their parts."""
+"""Tests of error messages, and of the functions that format them."""
 
 import pickle
 
@@ -15,7 +15,7 @@ def test_a_message_is_on_one_line_and_can_be_printed(text):
     assert message.encode("utf-8").endswith(b" is wrong")
 
 
-def test_printable_text_does_not_change():
+def test_a_message_of_printable_characters_is_not_changed():
     sentence = "vehicle.mass is -1 kg m², but must be larger than 0 – 'größer'"
     assert str(InputError(sentence)) == sentence
 
@@ -55,6 +55,6 @@ def test_whole_numbers_within_their_bounds_are_accepted(value):
         (True, None, "count is True, but must be a whole number, at least 3"),
     ],
 )
-def test_other_numbers_are_refused(value, most, words):
+def test_numbers_that_are_out_of_bounds_or_not_whole_are_refused(value, most, words):
     with pytest.raises(InputError, match=f"^{words}$"):
         check_integer(value, "count", minimum=3, maximum=most)

@@ -1,4 +1,4 @@
-"""Tests of atomic writing, and of the errors for folders and arrays that cannot be read or written."""
+"""Tests of atomic writing, and of the errors for unusable output folders and damaged .npz files."""
 
 import io
 import threading
@@ -21,13 +21,13 @@ def test_a_folder_with_an_invalid_name_is_refused(tmp_path, name):
     assert len(str(caught.value)) <= 300
 
 
-def test_a_folder_below_a_file_is_refused(tmp_path):
+def test_a_folder_whose_parent_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="cannot write to the output folder .*: not a directory"):
         output_folder(Path(tmp_path / "file" / "folder"))
 
 
-def test_threads_that_write_the_same_file_leave_a_complete_one(tmp_path):
+def test_a_file_that_two_threads_write_at_once_is_complete(tmp_path):
     gate = threading.Barrier(2)
 
     def write(text):
@@ -49,7 +49,7 @@ def test_threads_that_write_the_same_file_leave_a_complete_one(tmp_path):
 
 
 def npz(*members):
-    """Return an .npz file with given pairs of a name and the bytes of an array."""
+    """Return an .npz file, given pairs of the name of a member and its content in bytes."""
     file = io.BytesIO()
     with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w") as packed:
         for name, data in members:
@@ -65,16 +65,16 @@ def npy(array):
 
 
 def npy_header(shape, kind="'<f8'"):
-    """Return the bytes of an .npy file without data, with a header that NumPy would not write."""
+    """Return the bytes of an .npy file without data, given the text of the shape and of the data type in its header."""
     header = f"{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 
 
-ARRAY = npy(np.arange(3.0))
+ARRAY_BYTES = npy(np.arange(3.0))
 
 
 def test_arrays_are_read_by_name():
-    arrays = read_arrays(npz(("a.npy", ARRAY), ("b.npy", npy(np.array("word")))))
+    arrays = read_arrays(npz(("a.npy", ARRAY_BYTES), ("b.npy", npy(np.array("word")))))
     assert [*arrays] == ["a", "b"]
     np.testing.assert_array_equal(arrays["a"], [0.0, 1.0, 2.0])
     assert str(arrays["b"]) == "word"
@@ -84,22 +84,22 @@ def test_arrays_are_read_by_name():
     ("file", "words"),
     [
         (npz(("a.npy", b"no magic")), "is not an .npz file of arrays"),
-        (npz(("a", ARRAY[1:])), "is not an .npz file of arrays"),
+        (npz(("a", ARRAY_BYTES[1:])), "is not an .npz file of arrays"),
         (npz(("a.npy", npy_header("(" * 300 + ")" * 300))), "is not an .npz file of arrays"),
         (npz(("a.npy", npy_header("(" * 300))), "is not an .npz file of arrays"),
         (npz(("a.npy", npy_header("(-1, 99999999999999999999)"))), "is not an .npz file of arrays"),
         (
-            npz(("a.npy", npy_header("(3L,)"))),
+            npz(("a.npy", npy_header("(3L,)"))),  # a header as Python 2 wrote them, about which NumPy warns
             "is not an .npz file of arrays",
-        ),  # Python 2 wrote such headers; NumPy emits a warning for them
+        ),
         (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
-        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "contains two arrays named 'a'"),
-        (npz(("a.npy", ARRAY), ("a", ARRAY)), "contains two arrays named 'a'"),
+        (npz(("a.npy", ARRAY_BYTES), ("a.npy", ARRAY_BYTES)), "contains two arrays named 'a'"),
+        (npz(("a.npy", ARRAY_BYTES), ("a", ARRAY_BYTES)), "contains two arrays named 'a'"),
         (npz(("a.npy", npy(np.zeros(100)))), "is too large: its arrays have more than 800 bytes"),
         (io.BytesIO(b"PK"), "is not an .npz file of arrays"),
     ],
 )
-def test_arrays_that_cannot_be_read_are_reported_in_one_sentence(file, words):
+def test_a_damaged_or_oversized_npz_file_is_reported_in_one_sentence(file, words):
     with pytest.raises(ValueError, match=f"^{words}$"):
         read_arrays(file, max_bytes=800)
 

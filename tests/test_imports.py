@@ -1,4 +1,4 @@
-"""Tests that libraries are imported only when they are used."""
+"""Tests that importing the package loads no library before it is used."""
 
 import ast
 import importlib
@@ -11,37 +11,39 @@ import pytest
 import drake_quad
 
 ROOT = Path(__file__).parent.parent
-OPTIONAL = [
+DEFERRED_LIBRARIES = [
     *("control", "markdown", "matplotlib", "tqdm"),
     *(f"scipy.{part}" for part in ("integrate", "interpolate", "linalg", "optimize", "signal", "spatial", "stats")),
 ]
-HEAVY = [*OPTIONAL, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
-# Statement that computes all kinds of intervals of a study.
-INTERVALS = (
+SLOW_LIBRARIES = [*DEFERRED_LIBRARIES, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
+# Statement that computes every type of confidence interval that studies use.
+INTERVALS_STATEMENT = (
     "import numpy as np; from drake_quad.statistics.estimates import *; x = np.arange(9.0); mean_interval(x);"
     "quantile_interval(x, 0.5); rank_correlation(x, -x); running_mean(x); two_sided_sign_test(2, 3)"
 )
-# Statement that simulates a flight, whose plan needs the banded matrices of scipy.linalg.
-FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
+# Statement that simulates a flight. Planning the route needs the banded matrices of scipy.linalg.
+FLIGHT_STATEMENT = (
+    "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
+)
 
 
-# One process runs these statements in order. After each statement, the first list of modules must be loaded, and the
-# second list must not.
+# Statements that one process runs in order. Each one is followed by the modules that must be loaded after it, and by
+# those that must not.
 STATEMENTS = [
-    ("import drake_quad", [], HEAVY),
-    ("from drake_quad import InputError", [], HEAVY),
-    ("from drake_quad import load_scenario", ["pydantic"], OPTIONAL),
-    ("from drake_quad import *", ["drake_quad.studies.study"], OPTIONAL),
-    ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], OPTIONAL),
-    (FLIGHT, ["scipy.linalg"], [name for name in OPTIONAL if name != "scipy.linalg"]),
-    (INTERVALS, ["scipy.special"], ["scipy.stats"]),
+    ("import drake_quad", [], SLOW_LIBRARIES),
+    ("from drake_quad import InputError", [], SLOW_LIBRARIES),
+    ("from drake_quad import load_scenario", ["pydantic"], DEFERRED_LIBRARIES),
+    ("from drake_quad import *", ["drake_quad.studies.study"], DEFERRED_LIBRARIES),
+    ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], DEFERRED_LIBRARIES),
+    (FLIGHT_STATEMENT, ["scipy.linalg"], [name for name in DEFERRED_LIBRARIES if name != "scipy.linalg"]),
+    (INTERVALS_STATEMENT, ["scipy.special"], ["scipy.stats"]),
     ("from drake_quad.visualization import plots, study_plots", ["matplotlib"], ["scipy.spatial", "scipy.stats"]),
 ]
 
 
 @pytest.fixture(scope="module")
 def loaded():
-    """Return the modules that are loaded after each statement in a new process."""
+    """Run the statements in a new process, and return the set of loaded modules after each of them."""
     command = "import sys\n" + "\n".join(f"{statement}\nprint(*sys.modules)" for statement, _, _ in STATEMENTS)
     printed = subprocess.run([sys.executable, "-c", command], cwd=ROOT, check=True, capture_output=True, text=True)
     return [{*line.split()} for line in printed.stdout.splitlines()]
@@ -49,13 +51,13 @@ def loaded():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(STATEMENTS)))
-def test_only_libraries_that_are_used_are_loaded(loaded, index):
+def test_a_statement_loads_only_the_libraries_that_it_uses(loaded, index):
     _, required, forbidden = STATEMENTS[index]
     assert {*required} <= loaded[index]
     assert not {*forbidden} & loaded[index]
 
 
-def test_the_package_has_the_names_that_type_checkers_see():
+def test_the_stub_lists_the_public_names_with_their_modules():
     stub = ast.parse((ROOT / "drake_quad" / "__init__.pyi").read_text())
     public = {
         node.names[0].asname: f"drake_quad.{node.module}" for node in stub.body if isinstance(node, ast.ImportFrom)
@@ -66,6 +68,6 @@ def test_the_package_has_the_names_that_type_checkers_see():
         assert getattr(drake_quad, name) is getattr(importlib.import_module(module), name)
 
 
-def test_an_unknown_name_of_the_package_is_an_attribute_error():
+def test_an_unknown_name_of_the_package_raises_an_attribute_error():
     with pytest.raises(AttributeError, match="drake_quad attribute simulat"):
         drake_quad.simulat  # noqa: B018

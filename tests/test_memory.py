@@ -1,4 +1,4 @@
-"""Tests that fleets that exceed the memory are refused before samples are drawn or diagrams are built."""
+"""Tests that a fleet that needs more memory than available is refused before it is built."""
 
 import pytest
 
@@ -8,17 +8,17 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.gym import QuadrotorVectorEnv
 
-BILLION = 10**9
-FLEETS = [
-    ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=BILLION)),
-    ("num_vehicles", lambda scenario: StudyFleet(scenario, plan_route(scenario), BILLION)),
-    ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, BILLION)),
-    ("the number of samples", lambda scenario: simulate_samples(scenario, range(BILLION))),
-    ("batch", lambda scenario: run_monte_carlo(scenario, BILLION, batch_size=BILLION)),
+ONE_BILLION = 10**9
+OVERSIZED_FLEETS = [
+    ("num_envs", lambda scenario: QuadrotorVectorEnv(scenario, num_envs=ONE_BILLION)),
+    ("num_vehicles", lambda scenario: StudyFleet(scenario, plan_route(scenario), ONE_BILLION)),
+    ("num_vehicles", lambda scenario: build_tracking_diagram(scenario, ONE_BILLION)),
+    ("the number of samples", lambda scenario: simulate_samples(scenario, range(ONE_BILLION))),
+    ("batch", lambda scenario: run_monte_carlo(scenario, ONE_BILLION, batch_size=ONE_BILLION)),
 ]
 
 
-@pytest.mark.parametrize(("name", "fly"), FLEETS)
+@pytest.mark.parametrize(("name", "fly"), OVERSIZED_FLEETS)
 def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
     words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and only [\d.,]+ GB are"
     with pytest.raises(InputError, match=name + words):
@@ -26,9 +26,9 @@ def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
 
 
 @pytest.mark.slow
-def test_a_batch_is_no_larger_than_the_study(monkeypatch):
+def test_a_batch_larger_than_its_study_needs_memory_only_for_the_study(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 10**9)
-    study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=BILLION)
+    study = run_monte_carlo(load_scenario("hover", ["route.duration=0.1"]), 2, num_workers=1, batch_size=ONE_BILLION)
     assert len(study.metrics.crashed) == 2
 
 
@@ -43,7 +43,7 @@ def test_available_memory_is_the_minimum_of_machine_and_container(tmp_path, monk
     assert memory.available_memory() == pytest.approx(available, rel=1e-6)
 
 
-def test_without_meminfo_the_physical_memory_is_available(tmp_path, monkeypatch):
+def test_available_memory_is_the_physical_memory_if_there_is_no_meminfo(tmp_path, monkeypatch):
     for name in ("_MEMORY_INFO", "_CONTAINER_LIMIT"):
         monkeypatch.setattr(memory, name, tmp_path / "missing")
     monkeypatch.setattr(memory.os, "sysconf_names", {"SC_PHYS_PAGES": 1, "SC_PAGE_SIZE": 2})
@@ -53,9 +53,9 @@ def test_without_meminfo_the_physical_memory_is_available(tmp_path, monkeypatch)
     assert memory.available_memory() is None
 
 
-def test_without_a_reported_memory_every_fleet_is_accepted(monkeypatch):
+def test_every_fleet_is_accepted_if_the_available_memory_is_unknown(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: None)
-    memory.check_fleet_fits(BILLION, "num_envs")
+    memory.check_fleet_fits(ONE_BILLION, "num_envs")
 
 
 @pytest.mark.slow

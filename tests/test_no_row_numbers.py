@@ -8,7 +8,7 @@ import pytest
 
 from drake_quad.signals import SIGNALS
 
-# Folders and files of formulas and metrics, in which no integer index is allowed.
+# Folders and files of drake_quad with formulas and metrics, in which integer indices are not allowed.
 FORMULA_PATHS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
 
 
@@ -18,7 +18,7 @@ def files(root: Path, *places: str) -> list[Path]:
 
 
 def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Return the subscripts with integers, as indices or in slices."""
+    """Yield the subscript expressions that contain an integer, as an index or in a slice."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript):
             numbers = (part.value for part in ast.walk(node.slice) if isinstance(part, ast.Constant))
@@ -27,7 +27,7 @@ def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
 
 
 def is_signal(node: ast.AST) -> bool:
-    """Return whether a node is a signal of a flight, as in `flight["state"]`, a record of one, or metrics."""
+    """Return whether an expression reads a signal of a flight, its record or metrics, as in `flight["state"]`."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return node.slice.value in SIGNALS
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
@@ -45,7 +45,7 @@ def test_formulas_and_metrics_access_rows_by_name(root):
 
 
 def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Return the subscripts that access rows of a state by number, such as `state[3]`."""
+    """Yield the subscript expressions that access rows of a state by number, such as `state[3]`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
@@ -69,7 +69,7 @@ def test_identification_accesses_rows_of_states_by_name(root):
 @pytest.mark.parametrize(
     ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
 )
-def test_an_index_of_a_state_is_found(text, counts):
+def test_the_check_finds_row_numbers_of_states(text, counts):
     assert len([*numbered_states(ast.parse(text))]) == counts
 
 
@@ -96,11 +96,11 @@ def test_code_that_reads_flights_accesses_rows_by_name(root):
         ("tuple[Row, ...]", 0),
     ],
 )
-def test_an_integer_index_is_found(text, counts):
+def test_the_check_finds_integer_indices(text, counts):
     assert len([*integer_indices(ast.parse(text))]) == counts
 
 
 @pytest.mark.parametrize("text", ["flight['state'][:, 0:3]", "flight.record('state')[2]", "study.metrics[0]"])
-def test_an_index_of_a_flights_rows_is_found(text):
+def test_the_check_finds_row_numbers_of_signals_and_metrics(text):
     (node,) = integer_indices(ast.parse(text))
     assert is_signal(node.value)

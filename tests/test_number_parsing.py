@@ -1,4 +1,7 @@
-"""Tests that written numbers must have ASCII digits. Python itself also accepts "1_0" and digits of other scripts."""
+"""Tests that numbers in files, tables and options must have ASCII digits.
+
+Python itself also accepts "1_0" and digits of other scripts.
+"""
 
 import re
 from pathlib import Path
@@ -19,13 +22,13 @@ PACKAGE = Path(__file__).parent.parent / "drake_quad"
 
 
 @pytest.mark.parametrize("text", [*INVALID_NUMBERS, "", "one"])
-def test_other_notations_are_refused(text):
+def test_text_that_is_no_number_in_ascii_digits_is_refused(text):
     for read in (parse_float, parse_int):
         with pytest.raises(ValueError, match=r"."):
             read(text)
 
 
-def test_ascii_numbers_are_converted_as_in_python():
+def test_numbers_in_ascii_digits_are_converted_as_by_python():
     assert (parse_float("-1.5e3"), parse_float(" .5 "), parse_int("+12")) == (-1500.0, 0.5, 12)
     assert np.isnan(parse_float("nan"))
 
@@ -41,7 +44,7 @@ def test_ascii_numbers_are_converted_as_in_python():
         ("a.yaml", "a: {route: {kind: hover, duration: CELL}}\n", load_mission),
     ],
 )
-def test_no_reader_accepts_other_notations(tmp_path, name, text, read, cell):
+def test_no_file_reader_accepts_numbers_in_other_notations(tmp_path, name, text, read, cell):
     path = tmp_path / name
     path.write_text(text.replace("CELL", cell), encoding="utf-8")
     with pytest.raises(InputError, match=name):
@@ -50,7 +53,7 @@ def test_no_reader_accepts_other_notations(tmp_path, name, text, read, cell):
     read(path)
 
 
-def test_a_column_with_another_notation_is_text(tmp_path):
+def test_a_table_column_that_contains_another_notation_is_read_as_text(tmp_path):
     (tmp_path / "table.csv").write_text("a,b\n1_0,1\n2,2\n")
     assert read_table(tmp_path / "table.csv")["a"].tolist() == ["1_0", "2"]
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "drake_quad"
-# Patterns of texts without a subject, by kind of text.
-FIRST_LINE = re.compile(r"(Of|What|Who|The same|How|Why|Where|Whether|By|As)\b|.*\?$")
-COMMENT = re.compile(r"# (Of|What|Whether|And|Nor|By which|Over which|To which|From which) ")
-ARGUMENT = re.compile(r"(of|that|to|by|which|what|how|likewise)\b")
+# Beginnings of texts without a subject, for each type of text.
+FIRST_LINE_WITHOUT_SUBJECT = re.compile(r"(Of|What|Who|The same|How|Why|Where|Whether|By|As)\b|.*\?$")
+COMMENT_WITHOUT_SUBJECT = re.compile(r"# (Of|What|Whether|And|Nor|By which|Over which|To which|From which) ")
+ARGUMENT_WITHOUT_SUBJECT = re.compile(r"(of|that|to|by|which|what|how|likewise)\b")
 
 
 def texts_of(path: Path) -> list[tuple[str, str, int]]:
-    """Return the kind, text and line number of first lines of docstrings, descriptions of arguments, and comments."""
+    """Return type, text and line number of each docstring's first line, each argument description and each comment."""
     source = path.read_text(encoding="utf-8")
     texts = []
     for node in ast.walk(ast.parse(source)):
@@ -31,12 +31,16 @@ def texts_of(path: Path) -> list[tuple[str, str, int]]:
 
 
 def lacks_subject(kind: str, text: str) -> bool:
-    pattern = {"first line": FIRST_LINE, "argument": ARGUMENT, "comment": COMMENT}[kind]
-    return pattern.match(text) is not None
+    patterns = {
+        "first line": FIRST_LINE_WITHOUT_SUBJECT,
+        "argument": ARGUMENT_WITHOUT_SUBJECT,
+        "comment": COMMENT_WITHOUT_SUBJECT,
+    }
+    return patterns[kind].match(text) is not None
 
 
 @pytest.mark.slow
-def test_texts_have_a_subject():
+def test_docstrings_and_comments_of_the_package_have_a_subject():
     texts = [(path, *text) for path in sorted(PACKAGE.rglob("*.py")) for text in texts_of(path)]
     assert len(texts) > 5000
     unclear = [
@@ -59,5 +63,5 @@ def test_texts_have_a_subject():
         ("argument", "sizes of the groups, samples.", False),
     ],
 )
-def test_texts_without_a_subject_are_recognised(kind: str, text: str, expected: bool):
+def test_the_check_recognises_texts_without_a_subject(kind: str, text: str, expected: bool):
     assert lacks_subject(kind, text) == expected

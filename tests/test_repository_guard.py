@@ -1,4 +1,4 @@
-"""Tests that write into the repository are noticed."""
+"""Tests of the plugin that fails a session if a test writes into the repository."""
 
 import subprocess
 import sys
@@ -17,7 +17,12 @@ def pytest_configure(config):
 
 
 def session(folder, body):
-    """Return exit status and output of a pytest session with one test in a folder that contains `kept.yaml`."""
+    """Run pytest in a folder with the file `kept.yaml` and one test, and return its exit status and output.
+
+    Args:
+        folder: empty folder, which takes the place of the repository.
+        body: Python statements of the test.
+    """
     (folder / "conftest.py").write_text(CONFTEST)
     (folder / "kept.yaml").write_text("a: 1")
     (folder / "test_one.py").write_text(f"from pathlib import Path\n\ndef test_one(tmp_path):\n    {body}\n")

@@ -1,4 +1,4 @@
-"""Tests of the example scripts, run as by users, and of the development tools."""
+"""Tests of the example scripts, which run as users run them, and of the development tools."""
 
 import ast
 import re
@@ -20,28 +20,30 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.signals import State
 
 ROOT = Path(__file__).parent.parent
-SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "benchmark.py")
-DEVELOPMENT = sorted((ROOT / "scripts" / "development").glob("*.py"))
-TOOLS = [path for path in (ROOT / "scripts" / "benchmark.py", *DEVELOPMENT) if "__main__" in path.read_text()]
+EXAMPLE_SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "benchmark.py")
+DEVELOPMENT_SCRIPTS = sorted((ROOT / "scripts" / "development").glob("*.py"))
+TOOLS = [path for path in (ROOT / "scripts" / "benchmark.py", *DEVELOPMENT_SCRIPTS) if "__main__" in path.read_text()]
 MAX_LINES = 60
 
-scripts = pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+scripts = pytest.mark.parametrize("script", EXAMPLE_SCRIPTS, ids=lambda path: path.stem)
 tools = pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.stem)
 
 
 @scripts
-def test_a_script_is_short_and_starts_with_its_purpose(script):
+def test_a_script_is_short_and_its_docstring_starts_with_its_purpose(script):
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= MAX_LINES
     purpose, _, _ = ast.get_docstring(ast.parse(text)).partition("\n")
     assert purpose.endswith(".")
 
 
-def test_the_table_of_scripts_lists_each_with_its_purpose():
+def test_the_readme_of_the_scripts_lists_each_script_with_its_purpose():
     table = dict(
         re.findall(r"^\| \[`(\w+\.py)`\]\(\1\) \| (.+) \|$", (ROOT / "scripts" / "README.md").read_text(), re.M)
     )
-    purposes = {each.name: ast.get_docstring(ast.parse(each.read_text())).partition("\n")[0] for each in SCRIPTS}
+    purposes = {
+        each.name: ast.get_docstring(ast.parse(each.read_text())).partition("\n")[0] for each in EXAMPLE_SCRIPTS
+    }
     assert table == purposes
 
 
@@ -54,9 +56,8 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 
 
 @tools
-def test_a_tool_handles_interruptions_before_slow_imports(tool):
-    """The first import after the standard library is the module that handles interruptions, or a module that imports it
-    first."""
+def test_a_tool_imports_the_handler_of_interruptions_before_slow_modules(tool):
+    """The first import after those of the standard library is `running`, or `benchmark`, which imports it first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")
@@ -83,15 +84,15 @@ def run_script(tmp_path, monkeypatch, capsys):
 
 
 def numbers(pattern, text):
-    """Return the numbers in the part of a text that matches a pattern, in which `#` stands for a number."""
+    """Return the numbers in a text at the places of `#` in a pattern, which is a regular expression."""
     return [float(number) for number in re.search(pattern.replace("#", r"(-?\d[\d.]*)"), text).groups()]
 
 
 @pytest.mark.slow
-def test_the_figure_eight_in_drakes_simulator_has_the_errors_of_simulate(run_script, tmp_path):
+def test_the_flight_in_drakes_simulator_has_the_same_errors_as_simulate(run_script, tmp_path):
     text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
-    # The logs cover the whole flight, whereas metrics start after a second.
+    # The log covers the whole flight, whereas the metrics leave out the first second. So the errors differ slightly.
     flight = simulate(variables["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)
@@ -99,7 +100,7 @@ def test_the_figure_eight_in_drakes_simulator_has_the_errors_of_simulate(run_scr
 
 
 @pytest.mark.slow
-def test_a_diagram_built_block_by_block_has_the_flight_of_a_scenario_with_its_gains(run_script, tmp_path):
+def test_a_loop_built_block_by_block_flies_like_the_equivalent_scenario(run_script, tmp_path):
     text, _ = run_script("build_diagram.py")
     (rmse,) = numbers("RMSE # cm in low wind", text)
     attitude = {"kind": "pd", "k_p": [25.0, 25.0, 5.0], "k_d": [8.0, 8.0, 3.5]}
@@ -119,15 +120,15 @@ def test_pd_gains_have_the_requested_damping_and_fly_like_their_linear_model(run
     assert k_d == pytest.approx(2.0 * 0.8 * np.sqrt(k_p), abs=0.01)
     poles = variables["poles"]
     ratios = -poles.real / np.abs(poles)
-    assert 0.5 < ratios.min() < 0.51  # the attitude loop is the fastest one with this damping
-    # The amplitude is small, since half a metre already tilts the vehicle by 5 degrees.
+    assert 0.5 < ratios.min() < 0.51  # a faster attitude loop would have a damping ratio below 0.5
+    # Simulation and linear model agree only for small steps; half a metre already tilts the vehicle by 5 degrees.
     np.testing.assert_allclose(variables["log"].data()[0], variables["linear"], atol=0.01)
     assert abs(variables["linear"][0] + 0.5) < 1e-9
     assert abs(variables["linear"][-1]) < 0.01
 
 
 class PlanarRegulator(LeafSystem):
-    """The script's regulator for N vehicles, from their states to their rotor speeds."""
+    """Regulator of region_of_attraction.py for N vehicles; it maps their states to commanded rotor speeds."""
 
     def __init__(self, gains, vehicle, num_vehicles):
         super().__init__()
@@ -152,10 +153,10 @@ def deviation(states):
     return np.array([state.x, state.z - 1.0, np.sin(state.pitch), state.v_x, state.v_z, state.q])
 
 
-# Products of Drake's expressions set the flag of invalid operations. Drake itself ignores the resulting warnings.
+# Products of Drake expressions cause NumPy's warning about invalid values, which Drake itself ignores.
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 @pytest.mark.slow
-def test_a_region_of_attraction_is_certified_and_holds_for_the_scenarios_vehicle(run_script, tmp_path):
+def test_the_certified_region_of_attraction_also_holds_for_the_simulated_vehicle(run_script, tmp_path):
     """The certificate is checked by samples of V', and by flights of the scenario's vehicle from the boundary.
 
     The vehicle has almost no rotor lag, which the certificate neglects. Its rotors have no angular momentum and almost
@@ -172,7 +173,7 @@ def test_a_region_of_attraction_is_certified_and_holds_for_the_scenarios_vehicle
         e = np.array([x, z, np.sin(theta), v_x, v_z, q])
         return np.sum(e * (S @ e), axis=0) + S[2, 2] * (1.0 - np.cos(theta)) ** 2
 
-    # The boundary is found by bisection along random directions.
+    # Bisection along random directions finds points on the boundary V = ρ.
     random = np.random.default_rng(5)
     rays = np.linalg.cholesky(np.linalg.inv(S)) @ random.normal(size=(6, 20_000))
     low, high = np.zeros(rays.shape[1]), 0.5 * np.pi / np.abs(rays[2])
@@ -185,7 +186,7 @@ def test_a_region_of_attraction_is_certified_and_holds_for_the_scenarios_vehicle
     states = starts * random.uniform(0.0, 1.0, starts.shape[1]) ** (1.0 / 6.0)
 
     def flow(state):
-        """Return the time derivative of the planar vehicle."""
+        """Return the time derivative of the planar vehicle's state under the regulator."""
         x, z, theta, v_x, v_z, q = state
         up, turn = -K @ np.array([x, z, np.sin(theta), v_x, v_z, q])
         return np.array([v_x, v_z, q, (g + up) * np.sin(theta), (g + up) * np.cos(theta) - g, turn])
@@ -193,7 +194,7 @@ def test_a_region_of_attraction_is_certified_and_holds_for_the_scenarios_vehicle
     step = 1e-6
     rate = (value(*(states + step * flow(states))) - value(*(states - step * flow(states)))) / (2.0 * step)
     assert (rate < 0.0).all()
-    # The polynomial in the certificate equals this rate.
+    # The polynomial for V' in the certificate must equal this numerical derivative.
     x, z, theta, v_x, v_z, q = states
     points = np.array([x, z, np.sin(theta), v_x, v_z, q, 1.0 - np.cos(theta)])
     polynomial = Polynomial(variables["decrease"]).EvaluateIndeterminates(variables["y"], points)
@@ -250,7 +251,7 @@ def test_the_network_halves_the_error_of_the_pd_in_low_wind(run_script, tmp_path
 
 
 @pytest.mark.slow
-def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(run_script, tmp_path):
+def test_the_planned_path_passes_all_gates_below_the_speed_limit_and_is_flown(run_script, tmp_path):
     text, variables = run_script("plan_with_mathematical_program.py")
     assert numbers("RMSE of the flight # cm", text)[0] < 4.0
     plan, spline = variables["plan"], variables["spline"]
@@ -271,15 +272,15 @@ def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(ru
 
 
 @pytest.mark.slow
-def test_a_custom_controller_is_compared_with_the_scenario_s_controller(run_script):
-    """Both errors are slightly more than a centimetre."""
+def test_the_sliding_mode_and_the_pd_have_the_expected_errors(run_script):
+    """The script prints an RMSE for both controllers, in cm."""
     text, _ = run_script("sliding_mode_controller.py")
     (pd,), (custom,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
     assert (pd, custom) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
 
 
 @pytest.mark.slow
-def test_a_drone_from_a_data_sheet_has_margins_and_flies(run_script, tmp_path):
+def test_gains_designed_from_a_data_sheet_have_stability_margins_and_fly(run_script, tmp_path):
     text, _ = run_script("design_from_data_sheet.py")
     margins = re.findall(r"^(\w+): (\d+)°, (\S+) dB, (\d+) ms$", text, re.MULTILINE)
     assert {axis for axis, *_ in margins} == {"roll", "pitch", "yaw", "x", "y", "z"}
@@ -287,7 +288,7 @@ def test_a_drone_from_a_data_sheet_has_margins_and_flies(run_script, tmp_path):
         assert float(phase) >= 45
         assert float(gain) >= 6.0
         assert float(delay) >= 40.0
-    # Four rotors with 7.6 N each at full speed carry 1.05 kg at 58 % of this speed.
+    # Thrust is proportional to the squared speed, so hover speed is the root of weight over full thrust (4 · 7.6 N).
     hover, rmse = re.search(r"hovers at (\d+) % .* RMSE of (\S+) cm", text).groups()
     assert int(hover) == round(100 * (1.05 * 9.81 / (4 * 7.6)) ** 0.5)
     assert 5.0 < float(rmse) < 40.0
@@ -299,7 +300,7 @@ def test_a_drone_from_a_data_sheet_has_margins_and_flies(run_script, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_custom_regulator_is_compared_with_the_built_in_controller(run_script):
+def test_the_lqr_script_prints_the_errors_of_both_controllers_and_their_ratio(run_script):
     text, _ = run_script("lqr_with_kalman_filter.py")
     custom, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
     assert 4.0 < low < custom < high < 5.0
@@ -312,7 +313,7 @@ def test_a_custom_regulator_is_compared_with_the_built_in_controller(run_script)
 
 
 @pytest.mark.slow
-def test_a_time_varying_regulator_of_drake_removes_the_initial_error(run_script):
+def test_the_time_varying_lqr_removes_the_initial_error(run_script):
     text, _ = run_script("time_varying_lqr.py")
     distances = [float(distance) for distance in re.findall(r"^\d s: ([\d.]+) cm", text, re.MULTILINE)]
     assert distances[0] == 50.0
@@ -326,7 +327,7 @@ def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_scrip
     text, _ = run_script("identify_crazyflie.py")
     number = r"(\S+)"
     low, high = map(float, re.search(rf"rotor_time_constant: \S+ s \[{number}, {number}\]", text).groups())
-    # The whole log gives 54 ms. Another method gives 72 ms for other flights, or 65 ms with another delay.
+    # The estimate from the whole log is 54 ms. A published estimate from other flights is 72 ms.
     assert low < 0.054 < high < 0.072
     ahead = re.findall(
         rf"after {number} s: error {number} cm \[{number}, {number}\], {number} % \[{number}, {number}\]", text
@@ -340,7 +341,7 @@ def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_scrip
     ).groups()
     assert flown == 3.58  # the page on real flights quotes this number
     assert float(least) < flown
-    # The scenario uses the true velocity, whereas about half of the logged error is due to the estimated velocity.
+    # The simulation controls the true velocity. In the log, about half of the error is due to the estimated velocity.
     assert 1.7 < float(median) < 2.4
     assert int(crashes) < 10
     assert distributions_in(load_undesigned(tmp_path / "out" / "identified.yaml"))

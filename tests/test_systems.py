@@ -1,4 +1,4 @@
-"""Tests of every system: the port block of its docstring, scalar conversion, and resets of contexts."""
+"""Tests of every system: port block in the docstring, scalar conversion, resets, defaults and unconnected inputs."""
 
 import gc
 import importlib
@@ -36,7 +36,7 @@ examples = pytest.mark.parametrize("example", FLEET_SYSTEMS, ids=lambda example:
 
 
 def fleet_systems_of_the_package():
-    """Return all classes with the decorator `fleet_system`, in all modules."""
+    """Return all classes of the package that have the decorator `fleet_system`."""
     modules = pkgutil.walk_packages(drake_quad.__path__, "drake_quad.")
     classes = [
         value
@@ -48,7 +48,7 @@ def fleet_systems_of_the_package():
 
 
 def contents(module):
-    """Return the contents of a module, or nothing if it needs an optional library that is not installed."""
+    """Return the objects in a module; empty if the module needs an optional library that is not installed."""
     try:
         return vars(importlib.import_module(module)).values()
     except ImportError as error:
@@ -62,7 +62,7 @@ def test_the_examples_include_every_system():
 
 
 def documented_ports(docstring):
-    """Return the port names in the port block of a docstring, by direction."""
+    """Return the port names in the port block of a docstring, by direction ("input" or "output")."""
     block = docstring.split(".. pydrake_system::")[1]
     ports = {}
     for direction in ("input", "output"):
@@ -79,8 +79,8 @@ def ports_of(system):
 
 
 @examples
-def test_a_constructor_has_the_signature_of_its_declaration(example):
-    """Otherwise help() and editors would show `*args, **kwargs`."""
+def test_a_constructor_has_the_signature_of_its_declare_method(example):
+    """help() and editors show this signature; otherwise they would show `*args, **kwargs`."""
     signature = inspect.signature(example.system)
     given = {} if example.parameters is None else {"parameters": example.parameters}
     bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **given)
@@ -91,7 +91,7 @@ def test_a_constructor_has_the_signature_of_its_declaration(example):
 
 
 @systems
-def test_the_port_block_lists_the_ports(documented, make):
+def test_the_port_block_of_a_docstring_lists_all_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())
 
 
@@ -101,7 +101,7 @@ def test_a_diagram_has_the_name_in_its_port_block(documented, make):
 
 
 def elements_of(context):
-    """Return the elements of all numeric parameters and states of a context."""
+    """Return all numeric parameters and states of a context, as a list of vectors."""
     return [
         *(context.get_numeric_parameter(i).CopyToVector() for i in range(context.num_numeric_parameter_groups())),
         *(context.get_discrete_state(i).CopyToVector() for i in range(context.num_discrete_state_groups())),
@@ -125,8 +125,8 @@ ALL_EXAMPLES = [(example.system, example.make) for example in FLEET_SYSTEMS] + D
 
 
 @pytest.mark.parametrize(("documented", "make"), ALL_EXAMPLES, ids=name_of)
-def test_values_are_equal_with_and_without_derivatives(documented, make):
-    """All outputs and the state after a tick are compared for random inputs and states."""
+def test_autodiff_and_float_systems_compute_equal_outputs_and_states(documented, make):
+    """Compared are all outputs and the state after a tick, for random inputs and states."""
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
@@ -162,7 +162,7 @@ def assert_equal_values(with_derivatives, parameters):
 
 
 def overwrite(context):
-    """Overwrite all numeric parameters and states of a context with other numbers."""
+    """Set all numeric parameters and states of a context to -7, which no example has."""
 
     def other(vector):
         return np.array([type(element)(-7.0) for element in vector.CopyToVector()])
@@ -177,9 +177,9 @@ def overwrite(context):
 
 
 @examples
-def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbers(example):
-    """All parameters and states of all vehicles are overwritten before the reset, and compared after it."""
-    parameters = example.other_numbers
+def test_a_context_reset_to_new_parameters_equals_that_of_a_new_system_with_them(example):
+    """All parameters and states are overwritten before the reset, so the reset must set each of them."""
+    parameters = example.other_parameters
     system, other = example.make(), example.make_with(parameters)
     context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
     overwrite(context)
@@ -187,7 +187,7 @@ def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbe
     system.reset(context, parameters)
     for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
         np.testing.assert_array_equal(actual, desired)
-    # The system itself does not change.
+    # The reset changes the context, but not the system.
     for actual, desired in zip(
         elements_of(system.CreateDefaultContext()), elements_of(example.make().CreateDefaultContext()), strict=True
     ):
@@ -195,9 +195,9 @@ def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbe
 
 
 @examples
-def test_every_parameter_depends_on_the_numbers_of_an_example(example):
-    """Otherwise the test of resets could miss a parameter that is not reset."""
-    both = example.parameters, example.other_numbers
+def test_the_two_parameter_sets_of_an_example_differ_in_every_parameter(example):
+    """If a parameter were equal in both sets, the test of resets could not detect that it is not reset."""
+    both = example.parameters, example.other_parameters
     contexts = [example.make_with(parameters).CreateDefaultContext() for parameters in both]
     assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.parameters)
     for i in range(contexts[0].num_numeric_parameter_groups()):
@@ -206,19 +206,22 @@ def test_every_parameter_depends_on_the_numbers_of_an_example(example):
 
 
 @examples
-def test_a_differentiable_context_is_reset_too(example):
+def test_an_autodiff_context_can_be_reset(example):
     system = example.make().ToScalarType[AutoDiffXd]()
-    context, expected = system.CreateDefaultContext(), example.make_with(example.other_numbers).CreateDefaultContext()
+    context, expected = (
+        system.CreateDefaultContext(),
+        example.make_with(example.other_parameters).CreateDefaultContext(),
+    )
     overwrite(context)
-    system.reset(context, example.other_numbers)
+    system.reset(context, example.other_parameters)
     for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
         np.testing.assert_array_equal(ExtractValue(actual).ravel() if len(actual) else actual, desired)
 
 
 @examples
-def test_parameters_and_states_are_read_back_unchanged(example):
-    """Records have numbers for one vehicle and arrays for a fleet."""
-    system, other = example.make(), example.make_with(example.other_numbers)
+def test_parameters_and_states_are_copied_between_contexts_unchanged(example):
+    """`get_parameter` returns records of numbers for one vehicle, and records of arrays for a fleet."""
+    system, other = example.make(), example.make_with(example.other_parameters)
     context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
     assert len(system.parameters) == context.num_numeric_parameter_groups()
     for name in system.parameters:
@@ -235,13 +238,13 @@ DRAKE_VERSION = tuple(map(int, importlib.metadata.version("drake").split(".")[:2
 
 
 def parts_of(system):
-    """Return a system and all its subsystems."""
+    """Return a system and all its subsystems, recursively."""
     subsystems = system.GetSystems() if hasattr(system, "GetSystems") else []
     return [system, *(part for each in subsystems for part in parts_of(each))]
 
 
 def evaluate_outputs(system, context):
-    """Evaluate all outputs of a system with constant inputs."""
+    """Evaluate all outputs of a system with all inputs equal to 0.5."""
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         port.FixValue(context, [0.5] * port.size())
@@ -251,7 +254,7 @@ def evaluate_outputs(system, context):
 
 @pytest.fixture(scope="module")
 def frozen_objects():
-    """Exempt existing objects from garbage collection, so that it is fast."""
+    """Exempt all existing objects from garbage collection, which makes later collections fast."""
     gc.collect()
     gc.freeze()
 
@@ -261,7 +264,7 @@ def frozen_objects():
 @pytest.mark.skipif(DRAKE_VERSION < (1, 56), reason="in earlier versions of Drake, callbacks keep their systems alive")
 @systems
 def test_a_deleted_system_leaves_no_garbage(documented, make):
-    """Its context, cached values, AutoDiffXd copy and subsystems are deleted as well."""
+    """The context, the AutoDiffXd copy and the subsystems must be deleted as well."""
     system = make()
     context = system.CreateDefaultContext()
     evaluate_outputs(system, context)
@@ -274,7 +277,7 @@ def test_a_deleted_system_leaves_no_garbage(documented, make):
 
 
 def loop_period(system, argument):
-    """Return a system's default period in the scenario language, s."""
+    """Return the default of the scenario language for a period or time step of a system, s."""
     if system is AttitudeAutopilot:
         return AttitudeAutopilotModel.model_fields["period"].default
     if system in (MotionCapture, Sensor) or (system is LinearQuadraticGaussian and argument == "period"):
@@ -284,8 +287,8 @@ def loop_period(system, argument):
 
 
 @examples
-def test_defaults_agree_with_the_scenario_language(example):
-    """The constructor of a system has the same defaults as the scenario language."""
+def test_constructor_defaults_equal_those_of_the_scenario_language(example):
+    """This concerns periods, time steps, and parameters of which each field has a default."""
     system = example.system
     declared = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in declared if each.default is not inspect.Parameter.empty}
@@ -317,7 +320,7 @@ def test_unconnected_inputs_count_as_zero(example, monkeypatch):
 
 
 def evaluate_everything(system, context):
-    """Evaluate all outputs, the derivative and the state after a tick."""
+    """Evaluate all outputs of a system, and the time derivative or the state after a tick if it has them."""
     for i in range(system.num_output_ports()):
         system.get_output_port(i).Eval(context)
     if isinstance(system, FleetSystem) and "continuous" in system.states:
@@ -328,8 +331,8 @@ def evaluate_everything(system, context):
 
 @pytest.mark.parametrize("scalar", [float, AutoDiffXd], ids=["float", "autodiff"])
 @examples
-def test_every_input_is_optional_or_named_if_it_is_not_connected(example, scalar):
-    """No formula fails with an error about None."""
+def test_an_unconnected_input_is_either_optional_or_named_in_the_error(example, scalar):
+    """Otherwise a formula would fail with an error about None, which does not name the input."""
     system = example.make() if scalar is float else example.make().ToScalarType[scalar]()
     ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
     for missing in ports:

@@ -1,4 +1,4 @@
-"""Tests that tables in CSV files are read back unchanged."""
+"""Tests that a table is equal after it has been written to a CSV file and read again."""
 
 import numpy as np
 import pytest

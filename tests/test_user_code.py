@@ -1,4 +1,4 @@
-"""Tests of errors in the user's own Python code."""
+"""Tests that an error in the user's own Python code is reported with its file and line."""
 
 import importlib.util
 import json
@@ -18,7 +18,7 @@ from drake_quad.scenario.files.reading import open_source
 from drake_quad.signals import Row
 from drake_quad.user_code import located, user_frames, user_traceback
 
-MINE = """
+USER_MODULE = """
 import json
 
 import numpy as np
@@ -41,10 +41,10 @@ def loaded():
 
 @pytest.fixture
 def mine(tmp_path, monkeypatch):
-    """Return the module of a user's file in the working directory."""
+    """Return the module of the file mine.py, which a user has written into the working directory."""
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "mine.py"
-    path.write_text(MINE, encoding="utf-8")
+    path.write_text(USER_MODULE, encoding="utf-8")
     spec = importlib.util.spec_from_file_location("mine_with_errors", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -57,7 +57,7 @@ def error_of(function, *arguments):
     return caught.value
 
 
-def test_an_error_that_this_package_raises_from_another_is_located_in_the_user_s_code(mine):
+def test_an_error_raised_from_a_user_s_error_is_located_in_the_user_s_code(mine):
     row = layout_of(Row)
     error = error_of(trace_formula, mine.law, [Listing().row(0, 0)], [row])
     assert [(frame.name, frame.line) for frame in user_frames(error)] == [
@@ -70,21 +70,20 @@ def test_an_error_that_this_package_raises_from_another_is_located_in_the_user_s
     assert second == "    return inner(x)"
 
 
-def test_an_error_inside_a_library_is_located_where_the_user_calls_the_library(mine):
+def test_an_error_inside_a_library_is_located_at_the_user_s_call_of_the_library(mine):
     error = error_of(entry_of, mine.parsed)
     assert isinstance(error, json.JSONDecodeError)
     assert located(error) == "mine.py:15: JSONDecodeError: Expecting value: line 1 column 1 (char 0)"
 
 
-def test_wrong_input_in_the_user_s_code_is_located_without_a_type(mine):
+def test_an_input_error_in_the_user_s_code_is_located_without_its_type(mine):
     error = error_of(entry_of, lambda _: mine.loaded())
     assert isinstance(error, InputError)
     assert located(error).startswith("mine.py:18: 'no_such_scenario' is neither a file nor a shipped scenario")
 
 
 def test_a_program_that_calls_this_package_is_not_user_code(mine):
-    """Only code that this package calls is user code. The program calls the package, so its frames come first in the
-    traceback."""
+    """Only code that this package calls is user code. The frames of a program come before those of the package."""
     error = error_of(lookup, {}, "a", "name")
     assert user_frames(error) == []
     assert user_traceback(error) == ""
@@ -92,7 +91,7 @@ def test_a_program_that_calls_this_package_is_not_user_code(mine):
     assert located(error_of(json.loads, "")).startswith("JSONDecodeError: ")
 
 
-def test_the_body_of_a_with_statement_of_a_program_is_not_user_code():
+def test_the_body_of_a_program_s_with_statement_is_not_user_code():
     def body():
         with open_source(Path(__file__)):
             raise KeyError("a")
@@ -116,14 +115,14 @@ def test_a_syntax_error_is_located_in_the_file(tmp_path, monkeypatch):
     assert located(error) == "wrong.py:1: SyntaxError: invalid syntax"
 
 
-def test_errors_that_refer_to_each_other_in_a_circle_have_no_user_frames():
+def test_errors_that_are_each_other_s_cause_do_not_cause_an_endless_loop():
     first, second = ValueError("a"), ValueError("b")
     first.__context__, second.__context__ = second, first
     assert user_frames(first) == []
 
 
 class Table(dict):
-    """Table whose look-up runs the user's code, called by `lookup` of this package."""
+    """Table that calls a user's function when `lookup` of this package searches it."""
 
     def __init__(self, function):
         super().__init__()
@@ -134,11 +133,11 @@ class Table(dict):
 
 
 def entry_of(function):
-    """Let this package call a function."""
+    """Let the function `lookup` of this package call a user's function."""
     try:
         lookup(Table(function), "name", "name")
     except Exception as error:
-        # The look-up itself is a part of the program.
+        # The method `__contains__` above is a frame of the test, so it is user code as well.
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.name == "__contains__"]
         assert len(frames) == 1
         raise

@@ -1,4 +1,4 @@
-"""Tests that each shipped vehicle flies with gains that are designed for it."""
+"""Tests that each shipped vehicle flies with gains designed for it, and rarely crashes in its bad-day scenario."""
 
 from pathlib import Path
 
@@ -10,8 +10,8 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
-# Largest accepted RMSE, m. The limit is wide for a Crazyflie without onboard attitude control, whose attitude takes a
-# third of a second to respond.
+# Largest accepted RMSE, m. The limit is wide for `crazyflie`, which has no onboard attitude control: its attitude takes
+# a third of a second to respond.
 MAX_RMSE = {
     "paper": 0.02,
     "paper_with_drag": 0.4,
@@ -22,12 +22,12 @@ MAX_RMSE = {
 }
 
 
-def test_every_vehicle_is_simulated_here_or_compared_with_real_flights():
+def test_every_shipped_vehicle_is_tested_here_except_the_one_compared_with_real_flights():
     assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
-# Largest accepted fraction of 200 samples that crash. The limit is wide for a Crazyflie without onboard attitude
-# control, whose rotors lag by 80 to 220 ms behind commands that a radio link delays by 20 to 60 ms.
+# Largest accepted fraction of crashed flights among 200 samples. The limit is wide for `crazyflie`, which has no
+# onboard attitude control: a radio link delays its commands by 20 to 60 ms, and its rotors lag by 80 to 220 ms.
 MAX_CRASH_FRACTION = {
     "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
@@ -59,6 +59,6 @@ def test_a_vehicle_flies_with_gains_designed_for_it(name):
     assert metrics.rmse < MAX_RMSE[name]
 
 
-def test_the_papers_vehicle_is_the_default():
+def test_the_default_vehicle_is_that_of_the_paper():
     paper = load_undesigned(FOLDER / "paper.yaml")
     assert (paper.nominal, paper.vehicle.model_dump()) == (type(paper.nominal)(), type(paper.vehicle)().model_dump())

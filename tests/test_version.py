@@ -1,4 +1,4 @@
-"""Tests that files that repeat the version agree with the package."""
+"""Test that all files that contain the version of the package agree."""
 
 import re
 from importlib.metadata import version

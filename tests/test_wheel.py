@@ -1,4 +1,4 @@
-"""Tests of the wheel in a new environment, without the checkout."""
+"""Tests of the wheel in a new virtual environment, without the files of the repository."""
 
 import itertools
 import os
@@ -15,18 +15,20 @@ from packaging.requirements import Requirement
 import drake_quad
 
 ROOT = Path(__file__).parent.parent
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-COMMANDS = [
+README_BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+TESTED_COMMANDS = [
     ["fly", "laboratory:high_wind", "--set", "duration=1"],
     ["study", "robustness", "--samples", "4", "--set", "duration=1"],
     ["design", "vehicles/hummingbird"],
 ]
-# Environment variables, without those that point to the checkout or to the environment of the tests.
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+# Environment variables without PYTHONPATH and VIRTUAL_ENV, which refer to the environment of the tests.
+CLEAN_ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
 def run_checked(*command, cwd):
-    result = subprocess.run([*map(str, command)], cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        [*map(str, command)], cwd=cwd, env=CLEAN_ENVIRONMENT, capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stderr
     return result.stdout
 
@@ -41,14 +43,14 @@ def wheel(tmp_path_factory):
 
 
 def link_required(distribution, extras, site):
-    """Link the dependencies of a distribution and its extras, recursively, into a folder of packages."""
+    """Link the dependencies of a distribution and of its extras into a site-packages folder, recursively."""
     for text in distribution.requires or ():
         required = Requirement(text)
         if required.marker and not any(required.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
             continue
         dependency = metadata.distribution(required.name)
         assert required.specifier.contains(dependency.version), text
-        # Each entry is a module, a package, or a folder with metadata or libraries.
+        # Each name is a module, a package, or a folder with metadata or shared libraries.
         names = {path.parts[0] for path in dependency.files} - {"..", "__pycache__"}
         missing = [name for name in names if not (site / name).exists()]
         for name in missing:
@@ -59,7 +61,7 @@ def link_required(distribution, extras, site):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Return the folder of programs of an environment that contains only the wheel and its dependencies.
+    """Install the wheel and its dependencies in a new environment, and return the environment's `bin` folder.
 
     The dependencies are linked, which is faster than installing them again.
     """
@@ -84,8 +86,8 @@ def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert names == shipped | {name for name in sources if "__pycache__" not in name}
 
 
-# All commands and code blocks run in one process, because importing and compiling take most of the time. Figures are
-# not rendered, because rendering takes most of the remaining time.
+# Program that runs all commands and code blocks in one process, because importing and compiling take most of the time.
+# It does not render figures, because this takes most of the remaining time.
 RUN_ALL = """
 import sys
 from matplotlib.figure import Figure
@@ -101,22 +103,24 @@ for command in {commands!r}:
 
 @pytest.fixture(scope="module")
 def printed(installed, tmp_path_factory):
-    """Return the output of the README's code blocks and of the commands in an empty folder, and that folder."""
+    """Run the README's code blocks and the commands in an empty folder; return their output and the folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    return run_checked(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
+    return run_checked(
+        installed / "python", "-c", RUN_ALL.format(blocks=README_BLOCKS, commands=TESTED_COMMANDS), cwd=folder
+    ), folder
 
 
 @pytest.mark.slow
-def test_blocks_of_the_readme_run_without_a_checkout(printed):
+def test_code_blocks_of_the_readme_run_without_the_repository(printed):
     errors = re.findall(r"\d cm", printed[0].partition("wrote\n")[0])
-    assert len(errors) >= len(BLOCKS)
+    assert len(errors) >= len(README_BLOCKS)
 
 
 @pytest.mark.slow
-def test_commands_run_without_a_checkout(printed):
+def test_commands_run_without_the_repository(printed):
     text, folder = printed
     lists = text.split("wrote\n")[1:]
-    assert len(lists) == len(COMMANDS)
+    assert len(lists) == len(TESTED_COMMANDS)
     for each in lists:
         written = [line.strip() for line in itertools.takewhile(lambda line: line.startswith("  "), each.splitlines())]
         assert written

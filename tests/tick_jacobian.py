@@ -8,7 +8,7 @@ def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
     """Return the Jacobian (n, n) of the state at the end of a tick with respect to the state of a context.
 
     Args:
-        diagram: diagram of the context.
+        diagram: diagram that is simulated.
         context: context at the beginning of the tick.
         layout: `ContextVector` that reads and writes the state.
         until: end of the tick, s.

@@ -1,4 +1,7 @@
-"""Independent integration of tumbling vehicles by SciPy: the Newton-Euler equations with quaternions."""
+"""Simulation of tumbling vehicles that is independent of the library: SciPy integrates the Newton-Euler equations.
+
+The attitude is a quaternion.
+"""
 
 from typing import NamedTuple
 
@@ -29,9 +32,9 @@ class Tumbles(NamedTuple):
 
 
 def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
-    """Return tumbles that start at random attitudes.
+    """Return initial states and inputs of vehicles that start at random attitudes.
 
-    A fifth of the vehicles start at a pitch of exactly ±90°, and another fifth within 1e-9 of it (relative).
+    A fifth of the vehicles start at a pitch of exactly ±90°. Another fifth start at ±90° with a relative error of 1e-9.
     """
     rng = np.random.default_rng(seed)
     roll, pitch, yaw = rng.uniform(-3.0, 3.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-9.0, 9.0, count)
@@ -56,19 +59,22 @@ def rotations(angles):
 
 
 def degrees_apart(angles, rotation):
-    """Return the angles (N,) in degrees between attitudes (N, 3) of roll, pitch and yaw, and rotations."""
+    """Return the angles (N,) in degrees between attitudes (roll, pitch, yaw) (N, 3) and rotations."""
     return np.degrees((rotations(angles).inv() * rotation).magnitude())
 
 
 def flown(parameters, tumbles, duration, load=None, swings=None):
-    """Integrate tumbles, and return the final positions, rotations, velocities and body rates, and the load's state.
+    """Integrate the motion of N vehicles from their initial states.
 
     Args:
         parameters: `QuadrotorParameters` of all vehicles.
-        tumbles: tumbles of N vehicles.
+        tumbles: initial states and inputs of N vehicles.
         duration: duration of the flight, s.
         load: `SlungLoad` on a rigid rod from the centre of mass, or None.
-        swings: (N, 3) initial directions of the rod, and (N, 3) their rates, 1/s.
+        swings: initial unit vectors along the rods (N, 3), and their time derivatives (N, 3), 1/s; None without a load.
+
+    Returns:
+        Final position, rotation, velocity and body rates of each vehicle, and final position and velocity of its load.
     """
     N, inertia = tumbles.count, np.array(parameters.inertia)
     rotor_positions = np.array([rotor[:3] for rotor in parameters.rotors]) - [*parameters.centre_of_mass, 0.0]
@@ -98,7 +104,7 @@ def flown(parameters, tumbles, duration, load=None, swings=None):
         load_acceleration = np.zeros((N, 3))
         if load is not None:
             rod, rod_rate = load_position - position, load_velocity - velocity
-            # The rod keeps its length: rod · (difference of accelerations) = -|rod_rate|².
+            # The length of the rod is constant: rod · (acceleration of the load - that of the vehicle) = -|rod_rate|².
             inverse_masses = 1.0 / parameters.mass + 1.0 / load.mass
             per_length = ((rod_rate**2).sum(axis=1) - (force * rod).sum(axis=1) / parameters.mass) / (
                 inverse_masses * (rod**2).sum(axis=1)

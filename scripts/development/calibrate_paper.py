@@ -1,4 +1,7 @@
-"""Fit parameters that the paper omits to two cells of its Table II under three hypotheses; predict the other cells."""
+"""Fit two parameters that the paper omits to two cells of its Table II, and predict the other cells.
+
+The fit is repeated for three hypotheses about the cause of the PD's error in the paper, with different parameters.
+"""
 
 from pathlib import Path
 
@@ -37,12 +40,12 @@ def main() -> None:
 
 
 def load(cell: Cell, overrides: list[str]) -> Scenario:
-    """Return the scenario of a cell of Table II."""
+    """Return the scenario that corresponds to a cell of Table II."""
     return load_scenario(f"{_PAPER}:{cell.scenario}", overrides)
 
 
 def print_calibration(calibration: Calibration) -> None:
-    """Print the fitted parameters, and the simulated and published RMSE of each cell."""
+    """Print the two fitted parameters of a hypothesis, and the simulated and published RMSE of each cell."""
     label, _, pd, network = calibration.hypothesis
     print(f"{label}: {pd.label} {calibration.pd:.4g}, {network.label} {calibration.network:.4g}")
     rows = []

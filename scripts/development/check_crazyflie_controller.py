@@ -1,9 +1,10 @@
 """Compare the logged commands of a Crazyflie with those of this library's model of its firmware.
 
-The argument is the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3), whose flights log the estimate,
-the setpoint and the output of the position and velocity loops of firmware 2025.12.1. The logs lack the take-off, at
-which the integrals of both loops along Z start. Unknown initial integrals add a straight line over time to the thrust
-before its limit. The script removes this line.
+The argument is the folder of the NanoBench data set (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3). Its flights log
+the estimated state, the setpoint and the output of the position and velocity loops of firmware 2025.12.1.
+
+The logs start after the take-off, so the values of the integrals along Z at their start are unknown. These values add a
+straight line over time to the thrust before its limit. The script fits this line and subtracts it.
 """
 
 import math
@@ -22,17 +23,21 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
 from drake_quad.signals import Reference, State
 
-NUM_LANDING_SAMPLES = 300  # at 100 Hz
+NUM_LANDING_SAMPLES = 300  # samples before the end of a flight that are not compared; the log has 100 Hz
 MAX_COMMAND = 65535.0  # largest thrust in units of the firmware
-DEGREE = math.pi / 180.0
-UNIT = MAX_THRUST / MAX_COMMAND  # N
-OUTPUTS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "units of 16 bits"}
+DEGREE = math.pi / 180.0  # rad
+UNIT = MAX_THRUST / MAX_COMMAND  # N, thrust of one rotor per unit of the firmware
+OUTPUT_UNITS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "units of 16 bits"}
 
 
 def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
-    """Return the commanded roll, pitch and thrust (n, 3) in the firmware's units.
+    """Return the roll, pitch and thrust (n, 3) that the model commands for a log, in the firmware's units.
 
-    The loops are reset while the logged thrust is 0.
+    The integrals are reset while the logged thrust is 0.
+
+    Args:
+        log: table of n samples with the columns of a NanoBench log.
+        recipe: recipe of the modelled controller.
     """
     parameters, rules = recipe.parameters, recipe.structure["rules"]
     x, y, z = parameters.velocity.terms
@@ -54,7 +59,7 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
 
 
 def main() -> None:
-    """Print the correlation and the RMS difference of each output for each flight."""
+    """Print correlation and RMS difference of modelled and logged commands, for each output of each flight."""
     options = bare_parser(__doc__, "python scripts/development/check_crazyflie_controller.py nanobench")
     options.add_argument("folder", type=Path)
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
@@ -63,10 +68,10 @@ def main() -> None:
         log = np.genfromtxt(path, delimiter=",", names=True)
         computed = commanded(log, recipe)
         flying = (log["pid_controller_cmd_thrust"] > 0.0) & (log["est_stateEstimate_z"] > 0.3)
-        # Some flights stop their rotors briefly when the landing is commanded, which resets all integrals.
+        # In some flights the rotors stop briefly at the landing command, which resets all integrals.
         flying[max(0, np.flatnonzero(flying)[-1] - NUM_LANDING_SAMPLES) if flying.any() else 0 :] = False
         words = []
-        for column, (name, unit) in zip(computed.T, OUTPUTS.items(), strict=True):
+        for column, (name, unit) in zip(computed.T, OUTPUT_UNITS.items(), strict=True):
             logged = log[f"pid_controller_{name}"][flying]
             if not flying.any():
                 continue

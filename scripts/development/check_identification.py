@@ -1,8 +1,8 @@
-"""Check how many of the 95 % confidence intervals of an identification contain the true parameter.
+"""Check how many 95 % confidence intervals of identified parameters contain the true value.
 
-The script simulates vehicles with random parameters under one of six conditions, identifies each from its log, and
-prints for each parameter how many intervals contain the true value. The results are saved after each batch of flights,
-so an interrupted run can be continued.
+The script simulates vehicles with random parameters under one of six conditions, identifies each vehicle from its log,
+and counts for each parameter the intervals that contain the true value. It saves the results after each batch of
+flights, so an interrupted run can be continued.
 """
 
 import csv
@@ -27,10 +27,11 @@ from drake_quad.studies.processes import Workers
 from drake_quad.studies.worker_pool import run_tasks
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-_COMMENT = "# "  # start of the first line of a file, which describes the flights
-_HEADER = ("sample", *CheckedParameter._fields)  # columns, whose names are in the second line
-_BATCH_SIZE = 5
-_RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
+_COMMENT = "# "  # beginning of the first line of a results file; the rest of the line describes the flights
+_HEADER = ("sample", *CheckedParameter._fields)  # names of the columns, in the second line of a results file
+_BATCH_SIZE = 5  # flights
+# Smallest and largest allowed value of each option.
+_OPTION_RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
 
 def main() -> None:
@@ -51,7 +52,7 @@ def main() -> None:
         help="file of results, continued if it exists (default: out/check_identification/FLIGHTS.csv)",
     )
     arguments = options.parse_args()
-    check_ranges(arguments, _RANGES)
+    check_ranges(arguments, _OPTION_RANGES)
     path = arguments.output or Path("out/check_identification") / f"{arguments.flights}.csv"
     if path.suffix != ".csv":
         raise InputError(f"--output {path}: the name must end in .csv")
@@ -77,7 +78,7 @@ def main() -> None:
 
 
 def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
-    """Yield the results of each batch as soon as it is complete."""
+    """Yield the results of each batch by sample, as soon as the batch is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
         for outcome in run_tasks(workers, check_batch, lambda: next(waiting, None)):
@@ -87,11 +88,13 @@ def check_batches(tasks: Sequence[CheckTask], processes: int) -> Iterator[dict[i
 
 
 def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]:
-    """Return the saved results by sample. A flight without an identified parameter has a row without a name.
+    """Return the saved results by sample.
+
+    A flight in which no parameter was identified has a single row with an empty name, and an empty list here.
 
     Args:
         path: path of the file.
-        description: description of the flights, which must match the first line of the file.
+        description: description of the flights, which must equal that in the first line of the file.
 
     Raises:
         InputError: if the file has another format, is truncated, or contains results of other flights.
@@ -126,7 +129,7 @@ def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]
 
 
 def write_rows(path: Path, description: str, results: dict[int, list[CheckedParameter]]) -> None:
-    """Append results to the file in a single write, so that no flight is written partially."""
+    """Append results to the file in a single write, so that an interruption leaves no incomplete flight."""
     text = io.StringIO()
     lines = csv.writer(text)
     if not path.exists():
@@ -141,7 +144,7 @@ def write_rows(path: Path, description: str, results: dict[int, list[CheckedPara
 
 
 def print_coverage(results: dict[int, list[CheckedParameter]]) -> None:
-    """Print the coverage of the intervals with its own 95 % interval, and the size of the errors."""
+    """Print for each parameter the coverage of its intervals, with a 95 % interval, and the size of its errors."""
     by_name: dict[str, list[CheckedParameter]] = {}
     for rows in results.values():
         for row in rows:

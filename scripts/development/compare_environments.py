@@ -4,10 +4,10 @@ The environments of this library are:
 
 - the figure eight at 100 Hz in the ideal laboratory
 - the figure eight with wind, noise, packet loss, and a vehicle that differs from its nominal model
-- robustness.yaml under random actions, under which vehicles frequently crash and restart
+- robustness.yaml with random actions, which make vehicles crash and restart frequently
 
-The environment of crazyflow is its figure eight, at 100 Hz with five simulator steps per environment step and at 500 Hz
-with one. It is measured if crazyflow is installed: pip install crazyflow==0.4.0
+The environment of crazyflow is its figure eight: at 100 Hz with five simulator steps per environment step, and at
+500 Hz with one. It is measured if crazyflow is installed: pip install crazyflow==0.4.0
 """
 
 import resource
@@ -27,14 +27,14 @@ from drake_quad.command_line.running import run
 import numpy as np
 from tqdm import tqdm
 
-SIZES = (1, 64, 1024)
-_MEASURED_SECONDS = 2.0  # after a warm-up of the same duration
-_NUM_ROUNDS = 5
+SIZES = (1, 64, 1024)  # numbers of vehicles
+_MEASURED_SECONDS = 2.0  # duration of a measurement; a warm-up of the same duration precedes it
+_NUM_ROUNDS = 5  # measurements of each environment
 _AT_100_HZ = {"laboratory.command_link.period": 0.01}
-# Number of vehicle steps for the measurement of a process's memory.
+# Number of vehicle steps during which the growth of a process's memory is measured.
 _NUM_MEMORY_STEPS = 10_000_000
 
-# Function that advances all vehicles by a step.
+# Function without arguments that advances all vehicles of an environment by one step.
 Step = Callable[[], object]
 
 
@@ -59,9 +59,15 @@ def main() -> None:
 
 
 def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
-    """Return the number of vehicle steps per second."""
+    """Return the number of vehicle steps per second that an environment computes.
+
+    Args:
+        contender: environment and its settings.
+        num_vehicles: number of vehicles.
+        seconds: duration of the measurement, and of the warm-up before it, s.
+    """
     step = contender.build(num_vehicles)
-    # The first round warms up. The measured time includes the starts of episodes.
+    # The first of two rounds is the warm-up. The measured time includes starts of new episodes.
     for _ in range(2):
         count, began = 0, time.perf_counter()
         while time.perf_counter() - began < seconds:
@@ -72,7 +78,7 @@ def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
 
 
 def memory_growth(num_vehicles: int, steps: int) -> str:
-    """Return a sentence about the memory of a process during many steps of an environment with frequent crashes."""
+    """Return a sentence about the memory that a process uses during many steps with frequent crashes."""
     first, last = run_isolated(partial(_peak_sizes, num_vehicles, steps))
     return (
         f"memory during {steps:,} steps of {num_vehicles:,} vehicles that frequently restart: peak {first:.1f} MB in"
@@ -90,7 +96,12 @@ def _peak_sizes(num_vehicles: int, steps: int) -> Sequence[float]:
 
 
 def figure_eight(num_vehicles: int, *, everything: bool) -> Step:
-    """Return a function that steps this library's figure eight under a hover action."""
+    """Return a function that steps this library's figure-eight environment with the hover action.
+
+    Args:
+        num_vehicles: number of vehicles.
+        everything: whether wind, noise and all other imperfections are enabled.
+    """
     from drake_quad.gym import QuadrotorVectorEnv
 
     scenario, more = ("laboratory:nominal", ALL_IMPERFECTIONS) if everything else ("figure_eight", [])
@@ -101,7 +112,7 @@ def figure_eight(num_vehicles: int, *, everything: bool) -> Step:
 
 
 def crashing_fleet(num_vehicles: int) -> Step:
-    """Return a function that steps an environment of this library with 31 distributions and frequent crashes."""
+    """Return a function that steps robustness.yaml, which has 31 random parameters, with actions that cause crashes."""
     from drake_quad.gym import QuadrotorVectorEnv
 
     envs = QuadrotorVectorEnv("robustness", _AT_100_HZ, num_envs=num_vehicles, action="rates")
@@ -111,7 +122,10 @@ def crashing_fleet(num_vehicles: int) -> Step:
 
 
 def crazyflow_figure_eight(num_vehicles: int, *, frequency: int) -> Step:
-    """Return a function that steps crazyflow's figure eight under a hover action, with NumPy arrays as output."""
+    """Return a function that steps crazyflow's figure-eight environment with the hover action.
+
+    The function converts the results to NumPy arrays, as users need them.
+    """
     tree = import_module("jax").tree
     envs = import_module("crazyflow.envs").FigureEightEnv(num_envs=num_vehicles, freq=frequency)
     envs.reset(seed=0)

@@ -1,6 +1,7 @@
-"""Measure how fast this and other open simulators fly a circle, each with its own vehicle and controller, on one core.
+"""Measure how fast this library and other open-source simulators simulate flights along a circle, on one core.
 
-The other simulators are measured if they are installed: pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
+Each simulator uses its own vehicle and controller. RotorPy and crazyflow are measured if they are installed:
+pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
 """
 
 import importlib
@@ -30,12 +31,12 @@ from drake_quad.reference.polynomial_path import hermite_path
 from drake_quad.scenario.batch import Batch
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-# Each flight is one circle of 1 m radius at 0.63 m/s, 1 m above the ground.
+# Duration of a flight, which is one circle with a radius of 1 m at 0.63 m/s, 1 m above the ground.
 _DURATION = 10.0  # s
-_RATE = 2.0 * math.pi / _DURATION
-_MAX_RMSE = 0.2  # m, largest RMSE over the second half of a flight that counts as flying the circle
+_RATE = 2.0 * math.pi / _DURATION  # rad/s, angular velocity along the circle
+_MAX_RMSE = 0.2  # m, over the second half of a flight; a simulator with a larger error does not fly the circle
 
-# Function that flies all vehicles of a fleet around the circle once, and returns the RMSE of the first one (m).
+# Function that flies a fleet around the circle once, and returns the RMSE of the first vehicle (m).
 Flight = Callable[[], float]
 
 
@@ -59,7 +60,7 @@ def main() -> None:
 
 
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
-    """Return the vehicle-seconds per second of a contender, as a median and the best."""
+    """Return the simulation speed of a contender in vehicle-seconds per second, as text: the median and the best."""
     flight = contender.build(num_vehicles)
     if not (error := flight()) < _MAX_RMSE:
         raise RuntimeError(f"the RMSE is {error:.2f} m, more than {_MAX_RMSE} m")
@@ -70,7 +71,7 @@ def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
 
 
 def circle() -> tuple[Scenario, Plan]:
-    """Return the ideal laboratory with a PD cascade and feed-forward, and the plan of the circle."""
+    """Return the scenario of the circle (the ideal laboratory, a PD cascade with feed-forward) and its plan."""
     times = np.linspace(0.0, _DURATION, 41)
     turns = [[_RATE**order * f(_RATE * times + 0.5 * math.pi * order) for f in (np.cos, np.sin)] for order in range(4)]
     height = np.outer([1.0, 0.0, 0.0, 0.0], np.ones_like(times))
@@ -81,7 +82,10 @@ def circle() -> tuple[Scenario, Plan]:
 
 
 def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
-    """Return a flight of this library. It starts at rest, whereas flights of the other simulators start in motion."""
+    """Return a function that flies the circle in this library.
+
+    The flight starts at rest, whereas flights of the other simulators start in motion.
+    """
     scenario, plan = circle()
     batch = Batch.draw(scenario, range(num_vehicles))
     simulation = simulate_fleet(batch, plan, record=num_vehicles == 1, compiled=compiled)
@@ -95,7 +99,10 @@ def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
 
 
 def rotorpy_flight(num_vehicles: int) -> Flight:
-    """Return a flight of RotorPy's Crazyflie under its geometric controller, for a fleet in its PyTorch batch."""
+    """Return a function that flies the circle with RotorPy's Crazyflie and its geometric controller.
+
+    A fleet uses RotorPy's batched simulation, which is based on PyTorch.
+    """
     return _rotorpy_alone() if num_vehicles == 1 else _rotorpy_batch(num_vehicles)
 
 
@@ -133,7 +140,7 @@ def _rotorpy_batch(num_vehicles: int) -> Flight:
     world = worlds.World.empty((-3.0, 3.0, -3.0, 3.0, -3.0, 3.0))
 
     class Circle:
-        """Circle for all vehicles. RotorPy's own class fails for the arrays of times that its simulation passes."""
+        """Circle of all vehicles. RotorPy's own class cannot handle the arrays of times that its batch passes."""
 
         def update(self, times: np.ndarray) -> dict[str, Any]:
             cos, sin = torch.cos(torch.as_tensor(_RATE * times)), torch.sin(torch.as_tensor(_RATE * times))
@@ -167,7 +174,10 @@ _ROTORPY_STATE = {
 
 
 def crazyflow_flight(num_vehicles: int, **options: Any) -> Flight:
-    """Return a flight of crazyflow's Crazyflie under Mellinger's controller, compiled as one scan, its fastest mode."""
+    """Return a function that flies the circle with crazyflow's Crazyflie and Mellinger's controller.
+
+    The whole flight is compiled as one JAX scan, which is the fastest mode of crazyflow.
+    """
     jax, functional = _module("jax"), _module("crazyflow.sim.functional")
     jnp = jax.numpy
     options = {"state_freq": 100} | options
@@ -212,7 +222,7 @@ def _module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-# Settings that give crazyflow the time steps of this library. Its default steps are shorter.
+# Settings with which crazyflow has the same time steps as this library. Its default steps are shorter.
 _OUR_TIME_STEPS: dict[str, Any] = {
     "freq": 100,
     "attitude_freq": 100,

@@ -1,4 +1,4 @@
-"""Simulators and environments of the speed comparisons; each is measured in its own process."""
+"""Simulators and environments whose speed is compared. Each is measured in its own process."""
 
 import importlib.util
 import multiprocessing
@@ -16,9 +16,9 @@ class Contender(NamedTuple):
     """Simulator or environment, with the settings of its measurement.
 
     Attributes:
-        package: name of its package on PyPI.
-        label: description of its settings for the table.
-        build: function from a number of vehicles to a function without arguments, whose calls are timed.
+        package: name of the package on PyPI.
+        label: description of the settings in the printed table.
+        build: function that takes the number of vehicles, and returns the function (without arguments) that is timed.
         repetitions: number of timed calls.
     """
 
@@ -29,7 +29,13 @@ class Contender(NamedTuple):
 
 
 def is_quick(description: str | None, example: str, quick: str) -> bool:
-    """Read the command line of a comparison, and return whether it has the option `--quick`."""
+    """Read the command line of a comparison, and return whether it has the option `--quick`.
+
+    Args:
+        description: description of the comparison for the help text.
+        example: example of the command for the help text.
+        quick: effect of the option for the help text.
+    """
     options = bare_parser(description, example)
     options.add_argument("--quick", action="store_true", help=quick)
     return bool(options.parse_args().quick)
@@ -45,7 +51,7 @@ def installed(contenders: Sequence[Contender]) -> list[Contender]:
 
 
 def run_isolated(work: Callable[[], Any]) -> Any:
-    """Call a function in its own process, discard the output of the process, and return the result."""
+    """Call a function in a new process whose printed output is discarded, and return the result."""
     context = multiprocessing.get_context("spawn")
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -55,7 +61,7 @@ def run_isolated(work: Callable[[], Any]) -> Any:
 
 
 def _silence(folder: str) -> None:
-    """Discard printed output, and let libraries such as MuJoCo write their log files into a folder."""
+    """Discard the printed output of this process, and make libraries such as MuJoCo write log files into a folder."""
     os.chdir(folder)
     devnull = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):

@@ -1,4 +1,4 @@
-"""Fly the forest along plans with several margins, and plot the probability of touching a trunk."""
+"""Plan routes through the forest with several margins, fly them, and plot the probability of touching a trunk."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,18 +18,18 @@ from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_fig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
-# An LQG regulator, and the best other controller of the comparison without obstacles.
+MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m, between the vehicle and the trunks
+# Layers of the two controllers: an LQG regulator, and the controller that was best, after LQG, without obstacles.
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 
 
 class Point(NamedTuple):
-    """Outcome of the flights along one plan.
+    """Results of one controller's flights along one plan.
 
     Attributes:
         controller: name of the controller.
-        margin: margin of the plan, m.
+        margin: smallest distance between the vehicle and the trunks along the plan, m.
         duration: duration of the plan, s.
         flights: number of flights.
         touched: number of flights that touched a trunk.
@@ -45,7 +45,7 @@ class Point(NamedTuple):
 
     @property
     def probability(self) -> Interval:
-        """Probability of touching a trunk."""
+        """Estimated probability of touching a trunk, with its 95 % interval."""
         return proportion_interval(self.touched, self.flights)
 
 
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def fly(controller: str, margin: float, samples: int) -> Point:
-    """Fly samples of the forest along a plan that keeps a margin (m) from the trunks."""
+    """Plan a route that keeps a margin (m) from the trunks, and fly it with random samples of the vehicle."""
     file, name = CONTROLLERS[controller].split(":")
     layer = f"{_DIAGRAMS / 'controllers' / file}.yaml:{name}"
     scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])

@@ -1,10 +1,10 @@
-"""Compare the RMS position errors of simulated hovers with the linear model, and print two tables.
+"""Compare RMS position errors in simulated hover with predictions of the linear model, and print two tables.
 
-The first table has a row for each shipped controller in `laboratory:nominal`. Its columns are the RMS errors along x
-and z of the linear model, of simulations without packet loss, and of simulations with the packet loss of the
-laboratory. The last column is the latter error along x with another seed, relative to that with the first seed.
+The first table has a row for each shipped controller, in `laboratory:nominal`. It lists the RMS errors along x and z of
+the linear model, of a simulation without packet loss, and of a simulation with packet loss. Its last column shows how
+much the results depend on the seed: the error along x with packet loss for a second seed, relative to the first seed.
 
-The second table lists the ratio of simulated and linear errors of one controller for several noise levels.
+The second table lists the simulated error of one controller, relative to the linear model, for several noise levels.
 """
 
 import re
@@ -27,7 +27,7 @@ _LQG_CONTROLLERS = ("lqg_low_wind", "lqg_robustness")
 _LOSSLESS = "laboratory.command_link.loss_rate=0"
 _OTHER_SEED = 1
 _NOISE_FIELDS = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
-_NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
+_NOISE_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)  # relative to the noise of `laboratory:nominal`
 
 
 def main() -> None:
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def shipped() -> Iterator[tuple[str, str]]:
-    """Yield the name and the layer of each controller that was tuned for the laboratory."""
+    """Yield the name and the layer of each shipped controller that is designed for the laboratory."""
     for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
         yield name, f"{_DESIGNED}:{name}"
     for name in _LQG_CONTROLLERS:
@@ -71,12 +71,12 @@ def linear_errors(scenario: Scenario) -> tuple[float, float]:
 
 
 def in_millimetres(*errors: float) -> list[str]:
-    """Return lengths in m as text in mm, with a dash for NaN."""
+    """Convert lengths from m to text in mm, with a dash for NaN."""
     return ["–" if np.isnan(error) else f"{1e3 * error:.2f}" for error in errors]
 
 
 def print_noises(layer: str) -> None:
-    """Print the second table for a controller."""
+    """Print the second table, for the controller in the given layer."""
     print("| noise relative to `laboratory:nominal` | no packet loss, x | z | packet loss, x | z |")
     print("|---|---|---|---|---|")
     for factor in _NOISE_FACTORS:
@@ -89,7 +89,7 @@ def print_noises(layer: str) -> None:
 
 
 def with_noise(scenario: Scenario, factor: float) -> Scenario:
-    """Return the scenario with the measurement noise of its cameras multiplied by a factor."""
+    """Return a scenario whose camera noise is multiplied by a factor."""
     scaled: Scenario = map_leaves(scenario, lambda path, value: factor * value if path in _NOISE_FIELDS else value)
     return scaled
 

@@ -1,9 +1,9 @@
-"""Write diagrams/crazyswarm2.yaml: the vehicles of four Crazyflies, each from its own log.
+"""Identify four Crazyflies from one flight log each, and write them to diagrams/crazyswarm2.yaml.
 
-The script keeps the beginning of that file, which has the gains and masses of the info*.yaml files. Everything else
-follows from the signals of a log, without tracking errors: `identify` estimates thrust, lag, inertia and centre of
-mass. The drag follows from the measured acceleration, and the error of the estimated velocity from the derivative of
-the estimated position.
+The script keeps the beginning of that file, which contains the gains and masses from the info*.yaml files. It estimates
+all other parameters from the logged signals, without tracking errors. `identify` estimates thrust, lag, inertia and
+centre of mass. The drag follows from the measured acceleration. The error of the estimated velocity follows from the
+derivative of the estimated position.
 """
 
 import math
@@ -36,13 +36,13 @@ _ROOT = Path(__file__).parents[2]
 _FILE = _ROOT / "diagrams" / "crazyswarm2.yaml"
 _LOGS = _ROOT / "tests" / "data" / "crazyflie" / "crazyswarm2"
 _FLIGHTS = ("08", "100", "145", "180")
-# Initial time constant (s) of the rotors, from other flights of a Crazyflie (arXiv 2404.07837). With the time constant
-# of the data sheet, the loop would be unstable.
+# Rotor time constant (s) with which the identification starts, from other flights of a Crazyflie (arXiv 2404.07837).
+# The loop would be unstable with the time constant in the data sheet.
 _INITIAL_LAG = ("vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constant_down=null")
-# Standard deviation of the misalignment, rad. Without integral action, the vehicle settles 3 to 16 mm off the
+# Standard deviation of the misalignment, rad. The vehicle without integral action (log100) settles 3 to 16 mm off the
 # reference, which corresponds to a misalignment of 3 to 15 mrad.
 _MISALIGNMENT = 0.008
-_MIN_SWING_FREQUENCY = 3.0  # rad/s; slower modes are not swings
+_MIN_SWING_FREQUENCY = 3.0  # rad/s; slower modes of the loop do not count as oscillations
 _CENTRE_OF_PRESSURE = "body_drag.centre_of_pressure[2]"
 _WRITTEN_PARAMETERS = (
     "thrust_factor",
@@ -106,7 +106,15 @@ def main() -> None:
 def vehicle(
     log: str, base: Scenario, identification: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
 ) -> str:
-    """Return the YAML text of the scenario of a log."""
+    """Return the YAML text of the scenario that is identified from a log.
+
+    Args:
+        log: number of the log, such as "100".
+        base: scenario from which the identification started.
+        identification: result of the identification.
+        estimate: error of the estimated velocity.
+        drag: linear drag along x and y, with its variation.
+    """
     ticks = round(identification.vehicle.laboratory.command_link.delay_ticks)
     sheet = load_undesigned(f"{_FILE}:sheet_{log}", [*_INITIAL_LAG, f"laboratory.command_link.delay_ticks={ticks}"])
     numbers = conditioned_on_stability(identification.estimates.subset(_WRITTEN_PARAMETERS), sheet)
@@ -153,10 +161,10 @@ def vehicle(
 
 
 def conditioned_on_stability(estimates: Estimates, base: Scenario) -> Estimates:
-    """Return the estimates conditioned on a stable loop, since the vehicle flew.
+    """Return the estimates under the condition that the loop is stable, because the vehicle flew.
 
-    The growth rate of swings is taken as linear in the parameters. The normal distribution of the parameters is
-    truncated where swings grow, and replaced by the normal distribution with the same mean and covariance.
+    The growth rate of oscillations is assumed to be linear in the parameters. The normal distribution of the parameters
+    is truncated where oscillations grow, and then replaced by a normal distribution with the same mean and covariance.
     """
     growth = swing_growth(base, estimates)
     deviations = estimates.deviations
@@ -176,7 +184,7 @@ def conditioned_on_stability(estimates: Estimates, base: Scenario) -> Estimates:
 
 
 def swing_growth(base: Scenario, estimates: Estimates) -> float:
-    """Return the growth rate of swings in hover from the discrete linear model, 1/s; negative if they decay."""
+    """Return the growth rate of oscillations in hover in the linear model, 1/s; negative if they decay."""
     scenario = with_numbers(base, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
     system = closed_loop(scenario).system
     poles = np.log(system.poles().astype(complex)) / system.period
@@ -184,7 +192,7 @@ def swing_growth(base: Scenario, estimates: Estimates) -> float:
 
 
 def in_yaml(normal_fields: dict[str, Any], *, signed: bool) -> str:
-    """Return the YAML text of a normal distribution; unsigned parameters are limited to 0.5 to 1.5 times the mean."""
+    """Return a normal distribution as YAML text; positive parameters are limited to 0.5 to 1.5 times their mean."""
     mean = normal_fields["mean"]
     ends = "" if signed else f", min: {0.5 * mean:.4g}, max: {1.5 * mean:.4g}"
     # The weights are rounded towards zero, so that the sum of their squares does not exceed 1.
@@ -197,7 +205,7 @@ def in_yaml(normal_fields: dict[str, Any], *, signed: bool) -> str:
 
 
 def normal(mean: float, deviation: float, low: float | None = None, high: float | None = None) -> str:
-    """Return the YAML text of a normal distribution, which may be truncated."""
+    """Return a normal distribution as YAML text, with optional limits."""
     ends = "".join(f", {name}: {end:.4g}" for name, end in (("min", low), ("max", high)) if end is not None)
     return f"{{normal: {{mean: {mean:.4g}, standard_deviation: {deviation:.2g}{ends}}}}}"
 
@@ -205,7 +213,7 @@ def normal(mean: float, deviation: float, low: float | None = None, high: float 
 def table_rows(
     log: str, identification: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
 ) -> list[tuple[str, str, str, str]]:
-    """Return the rows of a log in the printed table."""
+    """Return the rows of the printed table that belong to a log."""
     estimates = identification.estimates
     rows = [
         (f"log{log}", name, f"{value:.4g}", f"{deviation:.2g}")

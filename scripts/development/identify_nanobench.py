@@ -1,9 +1,9 @@
-"""Write diagrams/nanobench.yaml: the Crazyflie of NanoBench with its firmware, from the slow and medium flights.
+"""Identify the Crazyflie of the NanoBench flights, and write it with its firmware to diagrams/nanobench.yaml.
 
-The argument is the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3). The script uses no tracking
-errors. `identify` estimates inertia, lag and centre of pressure from the IMU and the motors, which share a clock. The
-other parameters differ between flights and become distributions. The fast flights are not used, so that they can be
-predicted.
+The argument is the folder of the NanoBench data set (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3). The script uses
+the slow and medium flights, but not their tracking errors. The fast flights are left out, so that predictions can be
+tested on them. `identify` estimates inertia, lag and centre of pressure from the IMU and the motor commands, which have
+the same clock. The other parameters differ between flights, so the file contains their distributions.
 """
 
 from dataclasses import replace
@@ -30,39 +30,41 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.motors import ThrottleMotors
 
 _FILE = Path(__file__).parents[2] / "diagrams" / "nanobench.yaml"
-# Polynomial of a rotor's thrust (N) in the voltage of its motor, with which the firmware converts thrust commands to
-# PWM (crazyflie-firmware, platform_defaults_cf2.h, VMOTOR2THRUST0 to 3 of the propellers 2.1+).
+# Coefficients of the polynomial from motor voltage (V) to rotor thrust (N). The firmware uses it to convert thrust
+# commands to PWM (crazyflie-firmware, platform_defaults_cf2.h, VMOTOR2THRUST0 to 3 of the propellers 2.1+).
 _THRUST_OF_VOLTAGE = (-0.02476538, 0.06523794, -0.02679250, 0.006776789)
-# Throttle 1 of the scenario, relative to the firmware's full collective command. Single rotors may exceed the latter.
+# Command of a rotor at throttle 1 of the scenario, relative to the firmware's full collective command. It exceeds 1,
+# because single rotors may exceed the full collective command.
 _FULL_THROTTLE = 1.28
-_MASS = 0.027  # kg; only ratios to the mass matter
-_ARM = 0.03253  # m
+_MASS = 0.027  # kg, from the data sheet; the flights depend only on ratios of other parameters to the mass
+_ARM = 0.03253  # m, distance of the rotors from the centre along x and y
 _GRAVITY = 9.81  # m/s²
-_NUM_AVERAGED = 3  # log samples per averaged sample of 30 ms, because radio packets arrive at 75 to 84 Hz
-_SMOOTHING_SAMPLES = 8  # standard deviation of the Gaussian filter
+_NUM_AVERAGED = 3  # log samples per average over 30 ms; radio packets arrive at only 75 to 84 Hz
+_SMOOTHING_SAMPLES = 8  # standard deviation of the Gaussian filter, log samples
 _CLIMB_SAMPLES = 400  # samples after lift-off that determine the derivative of the thrust
 _PERIOD = 0.01  # s, period of the log
 _FRAME = 0.002  # s, period of the estimator
 _SETTLING_SAMPLES = 150  # samples after take-off and before landing that are not used
 
 
-# Parameters that torques identify only relative to the derivative of the thrust, and all parameters of the rotation.
+# Parameters that follow from torques only relative to the derivative of the thrust, to which they are proportional.
 _PROPORTIONAL = ("inertia[0]", "inertia[1]", "inertia[2]", "rotor_inertia", "body_drag.centre_of_pressure[2]")
+# All parameters of the rotational dynamics that are identified.
 _ROTATIONAL = (*_PROPORTIONAL, "rotor_time_constant")
 
 
 class Flight(NamedTuple):
-    """Parameters of a single flight.
+    """Parameters that are estimated separately for each flight.
 
     Attributes:
-        hover: collective command in hover, relative to the full command.
-        slope: derivative of the vertical acceleration with respect to the collective command, m/s².
+        hover: collective thrust command in hover, relative to the full command.
+        slope: derivative of the vertical acceleration with respect to the relative collective command, m/s².
         moments: (2,) roll and pitch commands in hover, relative to the full thrust.
         drag: (2,) linear drag along x and y divided by the mass, 1/s.
         scale: (3,) scale error of the estimated velocity.
         drift: (3,) standard deviation of the velocity error without its scale error, m/s.
         drift_time: correlation time of the drift, s.
-        lag: delay of the estimated position behind motion capture, s.
+        lag: delay of the estimated position relative to motion capture, s.
         lean: two arrays (n, 2) along x and y: horizontal velocity (m/s), and error of the estimated thrust direction.
     """
 
@@ -78,7 +80,7 @@ class Flight(NamedTuple):
 
 
 def main() -> None:
-    """Write the scenario, and print its parameters."""
+    """Identify the vehicle, write the scenario, and print the parameters of each flight."""
     options = bare_parser(__doc__, "python scripts/development/identify_nanobench.py nanobench")
     options.add_argument("folder", type=Path)
     options.add_argument("--output", type=Path, default=_FILE, metavar="FILE", help="file (default: the shipped file)")
@@ -86,7 +88,7 @@ def main() -> None:
     records, flights, names = [], [], []
     for path in sorted(arguments.folder.glob("B*_rep1.csv.xz")):
         table = np.genfromtxt(path, delimiter=",", names=True)
-        # In flights of the Mellinger controller, the logged outputs of the PID are zero.
+        # Flights in which the logged outputs of the PID are zero used the Mellinger controller.
         if "_fast_" in path.name or not table["pid_controller_cmd_thrust"].any():
             continue
         record = with_commands(read_log(path))
@@ -115,7 +117,7 @@ def main() -> None:
 
 
 def with_commands(record: FlightRecord) -> FlightRecord:
-    """Return a record with the motor commands before the firmware's compensation of the battery voltage."""
+    """Return a record whose motor commands are those before the firmware compensates for the battery voltage."""
     voltage = scipy.ndimage.gaussian_filter1d(record.of("battery_voltage"), _SMOOTHING_SAMPLES)
     motors = record.of("motor_command")
     thrust = np.polynomial.polynomial.polyval(motors * voltage[:, np.newaxis], _THRUST_OF_VOLTAGE)
@@ -124,7 +126,7 @@ def with_commands(record: FlightRecord) -> FlightRecord:
 
 
 def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
-    """Return the parameters of a flight from its record and the table of its log."""
+    """Estimate the parameters of a flight from its record and from the table of its log."""
     part = free_flight(record)
     free_flight_record = record.subset(slice(part.first + _SETTLING_SAMPLES, part.end - _SETTLING_SAMPLES))
     rows = table[part.first + _SETTLING_SAMPLES : part.end - _SETTLING_SAMPLES]
@@ -157,12 +159,12 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
 
 
 def smooth(signal: np.ndarray) -> np.ndarray:
-    """Return a low-pass filtered signal (n, ...)."""
+    """Return a signal (n, ...) after a low-pass filter."""
     return np.asarray(scipy.ndimage.gaussian_filter1d(signal, _SMOOTHING_SAMPLES, axis=0))
 
 
 def slopes(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """Return the derivatives (columns,) of straight lines fitted to samples (n, columns)."""
+    """Fit a straight line to each pair of columns of `inputs` and `outputs` (n, columns), and return the slopes."""
     return np.array([np.polyfit(x, y, 1)[0] for x, y in zip(inputs.T, outputs.T, strict=True)])
 
 
@@ -174,7 +176,7 @@ def correlation_samples(signal: np.ndarray) -> int:
 
 
 def climb_slope(record: FlightRecord, lift_off: int) -> float:
-    """Return the derivative of the vertical acceleration in the climb with respect to the collective command, m/s²."""
+    """Estimate the derivative of the vertical acceleration with respect to the collective command in a climb, m/s²."""
     part = record.subset(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
     acceleration = np.gradient(smooth(np.gradient(part.of("position")[:, 2], part.time)), part.time)
     command = smooth(_FULL_THROTTLE * part.of("motor_command").mean(axis=1))
@@ -187,7 +189,12 @@ def climb_slope(record: FlightRecord, lift_off: int) -> float:
 
 
 def lean_time(flight: Flight, lean: float) -> float:
-    """Return the time constant (s) with which the estimated thrust direction's error follows the velocity."""
+    """Return the time constant (s) of the lag between the velocity and the error of the estimated thrust direction.
+
+    Args:
+        flight: parameters of a flight.
+        lean: ratio of the error to the velocity at constant velocity, s/m.
+    """
     velocity, lean_error = flight.lean
 
     def error(time: float) -> float:
@@ -201,8 +208,8 @@ def lean_time(flight: Flight, lean: float) -> float:
 def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, tuple[float, float]]:
     """Return the value and the standard deviation of each rotational parameter.
 
-    The IMU determines the ratio of torques and inertia, but hardly the derivative of the thrust. The climbs determine
-    this derivative, so all parameters that are proportional to it are scaled to the value from the climbs.
+    The IMU determines the ratio of torque to inertia, but hardly the derivative of the thrust with respect to the
+    command. The climbs determine this derivative. Parameters that are proportional to it are scaled accordingly.
     """
     weight = 0.25 * _MASS * _GRAVITY
     hover, slope = (np.mean([getattr(flight, name) for flight in flights]) for name in ("hover", "slope"))
@@ -213,7 +220,7 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
     start = base.model_copy(update={"vehicle": vehicle})
     rows = []
     for record in records:
-        # The centre of mass differs between flights, so each flight is identified separately.
+        # Each flight is identified separately, because the centre of mass differs between flights.
         imu = downsample(replace(record, position=None, velocity=None, attitude=None), _NUM_AVERAGED)
         identification = identify([imu], start, held_out_fraction=0.0)
         fitted: Any = identification.vehicle.vehicle.motors
@@ -221,7 +228,7 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
         factor = 0.25 * _MASS * slope * _FULL_THROTTLE / (k_1 + 2.0 * k_2 * hover / _FULL_THROTTLE)
         values = dict(zip(identification.estimates.names, identification.estimates.values, strict=True))
         rows.append([float(values[name]) * (factor if name in _PROPORTIONAL else 1.0) for name in _ROTATIONAL])
-    # All flights have the same vehicle, so their scatter is estimation error, and their mean is the best estimate.
+    # All flights have the same vehicle, so differences between the estimates are errors, which the mean reduces.
     return {
         name: (float(column.mean()), float(column.std(ddof=1)) / np.sqrt(len(rows)))
         for name, column in zip(_ROTATIONAL, np.array(rows).T, strict=True)
@@ -229,13 +236,18 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
 
 
 def scenario_text(flights: list[Flight], numbers: dict[str, tuple[float, float]]) -> str:
-    """Return the YAML text of the scenario."""
+    """Return the scenario as YAML text.
+
+    Args:
+        flights: parameters of each flight.
+        numbers: value and standard deviation of each rotational parameter, by name.
+    """
 
     def spread(name: str, column: int | slice | None = None) -> tuple[float, float]:
         values = np.array([getattr(flight, name) for flight in flights])
         values = values if column is None else values[:, column]
         values = values.mean(axis=1) if values.ndim > 1 else values
-        # The normal distribution has the same 95 % interval as Student's distribution for one more flight.
+        # Student's distribution predicts a further flight. The normal distribution has the same 95 % interval.
         student = scipy.stats.t.ppf(0.975, len(values) - 1) / scipy.stats.norm.ppf(0.975)
         return float(values.mean()), float(student * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(values)))
 

@@ -1,9 +1,11 @@
-"""Predict the published flights of Neural-Fly in wind with and without modelled effects, and print a table.
+"""Predict the RMS errors of the published Neural-Fly flights in wind, and print a table.
 
-The script simulates the controller of the flights (`diagrams/vehicles/neural_fly.yaml`) in five winds. The table
-compares the RMS errors of the flights with those of the simulations. Both use positions that cameras measure. The phase
-of the sinusoidal wind was identified from the log of the flight (`--log`). The line below the table lists the errors
-for other phases.
+The script simulates the controller of the flights (`diagrams/vehicles/neural_fly.yaml`) in five winds, with all
+modelled effects and without some of them. The table compares the RMS errors of the flights with those of the
+simulations. Both use positions that cameras measure.
+
+The phase of the sinusoidal wind was identified from the log of the flight (`--log`). The line below the table states
+how much the error depends on this phase.
 """
 
 import math
@@ -25,7 +27,7 @@ from drake_quad.scenario.winds.steady import SteadySource
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
 _LABORATORY = _DIAGRAMS / "neural_fly.yaml"
-# RMS error (m) of the baseline controller over the last six laps (O'Connell et al., 2022), by name of the scenario.
+# Published RMS error (m) of the baseline controller over the last six laps (O'Connell et al., 2022), by scenario name.
 PUBLISHED_ERRORS = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
 _WIND_LABELS = {
     "still": "0 m/s",
@@ -34,11 +36,11 @@ _WIND_LABELS = {
     "wind_12": "12.1 m/s",
     "wind_8_sine": "8.5 m/s and a sine",
 }
-_NUM_SAMPLES = 16
-_NUM_PHASES = 16
+_NUM_SAMPLES = 16  # flights per wind with noise and turbulence
+_NUM_PHASES = 16  # phases of the sinusoidal wind
 _NOMINAL_THRUST_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
 _FAST_ATTITUDE = ("laboratory.autopilot.natural_frequency=[40, 40, 40]", "laboratory.autopilot.damping=[1, 1, 1]")
-# Drag that is fitted to the same residual forces, but is equal in all directions.
+# Overrides for a drag that is equal in all directions, and was fitted to the same residual forces.
 _ISOTROPIC_DRAG = (
     "vehicle.body_drag=null",
     "vehicle.rotor_aerodynamics=null",
@@ -64,7 +66,7 @@ def main() -> None:
     options.add_argument(
         "--log",
         type=Path,
-        help="identify amplitude and phase of the sinusoidal wind from this log, custom_figure8_baseline_70p20sint.csv",
+        help="log of a flight (custom_figure8_baseline_70p20sint.csv) from which to identify the sinusoidal wind",
     )
     arguments = options.parse_args()
     winds = arguments.wind
@@ -91,7 +93,7 @@ def predicted(winds: list[str], overrides: tuple[str, ...] = (), *, measured: bo
     Args:
         winds: names of the winds.
         overrides: overrides of the vehicle.
-        measured: whether errors are computed from measured positions, or from true positions.
+        measured: whether errors are computed from measured positions; otherwise from true positions.
     """
     flights = [simulate(load_scenario(f"{_VEHICLE}:{wind}", overrides)) for wind in winds]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
@@ -127,7 +129,7 @@ def print_differences(errors: list[float], flown: list[float]) -> None:
 
 
 def print_phases() -> None:
-    """Print the smallest and the largest error over all phases of the sinusoidal wind."""
+    """Print the smallest and the largest predicted error, if the phase of the sinusoidal wind varies."""
     phases = np.linspace(0.0, 2.0 * math.pi, _NUM_PHASES, endpoint=False)
     batch = Batch.draw(load_scenario(f"{_VEHICLE}:wind_8_sine"), [0] * _NUM_PHASES)
     flights = simulate_batch(batch.with_varying({"laboratory.wind.1.phase": phases}))
@@ -140,7 +142,7 @@ def print_phases() -> None:
 
 
 def print_log(path: Path) -> None:
-    """Print the sinusoidal wind that is estimated from a log, and the error that is predicted with it."""
+    """Estimate the sinusoidal wind from a log, and print it with the RMSE that is predicted for this wind."""
     amplitude, phase = sine_in_log(path)
     sine = {"laboratory.wind.1.phase": phase, "laboratory.wind.1.velocity": [-amplitude, 0.0, 0.0]}
     error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine)))
@@ -150,8 +152,8 @@ def print_log(path: Path) -> None:
 def sine_in_log(path: Path) -> tuple[float, float]:
     """Return the amplitude (m/s) and phase (rad) of a sinusoidal wind, estimated from the residual force in a log.
 
-    A least-squares fit over the last six laps models the force along the body's x axis as the drag of the vehicle plus
-    a constant trim. As in the scenario, the phase is 0 when the reference x = 1.25 sin t passes its middle towards +x.
+    The least-squares fit over the last six laps models the force along the body's x axis as the vehicle's drag plus a
+    constant. As in the scenario, the wind's phase is relative to that of the reference x = 1.25 sin t.
     """
     record = read_log(path)
     scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")
@@ -180,7 +182,7 @@ def sine_in_log(path: Path) -> tuple[float, float]:
 
 
 def _phase(weights: np.ndarray) -> float:
-    """Return the phase (rad) of a sinusoid with given weights of sin and cos."""
+    """Return the phase (rad) of a sinusoid, given the coefficients of sin and cos."""
     sine, cosine = weights
     return math.atan2(cosine, sine)
 

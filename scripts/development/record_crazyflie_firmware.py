@@ -1,7 +1,7 @@
-"""Record the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
+"""Record outputs of the PID controller in the Crazyflie firmware, with which tests/design/test_firmware.py compares.
 
 The argument is a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). The script compiles
-its unchanged C files, and keeps only the numbers that they compute.
+the unchanged C files of the firmware, and stores only the numbers that they compute.
 """
 
 import ctypes
@@ -16,15 +16,15 @@ import numpy as np
 from drake_quad.command_line.options import bare_parser
 
 HARNESS = Path(__file__).with_name("crazyflie_firmware.c")
-TESTS = Path(__file__).parents[2] / "tests" / "design"
-FLOATS = ctypes.POINTER(ctypes.c_float)
-INPUTS = "x y z v_x v_y v_z roll pitch yaw gyro_x gyro_y gyro_z x_r y_r z_r yaw_r"
-OUTPUTS = "roll_d pitch_d yaw_d thrust roll_rate_d pitch_rate_d yaw_rate_d roll_out pitch_out yaw_out m1 m2 m3 m4"
-FOLDERS = (
+TEST_FOLDER = Path(__file__).parents[2] / "tests" / "design"
+FLOAT_POINTER = ctypes.POINTER(ctypes.c_float)
+INPUT_NAMES = "x y z v_x v_y v_z roll pitch yaw gyro_x gyro_y gyro_z x_r y_r z_r yaw_r"
+OUTPUT_NAMES = "roll_d pitch_d yaw_d thrust roll_rate_d pitch_rate_d yaw_rate_d roll_out pitch_out yaw_out m1 m2 m3 m4"
+INCLUDE_FOLDERS = (
     "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
     " utils/interface/lighthouse hal/interface drivers/interface"
 )
-# Replacements for headers that need hardware or libraries, with only the parts that the controller uses.
+# Replacements for headers that depend on hardware or libraries. They contain only the parts that the controller uses.
 STUB_HEADERS = {
     "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
     "#define CONFIG_CRAZYFLIE_21_PLUS",
@@ -38,16 +38,16 @@ STUB_HEADERS = {
     "debug.h": "#define DEBUG_PRINT(...)",
     "config.h": "",
 }
-# Final amplitudes of the inputs. Amplitudes grow over time, so no limit is active initially, and all are at the end.
-AMPLITUDES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
+# Final amplitudes of the inputs. The amplitudes grow over time: no limit is active at first, and all are at the end.
+FINAL_AMPLITUDES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
 
 
 def inputs(count: int) -> np.ndarray:
-    """Return inputs (count, 16) at 500 Hz, which are sums of sines in single precision."""
+    """Return test inputs (count, 16) in single precision, which are sums of sines sampled at 500 Hz."""
     rng, time = np.random.default_rng(2025), 0.002 * np.arange(count)
     waves = [
         amplitude * sum(np.sin(w * time + phase) for w, phase in rng.uniform([1.0, 0.0], [25.0, 6.28], (3, 2)))
-        for amplitude in AMPLITUDES
+        for amplitude in FINAL_AMPLITUDES
     ]
     rows = np.array(waves).T * np.linspace(0.0, 1.2, count)[:, None] ** 2
     rows[:, [8, 15]] = (rows[:, [8, 15]] + 180.0) % 360.0 - 180.0
@@ -55,10 +55,15 @@ def inputs(count: int) -> np.ndarray:
 
 
 def compiled(source: Path, folder: Path) -> Path:
-    """Compile the controller of a checkout into a folder, and return the path of the library."""
+    """Compile the firmware's controller to a shared library in a folder, and return its path.
+
+    Args:
+        source: folder `src` of the firmware.
+        folder: folder for the library.
+    """
     for name, text in STUB_HEADERS.items():
         (folder / name).write_text(text)
-    include_folders = [folder, *(source / each for each in FOLDERS.split()), source / "platform" / "interface"]
+    include_folders = [folder, *(source / each for each in INCLUDE_FOLDERS.split()), source / "platform" / "interface"]
     files = [HARNESS, *(source / "utils" / "src" / name for name in ("pid.c", "num.c", "filter.c"))]
     library = folder / "firmware.so"
     search = [f"-I{each}" for each in include_folders]
@@ -67,30 +72,36 @@ def compiled(source: Path, folder: Path) -> Path:
 
 
 def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.ndarray:
-    """Return the outputs of the firmware for given inputs, with its default parameters if `tuned` is None."""
-    # Each call loads a copy of the library, which has its own static variables.
+    """Return the outputs (count, 14) of the firmware for given inputs.
+
+    Args:
+        library: path of the compiled controller.
+        given: inputs (count, 16).
+        tuned: parameters of the controller, or None for the default parameters of the firmware.
+    """
+    # Each call loads a separate copy of the library, so that static variables start with their initial values.
     copy = library.with_name(f"firmware_{tuned is not None}.so")
     copy.write_bytes(library.read_bytes())
-    firmware, out = ctypes.CDLL(str(copy)), np.zeros((len(given), len(OUTPUTS.split())), dtype=np.float32)
+    firmware, out = ctypes.CDLL(str(copy)), np.zeros((len(given), len(OUTPUT_NAMES.split())), dtype=np.float32)
     if tuned is not None:
-        firmware.tune(tuned.ctypes.data_as(FLOATS))
-    firmware.run(len(given), given.ctypes.data_as(FLOATS), out.ctypes.data_as(FLOATS))
+        firmware.tune(tuned.ctypes.data_as(FLOAT_POINTER))
+    firmware.run(len(given), given.ctypes.data_as(FLOAT_POINTER), out.ctypes.data_as(FLOAT_POINTER))
     return out
 
 
 def main() -> None:
-    """Compile and run the firmware, and record its outputs."""
+    """Compile and run the controller of the firmware, and record its inputs and outputs."""
     options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
     options.add_argument("checkout", type=Path)
     options.add_argument("--count", type=int, default=160, help="number of ticks at 500 Hz")
     arguments = options.parse_args()
     given = inputs(arguments.count)
-    tuned = np.loadtxt(TESTS / "crazyflie_tuned.txt", usecols=1, dtype=np.float32)
+    tuned = np.loadtxt(TEST_FOLDER / "crazyflie_tuned.txt", usecols=1, dtype=np.float32)
     with tempfile.TemporaryDirectory() as folder:
         library = compiled(arguments.checkout / "src", Path(folder))
         recorded = [given, outputs(library, given, None), outputs(library, given, tuned)]
-    names = [*INPUTS.split(), *OUTPUTS.split(), *(f"{name}_tuned" for name in OUTPUTS.split())]
-    path = TESTS / "crazyflie_firmware.csv"
+    names = [*INPUT_NAMES.split(), *OUTPUT_NAMES.split(), *(f"{name}_tuned" for name in OUTPUT_NAMES.split())]
+    path = TEST_FOLDER / "crazyflie_firmware.csv"
     np.savetxt(path, np.hstack(recorded), fmt="%.9g", delimiter=",", header=",".join(names), comments="")
 
 

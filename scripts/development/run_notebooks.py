@@ -1,6 +1,6 @@
-"""Run the notebooks of the documentation, and write them with their results for code hosts, which do not run them.
+"""Run the notebooks of the documentation, and write them with their results.
 
-The script needs the libraries of `make docs`.
+Websites that host code show the results, but do not run notebooks. The script needs the libraries of `make docs`.
 """
 
 import re
@@ -14,11 +14,11 @@ from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 
 _DOCS = Path(__file__).parents[2] / "docs"
-_TIMEOUT = 300  # s for each cell
+_TIMEOUT = 300  # s, largest run time of a cell
 
 
 def main() -> None:
-    """Run all notebooks."""
+    """Run all notebooks of the documentation, and write the results."""
     options = bare_parser(__doc__, "python scripts/development/run_notebooks.py --output docs/notebooks")
     options.add_argument("--output", type=Path, default=Path("out/notebooks"), help="folder (default: %(default)s)")
     folder = output_folder(options.parse_args().output)
@@ -27,11 +27,11 @@ def main() -> None:
 
 
 def with_results(page: Path) -> str:
-    """Run a page in MyST Markdown, and return it as a notebook with results, in JSON.
+    """Run the code of a page in MyST Markdown, and return a Jupyter notebook with its results as JSON text.
 
     Relative links are rewritten, because the notebook is in a sibling folder of the page.
     """
-    # Only the documentation needs these libraries.
+    # Imported here, because the help text of this script does not need these libraries.
     import nbformat
     from myst_nb.core.read import read_myst_markdown_notebook
     from nbclient import NotebookClient
@@ -41,7 +41,7 @@ def with_results(page: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         NotebookClient(notebook, timeout=_TIMEOUT, resources={"metadata": {"path": folder}}).execute()
     for number, cell in enumerate(notebook.cells):
-        # These identifiers and metadata change in each run. Without them, equal results give equal files.
+        # Identifiers and metadata change in each run. They are replaced, so that equal results give equal files.
         cell["id"] = f"cell-{number}"
         cell["metadata"] = {}
         for output in cell.get("outputs", []):

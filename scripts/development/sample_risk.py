@@ -1,6 +1,6 @@
-"""Estimate the probability of a rare event by plain sampling, for comparison with `drake-quad risk`.
+"""Estimate the probability of a rare event by plain Monte Carlo sampling, for comparison with `drake-quad risk`.
 
-A study with ten million samples would write gigabytes. This tool only counts the flights in which the event occurs.
+A study with ten million samples would write gigabytes. This script only counts the flights in which the event occurs.
 """
 
 import argparse
@@ -13,11 +13,11 @@ from drake_quad.command_line.progress import counting_bar
 from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.risk import Event
 
-_NUM_VEHICLES = 2048
+_NUM_VEHICLES = 2048  # largest number of vehicles that fly at the same time
 
 
 def main() -> None:
-    """Run the command."""
+    """Read the command line, and count the events."""
     options = bare_parser(
         __doc__,
         "python scripts/development/sample_risk.py --controller controllers/designed/robustness:lqg --set duration=1"

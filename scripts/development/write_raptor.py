@@ -1,4 +1,4 @@
-"""Write a file with the weights of RAPTOR, a policy for quadrotors of all sizes, from its published package.
+"""Write the weights of RAPTOR, a policy for quadrotors of all sizes, from its published package to an .npz file.
 
 J. Eschmann, D. Albani and G. Loianno, "RAPTOR: a foundation policy for quadrotor control", 2025 (arXiv 2509.11481); the
 package foundation-policy 1.0.2 contains the network under the MIT licence: pip install foundation-policy==1.0.2
@@ -19,20 +19,20 @@ from drake_quad.command_line.output import print_files
 from drake_quad.extras import import_extra
 from drake_quad.files import output_folder, write_atomically
 
-# Scale of each input: position error, rotation, velocity error, body rates and last action.
+# Factor of each input: position error (3), rotation (9), velocity error (3), body rates (3) and last action (4).
 _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
 
 
 def main() -> None:
     options = bare_parser(__doc__, "python scripts/development/write_raptor.py --output diagrams/policies")
-    options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
+    options.add_argument("--output", default="out/policies", help="folder for the file (default: out/policies)")
     folder = output_folder(Path(options.parse_args().output))
     arrays = network_of(import_extra("foundation_policy", "test").Raptor())
     print_files([write_atomically(folder / "raptor.npz", lambda path: np.savez(path, **arrays))])
 
 
 def network_of(raptor: Any) -> dict[str, Any]:
-    """Return the arrays of a policy's .npz file from the network of the package."""
+    """Return the arrays of this library's policy file that describe the network of the package."""
     first, memory, last = raptor.layers
     return {
         "scale": _SCALE,
