@@ -112,7 +112,7 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
             raise InputError(f"--vary {text}: {path} is 0, so a percentage of it is no range")
         low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
         ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
-    return map_leaves(median, lambda path, value: ranges.get(path, value))  # type: ignore[no-any-return]
+    return map_leaves(median, lambda path, value: ranges.get(path, value))
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:

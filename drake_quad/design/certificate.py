@@ -98,7 +98,7 @@ class Certificate:
         choices: paths of the parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
         values: values of all parameters in the unstable loop, by path; empty if there is none.
-        frequency: frequency at which the bound is smallest, rad/s.
+        frequency: frequency at which the bound is smallest, rad/s; 0 if the whole box of the model is stable.
         model_error: relative error of the scale by the linear fractional model, which the bound contains.
         num_loops: number of exact loops.
     """
@@ -182,7 +182,7 @@ class _Box:
                 f" {_MAX_CHOICES} can be certified"
             )
         self.ranges = ranges
-        self._fleet = HoverFleet(hovering, [each.field for each in (*ranges, *choices)], own=own)
+        self._fleet = HoverFleet(hovering, [*(each.field for each in ranges), *(each.field for each in choices)], own=own)
         self._leave_out_inactive()
 
     @property
@@ -235,9 +235,9 @@ class _Box:
         """Return the certificate with these results."""
         values: dict[str, float] = {}
         if math.isfinite(unstable_scale):
-            parameters = zip(self.ranges, self._with_rigid_bodies(z[np.newaxis])[0], strict=True)
-            choices = zip(self.choices, self.combinations[combination], strict=True)
-            values = {each.path: float(value) for each, value in (*parameters, *choices)}
+            paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
+            numbers = [*self._with_rigid_bodies(z[np.newaxis])[0], *self.combinations[combination]]
+            values = dict(zip(paths, map(float, numbers), strict=True))
         return Certificate(
             stable_scale,
             unstable_scale,
@@ -282,7 +282,7 @@ class _Box:
         hovering = map_leaves(self._fleet.resting, lambda path, value: centres.get(path, value))
         self.left_out = (*self.left_out, *(each.path for each in inactive))
         self.ranges = tuple(each for each in self.ranges if each not in inactive)
-        fields = [each.field for each in (*self.ranges, *self.choices)]
+        fields = [*(each.field for each in self.ranges), *(each.field for each in self.choices)]
         self._fleet = HoverFleet(hovering, fields, own=self._fleet.own)
 
 
@@ -415,7 +415,8 @@ def _bound(box: _Box, size: float) -> _Bound:
         for combination in range(loops.shape[1]):
             part = loops[:, combination][:, states][:, :, states]
             cases.append((float(spectral_radii(part).max()), combination, part))
-    level, frequency, worst_error = 0.0, 0.0, 0.0
+    # The model is fitted to loops in the box, so no bound below 1 is needed.
+    level, frequency, worst_error = 1.0, 0.0, 0.0
     for _, _, part in sorted(cases, key=lambda case: -case[0]):
         if np.ptp(part, axis=0).max() < _MIN_EFFECT * np.abs(part).max():
             continue  # this group does not depend on the parameters
@@ -429,8 +430,7 @@ def _bound(box: _Box, size: float) -> _Bound:
             return _Bound(0.0, 0.0, error)
         if found.value * (1.0 + error) > level:
             level, frequency, worst_error = found.value * (1.0 + error), found.frequency, error
-    fraction = min(1.0, 1.0 / level) if level else 1.0
-    return _Bound(_unwarped_scale(box, size, fraction, exponents), frequency, worst_error)
+    return _Bound(_unwarped_scale(box, size, 1.0 / level, exponents), frequency, worst_error)
 
 
 def _best_exponents(box: _Box, size: float) -> list[float]:

@@ -13,6 +13,7 @@ from drake_quad.scenario.paths import map_leaves
 
 FIELDS = {"vehicle.mass": 0.68, "vehicle.rotor_time_constant": 0.05}
 RANGES = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in FIELDS.items()]
+DELAY = "laboratory.command_link.delay_ticks=4"
 LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
 
 
@@ -49,11 +50,11 @@ def test_no_sampled_loop_within_the_certified_scale_is_unstable(certificate):
 
 @pytest.mark.slow
 def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
-    found = certify_hover(load_scenario("hover", [LAG]))
+    found = certify_hover(load_scenario("hover", [LAG, DELAY]))
     low, high = 0.05, 0.05 + 0.015 * 8.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if poles_at({"vehicle.rotor_time_constant": middle}).max() < 1.0 else (low, middle)
+        low, high = (middle, high) if poles_at({"vehicle.rotor_time_constant": middle, "laboratory.command_link.delay_ticks": 4.0}).max() < 1.0 else (low, middle)
     assert found.stable_scale <= (low - 0.05) / 0.015 * 1.001
     assert found.stable_scale == pytest.approx((low - 0.05) / 0.015, rel=0.1)
     assert found.unstable_scale == pytest.approx((low - 0.05) / 0.015, rel=0.02)
