@@ -93,7 +93,8 @@ class Certificate:
 
     Attributes:
         stable_scale: scale up to which hover is stable for all combinations of parameters; 0 without a bound.
-        unstable_scale: smallest scale at which an unstable loop was found; infinite if there is none up to `MAX_SCALE`.
+        unstable_scale: smallest scale at which a loop was found that is unstable, or has no equilibrium because rotors
+            saturate; infinite if there is none up to `MAX_SCALE`.
         parameters: paths of the parameters with a range that act on the loop.
         choices: paths of the parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
@@ -182,7 +183,9 @@ class _Box:
                 f" {_MAX_CHOICES} can be certified"
             )
         self.ranges = ranges
-        self._fleet = HoverFleet(hovering, [*(each.field for each in ranges), *(each.field for each in choices)], own=own)
+        self._fleet = HoverFleet(
+            hovering, [*(each.field for each in ranges), *(each.field for each in choices)], own=own
+        )
         self._leave_out_inactive()
 
     @property

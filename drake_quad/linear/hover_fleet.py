@@ -26,6 +26,8 @@ _EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an
 _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 _MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
 _STEP = 1e-3  # step of the differences, relative to a state that is larger than 1 in SI units
+_MAX_STEP = 1e4  # larger steps, in SI units, follow from a nearly singular matrix
+_MIN_SINGULAR_VALUE = 1e-9  # smallest singular value of such a matrix that counts, relative to the largest one
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
 
 
@@ -96,6 +98,9 @@ def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
             matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
             matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
             inverse = np.linalg.inv(matrix)
+            # A saturated command makes the matrix nearly singular; the shortest step then leads back from saturation.
+            singular = ~(np.abs(inverse @ change.T[:, :, np.newaxis]).max(axis=(1, 2)) < _MAX_STEP)
+            inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_MIN_SINGULAR_VALUE)
         x[:, active] += (inverse[active] @ change[:, active].T[:, :, np.newaxis])[:, :, 0].T
     return x, unsettled
 
@@ -107,8 +112,8 @@ class _PeriodMap:
         self._diagram, self._context = diagram, diagram.CreateDefaultContext()
         self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
         at_tick(diagram, _NUM_SETTLING_TICKS * period, self._context)
-        self._time, self._next = self._context.get_time(), tick_after(self._context.get_time(), period)
-        self._simulator = Simulator(diagram, self._context)
+        self._next = tick_after(self._context.get_time(), period)
+        self._simulator, self._saved = Simulator(diagram, self._context), self._context.Clone()
         self._order = self._layout.vehicle_rows(num_vehicles)
         names = self._layout.names if num_vehicles == 1 else [each.rpartition(".")[0] for each in self._layout.names]
         self.states = tuple(names[first] for first in self._order[:, 0])
@@ -118,7 +123,8 @@ class _PeriodMap:
         """Return the states (n, N) after a period."""
         numbers = np.empty(x.size)
         numbers[self._order] = x
-        self._context.SetTime(self._time)
+        # The monitor remembers a crash, which must not affect the next call.
+        self._context.SetTimeStateAndParametersFrom(self._saved)
         self._layout.write(self._diagram, self._context, numbers)
         initialize_without_events(self._simulator)
         self._simulator.AdvanceTo(self._next)
