@@ -85,9 +85,16 @@ figures: $(VENV)/.installed $(VENV)/.installed-docs
 		$(foreach name,lqg indi pd,--controller controllers/designed/laboratory:$(name))
 	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 19 docs/pictures/replay.png
 	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 7.5:13.5 docs/pictures/replay.webp
+	rm -rf out/falsify/page
 	$(VENV)/bin/drake-quad falsify robustness --controller controllers/designed/robustness:lqg --minimize near \
 		--set "requirements={near: {always: {signal: position_error, below: 0.5}}}" --output out/falsify/page
 	cp out/falsify/page/worst.png docs/pictures/worst_case.png
+	$(VENV)/bin/drake-quad map upset --vary initial.attitude.0 -3.1415 3.1415 --vary initial.body_rates.0 -20 20 \
+		--metric settling_time --size 24 --output out/recovery \
+		$(foreach name,pd pid disturbance_observer l1 indi indi_fast geometric lqg, \
+			--controller controllers/designed/laboratory:$(name)) \
+		$(foreach name,pd pid pd_t2fnn,--controller controllers/paper:$(name)) --controller controllers/raptor:raptor_plus
+	cp out/recovery/field_map.png docs/pictures/recovery.png
 	$(VENV)/bin/drake-quad map laboratory:nominal
 	cp out/stability/nominal/position_map.png docs/pictures/stability.png
 	$(VENV)/bin/drake-quad compare

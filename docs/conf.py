@@ -1,13 +1,18 @@
 """Sphinx: `make docs` builds the pages and the reference."""
 
+import copy
+import functools
 import inspect
 import itertools
 import re
+from collections import defaultdict
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from sphinx import addnodes
+from sphinx.domains.python import PythonDomain
 
 from drake_quad.signals import Quantity
 
@@ -42,6 +47,7 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_mock_imports = ["stable_baselines3"]  # brings PyTorch with it
 autodoc_default_options = {"members": True}
+autodoc_use_type_comments = False  # there are none, and reading each function's source again takes long
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
@@ -144,11 +150,56 @@ def keep_notebooks_as_files(app: Any, config: Any) -> None:
     del config.source_suffix[".ipynb"]
 
 
+class IndexedPythonDomain(PythonDomain):
+    """The domain of Python, which looks names up in an index instead of comparing them with every object."""
+
+    @functools.cached_property
+    def _objects_by_last_part(self) -> dict[str, dict[str, Any]]:
+        index: dict[str, dict[str, Any]] = defaultdict(dict)
+        for name, entry in self.objects.items():
+            index[name.rpartition(".")[2]][name] = entry
+        return index
+
+    def find_obj(self, env: Any, modname: str, classname: str, name: str, *options: Any, **named: Any) -> Any:
+        """Return the objects that a name may refer to. Their last part is the last part of the name."""
+        candidates = self._objects_by_last_part.get(name.removesuffix("()").rpartition(".")[2], {})
+        domain = copy.copy(self)
+        domain.data = {**self.data, "objects": candidates}
+        return PythonDomain.find_obj(domain, env, modname, classname, name, *options, **named)
+
+
+@functools.cache
+def _titles(environment: Any) -> dict[str, Any]:
+    """Return the table of contents of each page with its title and its toctrees, but without sections and objects."""
+    tables = {page: toc.deepcopy() for page, toc in environment.tocs.items()}
+    for item in itertools.chain.from_iterable(table.children for table in tables.values()):
+        if len(item) > 1:
+            toctrees = list(item.findall(addnodes.toctree))
+            item[1:] = [nodes.bullet_list("", *toctrees)] if toctrees else []
+    return tables
+
+
+def navigate_by_titles(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Build the navigation from titles. Sphinx copies the entries of all objects for each page and then omits them."""
+    toctree = context["toctree"]
+
+    def toctree_of_titles(**options: Any) -> str:
+        complete, app.env.tocs = app.env.tocs, _titles(app.env)
+        try:
+            return toctree(**options)
+        finally:
+            app.env.tocs = complete
+
+    context["toctree"] = toctree_of_titles
+
+
 def setup(app: Any) -> None:
     """Register the extensions of this file with Sphinx."""
     app.connect("config-inited", keep_notebooks_as_files, priority=900)  # after MyST-NB has registered the suffix
     # autosummary reads the pages at the same event, with the priority 500.
     app.connect("builder-inited", write_reference, priority=100)
+    app.connect("html-page-context", navigate_by_titles, priority=400)  # before the theme
+    app.add_domain(IndexedPythonDomain, override=True)
     app.add_directive("pydrake_system", PortBlock)
     app.connect("autodoc-process-docstring", as_written, priority=400)
     app.connect("autodoc-process-signature", constructor)

@@ -26,7 +26,8 @@ _TOLERANCE = 1e-12
 # Tolerance on the outputs of compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
 
-# Similarity to the name of a signal from which on a name counts as misspelt: `accel_command` does, `estimate` does not.
+# A port whose name is at least this similar to the name of a signal counts as misspelt. `accel_command` does, and
+# `estimate` does not.
 _MISSPELT = 0.78
 
 

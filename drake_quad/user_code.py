@@ -28,7 +28,8 @@ def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
             if frame.filename == _RUNNER:
                 continue
             if frame.filename.startswith(_PACKAGE):
-                # A context manager at its `yield` has not called the code below, which is the body of a `with`.
+                # A frame that stops at `yield` is a context manager. The frames after it are the body of the `with`
+                # statement, which the context manager did not call.
                 is_inside = is_inside or not (frame.line or "").startswith("yield")
             elif is_inside and not frame.filename.startswith(("<", *_LIBRARIES)):
                 frames.append(frame)

@@ -4,25 +4,25 @@ from pathlib import Path
 
 from drake_quad import compare_with_log, identify, load_scenario, load_undesigned, predict, read_log, write_vehicle
 
-# This scenario describes the vehicle by its data sheet, with the mass and the gains of the logged flight.
-SHEET = "crazyswarm2:sheet_100"
-
 record = read_log(Path(__file__).parent.parent / "tests/data/crazyflie/crazyswarm2/log100.xz")
-sheet = load_undesigned(SHEET)
+sheet = load_undesigned("vehicles/crazyflie", ["nominal.mass=0.0375"])  # the data sheet, with the weighed mass
 result = identify([record], sheet, held_out_fraction=1.0 / 3.0)
 print(result.estimates)
 
 # In the last third of the flight, predictions start from logged states and use logged commands. The fit also used this
 # part of the log.
-predictions = predict(record, {"identified": result.vehicle, "sheet": sheet}, nominal=sheet, final_fraction=1.0 / 3.0)
+predictions = predict(
+    record, {"identified": result.vehicle, "data sheet": sheet}, nominal=sheet, final_fraction=1.0 / 3.0
+)
 for horizon in (0.1, 0.2, 0.5):
     error = predictions.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
-    improvement = predictions.better("position", "identified", "sheet", horizon).percent()
+    improvement = predictions.better("position", "identified", "data sheet", horizon).percent()
     print(f"after {horizon} s: error {error}, {improvement} below that of the data sheet")
 
-# The controller of the logged flight flies 400 vehicles drawn from the estimates. Some of them oscillate and crash.
+# The controller of the logged flight, with its gains, flies 400 vehicles drawn from the estimates. Some of them
+# oscillate and crash.
 Path("out").mkdir(exist_ok=True)
-path = write_vehicle(Path("out/identified.yaml"), "identified", result.estimates, base=SHEET)
+path = write_vehicle(Path("out/identified.yaml"), "identified", result.estimates, base="crazyswarm2:sheet_100")
 comparison = compare_with_log(record, load_scenario(path), samples=400)
 median, low, _ = comparison.interval("rmse")
 print(f"RMSE of the log {100.0 * comparison.logged_statistics.rmse[-1]:.2f} cm")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import pytest
 from PIL import Image
+from repository_guard import RepositoryGuard
 
 # The processes of pytest use all cores, so threads of linear algebra would only slow them down. NumPy reads this
 # variable when it is imported.
@@ -58,9 +59,14 @@ def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
 
-def pytest_configure() -> None:
-    """Disable garbage collection while tests are collected, because their modules stay in memory until the end."""
+def pytest_configure(config) -> None:
+    """Disable garbage collection while tests are collected, because their modules stay in memory until the end.
+
+    The process that starts the others, or the only one, also checks that no test writes into the repository.
+    """
     gc.disable()
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(RepositoryGuard(_ROOT))
 
 
 def pytest_collection_finish() -> None:

@@ -270,7 +270,7 @@ def _term(name, draw):
         case "filter":
             return "gyroscope_bandwidth", draw(200.0, 300.0)
         case "drag":
-            return "neglected_drag", {"lean": draw(0.01, 0.05), "time": draw(0.3, 1.0)}
+            return "neglected_drag", {"tilt_per_speed": draw(0.01, 0.05), "time": draw(0.3, 1.0)}
     size = 0.5 if name == "attitude" else 10.0
     terms = {
         gain: [draw(low, high) for _ in range(3)] for gain, low, high in [("k_i", 0.1, size), ("k_d", 0.001, 0.01)]

@@ -7,6 +7,7 @@ import pydoc
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.command_line.parser import Parser
+from drake_quad.control.exported.machines import EMULATOR
 from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS
 from drake_quad.framework.records import layout_of
 from drake_quad.reports.page import as_html
@@ -34,7 +36,7 @@ OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
-    "study": ["--samples", "4", "--set", "duration=1"],
+    "study": ["--samples", "32", "--set", "duration=1"],
     "replay": ["--samples", "3", "--set", "duration=1"],
     "map": ["--quick", "--size", "4"],
     "compare": ["--quick", "--samples", "2"],
@@ -44,6 +46,7 @@ SHORT_OPTIONS = {
     "falsify": ["--set", "duration=0.3", "--flights", "250", "--noise", "1"],
     "certify": ["--set", "laboratory.command_link.delay_ticks=1", "--vary", "vehicle.rotor_time_constant=30%"],
     "sobol": ["--set", "duration=0.3", "--points", "8"],
+    "predict_flights.py": ["--wind", "wind_8_sine"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
@@ -55,6 +58,10 @@ SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 # they use Python blocks that begin with the name of a file.
 FILE_NAME = r"# \w+\.(?:yaml|py)\n"
 WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
+
+
+# Libraries that only examples use. A block that imports one of them is skipped if the library is not installed.
+OPTIONAL_LIBRARIES = ("openturns", "optuna")
 
 
 def blocks(language):
@@ -90,6 +97,9 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
+    for library in OPTIONAL_LIBRARIES:
+        if re.search(rf"^import {library}\b", block, re.MULTILINE):
+            pytest.importorskip(library)
     path = elsewhere / "block.py"
     path.write_text(block, encoding="utf-8")
     # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block. A process that
@@ -98,6 +108,14 @@ def test_every_python_block_runs(block, elsewhere, capsys):
     printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed
+
+
+def test_other_libraries_are_used_in_at_most_25_lines(root):
+    page = (root / "docs" / "how_to" / "your_own_method.md").read_text(encoding="utf-8")
+    examples = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    imported = {name for text in examples for name in re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)}
+    assert {"SALib", "cma", "optuna", "openturns"} <= imported
+    assert max(len(text.splitlines()) for text in examples) <= 25
 
 
 @pytest.mark.parametrize("block", [*blocks("python"), *blocks("yaml")])
@@ -120,6 +138,8 @@ def test_every_scenario_loads(block, elsewhere):
 @pytest.mark.usefixtures("undrawn", "elsewhere", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_block_of_commands_runs(block, monkeypatch):
+    if "qemu" in block and shutil.which(EMULATOR) is None:
+        pytest.skip("no QEMU")
     for line in block.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":

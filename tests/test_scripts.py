@@ -55,7 +55,8 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 
 @tools
 def test_a_tool_handles_interruptions_before_slow_imports(tool):
-    """The first import after the standard library handles interruptions, directly or as its own first import."""
+    """The first import after the standard library is the module that handles interruptions, or a module that imports it
+    first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")

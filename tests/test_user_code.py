@@ -83,7 +83,8 @@ def test_wrong_input_in_the_user_s_code_is_located_without_a_type(mine):
 
 
 def test_a_program_that_calls_this_package_is_not_user_code(mine):
-    """Only code that this package calls is; the program is above the first frame of this package."""
+    """Only code that this package calls is user code. The program calls the package, so its frames come first in the
+    traceback."""
     error = error_of(lookup, {}, "a", "name")
     assert user_frames(error) == []
     assert user_traceback(error) == ""

@@ -9,16 +9,19 @@ A kind is known only after its module was imported. A scenario never imports a m
 """
 
 import inspect
+import shlex
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
+from drake_quad.control.exported.system import ExportedController, exported_controller
 from drake_quad.control.position import FeedForward
-from drake_quad.errors import InputError, did_you_mean
+from drake_quad.errors import InputError, did_you_mean, shortest_path
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control
@@ -47,12 +50,16 @@ class _UserSystemSettings(Model):
 
     @classmethod
     def registration_option(cls) -> str:
-        """Return the option `--controller` with the class; empty if no file that can be imported defines the class."""
+        """Return the option `--controller` for the system; empty if no file that can be imported defines it."""
+        if issubclass(cls.system, ExportedController):
+            return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
         file = "" if cls.system.__module__ == "__main__" else file_of(cls.system)
         return f"--controller {file}:{cls.system.__name__}" if file else ""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the class of the system, so that another process imports its module."""
+        """Pickle the class of the system, so that another process imports its module or compiles the exported code."""
+        if issubclass(self.system, ExportedController):
+            return _restored_export, (self.system.folder, self.system.machine, dict(self))
         return _restored, (self.system, dict(self))
 
 
@@ -162,7 +169,8 @@ def _built(system: type, num_vehicles: int, **parameters: Any) -> Any:
     takes_number = _takes_number(system)
     if num_vehicles > 1 and not takes_number:
         raise InputError(
-            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
+            f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles,"
+            " and its ports must have the rows of all these vehicles, as in docs/how_to/your_own_controller.md"
         )
     try:
         return system(num_vehicles=num_vehicles, **parameters) if takes_number else system(**parameters)
@@ -222,9 +230,16 @@ def _recipe(settings: Any) -> Recipe:
 def _registered(kind: str, system: type) -> Any:
     """Return the settings of a kind if it is registered for this system; otherwise None."""
     found = POSITION_CONTROLLERS.get(kind) or CONTROLS.get(kind)
-    return found if getattr(found, "system", None) is system else None
+    # The name of the kind of exported code contains a digest of the code.
+    is_same = getattr(found, "system", None) is system or (found is not None and issubclass(system, ExportedController))
+    return found if is_same else None
 
 
 def _restored(system: type, fields: dict[str, Any]) -> Any:
     """Return the settings of a system in another process, where its kind may not be registered yet."""
     return _registered(register_controller(system), system).model_construct(**fields)
+
+
+def _restored_export(folder: Path, machine: str, fields: dict[str, Any]) -> Any:
+    """Return the settings of an exported controller in another process."""
+    return _restored(exported_controller(folder, machine), fields)

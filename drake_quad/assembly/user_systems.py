@@ -17,8 +17,8 @@ class UserSystems(NamedTuple):
         position_controller: replaces the position controller of the scenario. Input ports: `measurement` and
             `reference`. Output port: `acceleration_command`.
         control: replaces the whole control of the scenario. Input ports: any of `measurement`, `reference`,
-            `reference_jerk`, `reference_snap` and the sensors of the scenario. Output port: `wrench` or, with an
-            autopilot on board, `attitude_target`.
+            `reference_jerk`, `reference_snap` and the sensors of the scenario; `state` if its attribute
+            `reads_true_state` is true. Output port: `wrench` or, with an autopilot on board, `attitude_target`.
         wind: source of wind in addition to the sources of the scenario. Input port: optionally `state`. The single
             output port, with any name, is the velocity of the air. The output is sampled at the time step of the
             vehicle, unless the source is a `FleetSystem` with discrete updates, as in `drake_quad.laboratory`.
@@ -117,7 +117,8 @@ def check_user_systems(
     for name, system in systems.specified.items():
         ports = PORTS[name]
         if name == "control":
-            ports = ports._replace(inputs=(*ports.inputs, *sensors), output=command)
+            truth = ("state",) if getattr(system, "reads_true_state", False) else ()
+            ports = ports._replace(inputs=(*ports.inputs, *sensors, *truth), output=command)
         sizes = {
             port: rows[port] if port in rows else layout_of(SIGNALS[port]).num_rows
             for port in (*ports.inputs, ports.output)
@@ -134,7 +135,6 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     if (ports.output not in outputs) if ports.named else (len(outputs) != 1):
         required = f"the output port `{ports.output}`" if ports.named else "a single output port"
         raise InputError(f"{name} must have {required}, but has {_listed(outputs)}")
-    # Ports of random numbers are connected to sources of random numbers.
     random = getattr(system, "random_inputs", {})
     allowed = {port: sizes[port] for port in ports.inputs}
     for port in inputs:

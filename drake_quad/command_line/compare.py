@@ -22,10 +22,13 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario.batch import check_pairs
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import plus_minus
+from drake_quad.statistics.replicates import INDEPENDENT, Replicates
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, values_without_crashes
+from drake_quad.studies.study import replicates_of
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -34,7 +37,6 @@ _DEFAULT_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
@@ -57,13 +59,13 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"samples": (1, 10_000)})
     samples = arguments.samples or (4 if arguments.quick else 20)
     scenarios_by_laboratory = scenarios_of(arguments)
     print_flight_remarks(scenario for scenarios in scenarios_by_laboratory.values() for scenario in scenarios.values())
     for scenarios in scenarios_by_laboratory.values():
         print_comparison_remarks(scenarios)
+        check_pairs(scenarios)
     folder = output_folder(arguments.output)
     flights: dict[str, dict[str, Metrics]] = {}
     for laboratory, scenarios in scenarios_by_laboratory.items():
@@ -81,7 +83,11 @@ def main(arguments: argparse.Namespace) -> None:
         f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to the first"
         " controller, with its 95 % interval"
     )
-    print_comparison(flights)
+    replicates = {
+        laboratory: replicates_of(next(iter(scenarios.values())), range(samples))
+        for laboratory, scenarios in scenarios_by_laboratory.items()
+    }
+    print_comparison(flights, replicates)
     print_files(files)
 
 
@@ -100,12 +106,18 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]
     return scenarios_by_laboratory
 
 
-def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
-    """Print a row for each laboratory and controller."""
+def print_comparison(flights: Mapping[str, Mapping[str, Metrics]], replicates: Mapping[str, Replicates] = {}) -> None:
+    """Print a row for each laboratory and controller.
+
+    Args:
+        flights: metrics of each controller, by laboratory and controller.
+        replicates: replicates of the samples, by laboratory; independent samples if a laboratory is missing.
+    """
     rows = []
     for laboratory, metrics_by_controller in flights.items():
         first = next(iter(metrics_by_controller.values()))
         for name, metrics in metrics_by_controller.items():
+            ratio = compare(metrics, first, replicates=replicates.get(laboratory, INDEPENDENT)).ratio
             rows.append(
                 (
                     laboratory,
@@ -114,7 +126,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
                     f"{mean_and_deviation(100.0 * values_without_crashes(metrics, 'peak_error'))} cm",
                     mean_and_deviation(values_without_crashes(metrics, "effort_x")),
                     mean_and_deviation(values_without_crashes(metrics, "effort_y")),
-                    "100 %" if metrics is first else compare(metrics, first).ratio.percent(),
+                    "100 %" if metrics is first else ratio.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
             )

@@ -47,7 +47,6 @@ _STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
@@ -80,7 +79,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"samples": (1, _MAX_SAMPLES), "rest": (0.0, 60.0)})
     record = read_log(arguments.log, arguments.mapping)
     for sentence in record.remarks:

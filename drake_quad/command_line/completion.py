@@ -30,14 +30,12 @@ _drake_quad_scenarios() {{
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad completion bash")
     result.add_argument("shell", choices=("bash", "zsh"), help="shell for which the script is printed")
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     from drake_quad.command_line.main import full_parser
 
     names = shipped_scenarios()

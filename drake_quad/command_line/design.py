@@ -95,7 +95,6 @@ _DEFAULT_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
     add_controller(result)
@@ -110,7 +109,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     if arguments.firmware is not None:
         refuse_design_options(arguments)
         write_firmware_controller(arguments)
@@ -120,7 +118,7 @@ def main(arguments: argparse.Namespace) -> None:
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
-    # The integral gains of a PID are designed even without the option `--integral`.
+    # A PID has integral gains, which are designed even without the option `--integral`.
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
         integral = _DEFAULT_INTEGRAL_FRACTION

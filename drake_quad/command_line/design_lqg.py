@@ -31,7 +31,6 @@ _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
     add_controller(result)
     default = LqgLimits()
@@ -56,7 +55,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments, load=load_undesigned)
     print_flight_remarks([scenario])

@@ -11,14 +11,12 @@ from drake_quad.visualization.block_drawing import drawings, svg
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad draw laboratory:low_wind", output="out/drawings")
     add_controller(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenario = draw_sample(scenario_of(arguments), 0)
     folder = output_folder(folder_of(arguments, scenario))
     pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}

@@ -11,22 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
-    add_controller,
-    add_vector,
-    add_wired,
     check_extra,
     check_metric,
     check_ranges,
-    folder_of,
-    parser,
     scenario_of,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files
-from drake_quad.command_line.progress import new_bar
+from drake_quad.command_line.progress import counting_bar
+from drake_quad.command_line.searches import open_search, search_parser
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_table
+from drake_quad.files import write_table
 from drake_quad.flight.simulation import simulate
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.description import unit_at
@@ -39,13 +34,7 @@ _NUM_PRINTED = 12  # number of random parameters that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
-    result = parser(
-        __doc__,
-        "drake-quad falsify robustness --maximize peak_error --flights 4000",
-        output="out/falsify",
-        scenario="robustness",
-    )
+    result = search_parser(__doc__, "drake-quad falsify robustness --maximize peak_error --flights 4000")
     goal = result.add_mutually_exclusive_group()
     goal.add_argument("--maximize", metavar="METRIC", help="metric of which a large value is bad (default: peak_error)")
     goal.add_argument(
@@ -65,14 +54,10 @@ def options() -> argparse.ArgumentParser:
         metavar="N",
         help="number of samples of wind and noise with which each candidate flies (default: %(default)s)",
     )
-    add_controller(result)
-    add_wired(result)
-    add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_extra("falsify", "robustness", "cma")
     check_ranges(arguments, {"sigma": (0.1, 8.0), "noise": (1, 100), "flights": (1, 1e9)})
     if arguments.flights < MIN_FLIGHTS * arguments.noise:
@@ -83,15 +68,11 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_of(arguments)
     metric = arguments.minimize or arguments.maximize or "peak_error"
     check_metric(scenario, metric, option="--minimize" if arguments.minimize else "--maximize")
-    folder = output_folder(folder_of(arguments, scenario))
-    print_flight_remarks([scenario])
     began = time.perf_counter()
-    with new_bar(desc=scenario.name, unit=" flights", total=arguments.flights) as bar:
-
-        def show(count: int, state: str) -> None:
-            bar.set_postfix_str(state, refresh=False)
-            bar.update(count)
-
+    with (
+        open_search(arguments, scenario) as (folder, options),
+        counting_bar(scenario.name, arguments.flights) as show,
+    ):
         found = find_worst_case(
             scenario,
             metric,
@@ -99,8 +80,8 @@ def main(arguments: argparse.Namespace) -> None:
             sigma=arguments.sigma,
             max_flights=arguments.flights,
             num_noise=arguments.noise,
-            compiled=not arguments.wired,
             progress=show,
+            **options,
         )
     seconds = time.perf_counter() - began
     flights = [simulate(each, compiled=not arguments.wired) for each in (found.scenario, found.nominal)]

@@ -24,6 +24,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
+from drake_quad.control.exported.machines import CORES
 from drake_quad.files import output_folder
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.mission import plan_route
@@ -32,10 +33,15 @@ from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     add_controller(result)
+    result.add_argument(
+        "--on",
+        choices=["host", *(f"qemu-{core}" for core in CORES)],
+        default="host",
+        help="computer that runs exported C code: this one, or a microcontroller that QEMU emulates (default: host)",
+    )
     add_wired(result)
     result.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
     result.add_argument(
@@ -56,7 +62,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
@@ -86,12 +91,18 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.save_network:
         files.append(save_network(flight, arguments.save_network))
     sample_rows = [("sample", str(sample), f"(seed {scenario.seed})")] if sample is not None else []
-    print_table([*sample_rows, *summary(flight)])
+    print_table([*sample_rows, *summary(flight), *instruction_rows(scenario)])
     if flight.cause is not None:
         remark(f"the flight ended because {flight.cause}")
     print_files(files)
     if meshcat is not None:
         show_replay(meshcat, scenario.name, flight)
+
+
+def instruction_rows(scenario: Scenario) -> list[tuple[str, str, str]]:
+    """Return the row with the largest number of instructions of a step, if exported code ran on an emulated board."""
+    count = getattr(getattr(scenario.control, "system", None), "max_instructions", 0)
+    return [("instructions per step", f"{count:,}", "at most")] if count else []
 
 
 def start_meshcat() -> Meshcat:

@@ -43,7 +43,6 @@ _HELD_OUT_FRACTION = 1.0 / 3.0  # fraction of the airborne time, at the end of e
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
     result.add_argument(
         "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
@@ -79,7 +78,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     name = name_of(arguments)
     path = output_file(arguments, f"{name}.yaml")
     overrides = overrides_of(arguments.set)
@@ -120,10 +118,6 @@ def main(arguments: argparse.Namespace) -> None:
 def output_file(arguments: argparse.Namespace, name: str) -> Path:
     """Return the file to write: the value of `--output`, or by default a file that is named after the first log.
 
-    Args:
-        arguments: arguments of the command.
-        name: name of the default file.
-
     Raises:
         InputError: if the file is not YAML, cannot be written, or was written for another log with the same name.
     """
@@ -131,7 +125,7 @@ def output_file(arguments: argparse.Namespace, name: str) -> Path:
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
     output_folder(path.parent)
-    # A name that is given, unlike the name of a log, belongs to the vehicle.
+    # A name that the user gives may be used again, but the default name must not overwrite the vehicle of another log.
     return (
         path if arguments.output or arguments.name else reserve(path, [Origin.of_file(arguments.log[0])], is_file=True)
     )
@@ -223,7 +217,7 @@ def throttles(records: list[FlightRecord]) -> np.ndarray | None:
     commands = [
         command[airborne_mask(record)].ravel()
         for record in records
-        for command in (record.motor_command, record.thrust_share)
+        for command in (record.motor_command, record.thrust_fraction)
         if command is not None
     ]
     return np.concatenate(commands) if commands else None

@@ -32,7 +32,6 @@ _FORM_DESCRIPTIONS = {
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad identify-controller tests/data/crazyflie/crazyswarm2/log08.xz --mass 0.0333"
     )
@@ -51,7 +50,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     path = output_file(arguments, f"{name_of(arguments)}_controller.yaml")
     overrides = overrides_of(arguments.set)
     if arguments.mass is not None:

@@ -30,7 +30,6 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument(
         "--family",
@@ -72,7 +71,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, _RANGES)
     if arguments.tune is not None:
         tune(arguments)

@@ -9,7 +9,6 @@ from drake_quad.command_line.output import remark
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad live laboratory:low_wind")
     result.add_argument(
         "scenario",
@@ -33,14 +32,14 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     # Meshcat is slow to import, so it is imported after the input has been checked.
     from drake_quad.visualization.live import LiveFlight
 
     print_flight_remarks([scenario])
-    # The sliders and the gust add wind to a scenario without wind, on which `print_flight_remarks` has no remark.
+    # `print_flight_remarks` does not report a vehicle that ignores wind if the scenario has no wind, but the sliders
+    # add wind.
     if not scenario.laboratory.wind and (flaw := scenario.vehicle.wind_flaw()):
         remark(f"the sliders for wind and the gust have no effect, since {flaw}")
     sample = scenario.sample if arguments.sample is None else arguments.sample

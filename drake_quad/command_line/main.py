@@ -41,6 +41,9 @@ COMMANDS_BY_PURPOSE = {
         "tune": "tune parameters of a controller by simulated flights, under a limit on its margins",
         "map": "map which gains stabilise a loop",
     },
+    "take to hardware": {
+        "export": "write the controller of a scenario as C code",
+    },
     "use flight logs": {
         "identify": "identify a vehicle and its uncertainty from flight logs",
         "identify-controller": "identify the position law of a controller from flight logs",

@@ -1,11 +1,14 @@
-"""Map which gains stabilise a loop, for the scenario and for a worst case with larger lag and delay.
+"""Map which gains stabilise a loop, or which values of two fields a loop tolerates, such as initial states.
 
-Each map shows the stability of the linear model, and the errors of simulated flights. With an autopilot of kind
-attitude, the gains of the attitude loop are k_attitude and k_rate on board.
+A map of gains shows the stability of the linear model, and the errors of simulated flights, for the scenario and for a
+worst case with larger lag and delay. With an autopilot of kind attitude, the gains of the attitude loop are k_attitude
+and k_rate on board. With --vary, the map shows the flights over two fields, and which of them crash or violate a
+requirement. Other random parameters then have their medians.
 """
 
 import argparse
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -17,17 +20,22 @@ from drake_quad.command_line.options import (
     add_controller,
     add_vector,
     add_wired,
+    check_metric,
     check_ranges,
+    controlled_scenarios,
     folder_of,
     overrides_of,
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_files
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.design.field_map import FieldMap, field_map
 from drake_quad.design.stability_map import Loop, MappedGains, linear_map, mapped_gains, simulated_map
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario.batch import draw_sample
+from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.paths import value_at
+from drake_quad.visualization.field_map_plots import plot_field_maps
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
@@ -41,11 +49,8 @@ _WORST_EXTRA_TICKS = 1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
-    result.add_argument(
-        "--loop", choices=get_args(Loop), default="position", help="loop whose gains are mapped (default: position)"
-    )
+    result.add_argument("--loop", choices=get_args(Loop), help="loop whose gains are mapped (default: position)")
     result.add_argument("--size", type=int, help="number of gains along each side of the map (default: 40)")
     for flags, help_text in (
         (
@@ -62,19 +67,92 @@ def options() -> argparse.ArgumentParser:
         help="value of a field of vehicle or laboratory in the worst case; can be given several times (default: rotor"
         f" time constant × {_WORST_LAG_FACTOR:g}, and an additional delay of one tick)",
     )
-    result.add_argument("--quick", action="store_true", help="map 12 by 12 gains with flights of 5 s, as a quick test")
-    add_controller(result)
+    result.add_argument(
+        "--vary",
+        nargs=3,
+        action="append",
+        metavar=("FIELD", "MIN", "MAX"),
+        help="map the flights over this field in place of gains, as in 'initial.attitude.0 -3 3'; must be given twice,"
+        " first for the horizontal axis",
+    )
+    result.add_argument(
+        "--metric", metavar="NAME", default="rmse", help="metric of the flights with --vary (default: %(default)s)"
+    )
+    result.add_argument("--quick", action="store_true", help="map 12 by 12 flights of 5 s, as a quick test")
+    add_controller(result, several="can be given several times with --vary, for a panel each")
     add_wired(result)
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"size": (2, 200)})
-    size = arguments.size or (12 if arguments.quick else 40)
+    arguments.size = arguments.size or (12 if arguments.quick else 40)
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
+    if arguments.vary:
+        map_fields(arguments)
+    else:
+        map_gains(arguments)
+
+
+def map_fields(arguments: argparse.Namespace) -> None:
+    """Map the flights over two fields of the scenario, for each controller."""
+    for option in ("loop", "k_p", "k_d", "worst"):
+        if getattr(arguments, option) is not None:
+            raise InputError(f"--{option.replace('_', '-')} is an option of maps of gains; leave it out with --vary")
+    if len(arguments.vary) != 2:
+        raise InputError(f"--vary is given {len(arguments.vary)} times, but a map has two axes; give it twice")
+    ranges = [f"{path}={{uniform: {{min: {low}, max: {high}}}}}" for path, low, high in arguments.vary]
+    (x, *_), (y, *_) = arguments.vary
+    arguments.set = [*arguments.set, *ranges]
+    scenarios = controlled_scenarios(arguments)
+    scenario = next(iter(scenarios.values()))
+    print_flight_remarks(scenarios.values())
+    check_metric(scenario, arguments.metric)
+    folder = output_folder(folder_of(arguments, scenario))
+    maps = {}
+    for name, each in scenarios.items():
+        maps[name] = field_map(each, x, y, size=arguments.size, compiled=not arguments.wired)
+    units = unit_at(scenario, x), unit_at(scenario, y)
+    figure = plot_field_maps(maps, arguments.metric, labels=(x, y), units=units)
+    columns = [name for name in scenario.requirements if name != arguments.metric]
+    files = [
+        write_field_maps(folder / "field_map.csv", maps, [arguments.metric, *columns, "crash_time"], (x, y)),
+        *save_figures({"field_map": figure}, folder, vector=arguments.vector),
+    ]
+    rows = [
+        (name, f"{100.0 * each.satisfied.mean():.0f} %", f"{100.0 * each.metrics.crashed.mean():.0f} %")
+        for name, each in maps.items()
+    ]
+    print_columns(("controller", "no crash, no violated requirement", "crashed"), rows)
+    print_files(files)
+
+
+def write_field_maps(path: Path, maps: Mapping[str, FieldMap], columns: Sequence[str], fields: tuple[str, str]) -> Path:
+    """Write a CSV file with a row for each cell of the maps, and return its path.
+
+    Args:
+        path: path of the file.
+        maps: map of each controller, by its name.
+        columns: names of the metrics to write, or `crash_time`.
+        fields: paths of the fields on the horizontal and on the vertical axis.
+    """
+    first = next(iter(maps.values()))
+    x, y = np.meshgrid(first.x, first.y)
+    table = {fields[0]: x.ravel(), fields[1]: y.ravel()}
+    for name, each in maps.items():
+        table |= {f"{name}: {column}": getattr(each.metrics, column).ravel() for column in columns}
+    return write_table(path, table, digits=6)
+
+
+def map_gains(arguments: argparse.Namespace) -> None:
+    """Map the gains of a loop of the scenario."""
+    if len(arguments.controller) > 1:
+        raise InputError("several controllers need --vary; a map of gains has one controller")
+    arguments.controller = arguments.controller[0] if arguments.controller else None
+    arguments.loop = arguments.loop or "position"
+    size = arguments.size
     scenario = scenario_of(arguments)
     print_flight_remarks([scenario])
     gains = mapped_gains(scenario, arguments.loop)

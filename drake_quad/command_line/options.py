@@ -230,8 +230,9 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
         several: phrase for the help on the use of several controllers; None if the command takes only one.
     """
     help_text = (
-        "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, or a Drake system in"
-        " Python as FILE.py:CLASS; assignments as for --set may follow, as in 'mine.py:Mine control.position.k_p=2'"
+        "controller that replaces the controller of the scenario: a layer in YAML as FILE:NAME, a Drake system in"
+        " Python as FILE.py:CLASS, or a folder with exported C code; assignments as for --set may follow, as in"
+        " 'mine.py:Mine control.position.k_p=2'"
     )
     if several is None:
         options.add_argument("--controller", metavar="FILE:NAME", help=help_text)
@@ -267,18 +268,20 @@ class NamedController(NamedTuple):
         return load(spec, [*self.overrides, *overrides, *self.assignments], layers=self.layers)
 
 
-def controller_of(spec: str, scenario: str) -> NamedController:
+def controller_of(spec: str, scenario: str, machine: str = "host") -> NamedController:
     """Return the controller that `--controller` names.
 
     Args:
-        spec: value of the option: FILE:NAME or FILE.py:CLASS, and optionally assignments of fields.
+        spec: value of the option: FILE:NAME, FILE.py:CLASS or a folder with exported code, and optionally assignments
+            of fields.
         scenario: scenario that will use the controller. Its feed-forward is kept for a position controller in Python.
+        machine: computer that runs exported code, a key of `drake_quad.control.exported.machines.MACHINES`.
 
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
     """
     spec, *assignments = re.split(_ASSIGNMENTS, spec.strip())
-    found = _unchanged_controller(spec, scenario)
+    found = _unchanged_controller(spec, scenario, machine)
     values = [f"_{path.split('.')[-1]}_{value}" for path, _, value in (each.partition("=") for each in assignments)]
     suffix = re.sub(r"[^A-Za-z0-9.-]+", "_", "".join(values)).rstrip("_")
     return found._replace(
@@ -290,8 +293,12 @@ def controller_of(spec: str, scenario: str) -> NamedController:
 _ASSIGNMENTS = r"\s+(?=[\w.]+=)"
 
 
-def _unchanged_controller(spec: str, scenario: str) -> NamedController:
-    """Return the controller that FILE:NAME or FILE.py:CLASS names, without assignments; see `controller_of`."""
+def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedController:
+    """Return the controller that `--controller` names, without assignments; the arguments are as in `controller_of`."""
+    if Path(spec).is_dir():
+        return _exported_controller(spec, machine)
+    if machine != "host":
+        raise InputError(f"--on {machine} needs --controller FOLDER, with a folder that `drake-quad export` wrote")
     if spec.endswith(".py"):
         raise InputError(f"--controller {spec}: give the class of the controller as well, as in {spec}:CLASS")
     file, _, name = spec.rpartition(":")
@@ -320,6 +327,19 @@ def _unchanged_controller(spec: str, scenario: str) -> NamedController:
     feed_forward = "none" if cascade is None else cascade.position.feed_forward
     position = f"control.position={{kind: {kind}, feed_forward: {feed_forward}}}"
     return NamedController(name, overrides=(Override(position, option), Override("control.network=null", option)))
+
+
+def _exported_controller(folder: str, machine: str) -> NamedController:
+    """Return the controller with the exported code in a folder."""
+    from drake_quad.assembly.registered_controllers import register_controller
+    from drake_quad.control.exported.system import exported_controller
+
+    option = f"--controller {folder}"
+    try:
+        kind = register_controller(exported_controller(folder, machine))
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from error
+    return NamedController(Path(folder).name, overrides=(Override(f"control={{kind: {kind}}}", option),))
 
 
 def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedController]:
@@ -364,7 +384,10 @@ def scenario_of(
         load: function that loads the scenario.
     """
     spec = getattr(arguments, "controller", None)
-    controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
+    machine = getattr(arguments, "on", "host")
+    if machine != "host" and not spec:
+        raise InputError(f"--on {machine} needs --controller FOLDER, with a folder that `drake-quad export` wrote")
+    controller = NamedController("") if not spec else controller_of(spec, arguments.scenario, machine)
     own_overrides = all_overrides_of(arguments)
     scenario = controller.load(arguments.scenario, [*own_overrides, *further], load)
     if spec and not further:

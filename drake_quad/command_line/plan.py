@@ -26,14 +26,12 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad plan slalom --set route.top_speed=1.5", output="out", scenario="slalom")
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     mission = load_mission(arguments.scenario, overrides_of(arguments.set))
     plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission))

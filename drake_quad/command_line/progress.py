@@ -35,3 +35,18 @@ def progress_bar(description: str, **options: Any) -> Iterator[Callable[..., Non
             bar.update(done - bar.n)
 
         yield show
+
+
+@contextmanager
+def counting_bar(description: str, num_flights: int) -> Iterator[Callable[[int, str], None]]:
+    """Show a progress bar for a number of flights, and yield the function that updates it.
+
+    The function takes the number of flights since its last call, and a description of the state.
+    """
+    with new_bar(desc=description, unit=" flights", total=num_flights) as bar:
+
+        def show(count: int, state: str) -> None:
+            bar.set_postfix_str(state, refresh=False)
+            bar.update(count)
+
+        yield show

@@ -12,7 +12,6 @@ from drake_quad.visualization.replay.page import save_replay, save_swarm
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
     result.add_argument(
         "--samples", type=int, default=100, help="number of samples of each scenario (default: %(default)s)"
@@ -23,7 +22,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"samples": (1, 1000), "first": (0, 1e9)})
     scenarios = controlled_scenarios(arguments)
     print_flight_remarks(scenarios.values())

@@ -18,7 +18,6 @@ from drake_quad.studies.processes import Workers
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad replicate --quick")
     result.add_argument("--quick", action="store_true", help="simulate fewer samples, as a quick test")
     result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
@@ -32,7 +31,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     sizes = QUICK if arguments.quick else ExperimentSizes()
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
     try:

@@ -10,20 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
-    add_controller,
-    add_vector,
-    add_wired,
     check_ranges,
-    folder_of,
-    parser,
     scenario_of,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
-from drake_quad.command_line.progress import new_bar
+from drake_quad.command_line.progress import counting_bar
+from drake_quad.command_line.searches import open_search, search_parser
 from drake_quad.errors import InputError, short_repr
-from drake_quad.files import output_folder, write_table
+from drake_quad.files import write_table
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies.risk import DEFAULT_PERIOD, Event, Risk, estimate_risk
@@ -34,13 +29,7 @@ _NUM_PRINTED = 8  # number of coordinates that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
-    result = parser(
-        __doc__,
-        "drake-quad risk robustness --event 'peak_error > 0.5' --to 50% --population 500",
-        output="out/risk",
-        scenario="robustness",
-    )
+    result = search_parser(__doc__, "drake-quad risk robustness --event 'peak_error > 0.5' --to 50% --population 500")
     result.add_argument(
         "--event",
         default="crash",
@@ -75,27 +64,19 @@ def options() -> argparse.ArgumentParser:
         help="length of the periods whose wind and noise are drawn separately, a multiple of the control period"
         " (default: %(default)g)",
     )
-    add_controller(result)
-    add_wired(result)
-    add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, {"flights": (1, 1e9), "noise-period": (1e-3, 1e4)})
     half_width = parse_percent(arguments.to)
     scenario = scenario_of(arguments)
     event = Event.parse(arguments.event, scenario)
-    folder = output_folder(folder_of(arguments, scenario))
-    print_flight_remarks([scenario])
     began = time.perf_counter()
-    with new_bar(desc=str(event), unit=" flights", total=arguments.flights) as bar:
-
-        def show(count: int, state: str) -> None:
-            bar.set_postfix_str(state, refresh=False)
-            bar.update(count)
-
+    with (
+        open_search(arguments, scenario) as (folder, options),
+        counting_bar(str(event), arguments.flights) as show,
+    ):
         risk = estimate_risk(
             scenario,
             event,
@@ -103,8 +84,8 @@ def main(arguments: argparse.Namespace) -> None:
             max_flights=arguments.flights,
             size=arguments.population,
             noise_period=arguments.noise_period,
-            compiled=not arguments.wired,
             progress=show,
+            **options,
         )
     seconds = time.perf_counter() - began
     print_risk(risk, scenario.name, seconds)

@@ -14,7 +14,6 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument(
         "scenario",
@@ -27,7 +26,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     if arguments.scenario is not None:
         save_scenario(scenario_of(arguments), sys.stdout)
         return

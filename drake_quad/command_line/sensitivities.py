@@ -67,7 +67,6 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
     result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     result.add_argument(
@@ -85,7 +84,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenario = scenario_of(arguments)
     check_metric(scenario, arguments.metric, differentiable_metrics(scenario))
     print_flight_remarks([scenario])

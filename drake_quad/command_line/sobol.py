@@ -8,20 +8,15 @@ import argparse
 import time
 from pathlib import Path
 
-from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
-    add_controller,
-    add_vector,
-    add_wired,
     check_extra,
     check_metric,
-    folder_of,
-    parser,
     scenario_of,
 )
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import progress_bar
-from drake_quad.files import output_folder, write_table
+from drake_quad.command_line.searches import open_search, search_parser
+from drake_quad.files import write_table
 from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.studies.sobol_indices import CRASHED, SobolIndex, sobol_indices
 from drake_quad.visualization.sensitivity_plots import plot_sobol_indices
@@ -31,10 +26,7 @@ _NUM_PRINTED = 12  # number of parameters that are printed
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
-    result = parser(
-        __doc__, "drake-quad sobol robustness --metric rmse --points 16", output="out/sobol", scenario="robustness"
-    )
+    result = search_parser(__doc__, "drake-quad sobol robustness --metric rmse --points 16")
     result.add_argument(
         "--metric", metavar="NAME", default="rmse", help=f"metric, or {CRASHED} for crashes (default: %(default)s)"
     )
@@ -45,27 +37,24 @@ def options() -> argparse.ArgumentParser:
         help="number of points N, a power of two; for d random parameters, (d + 3) N vehicles fly"
         " (default: %(default)s)",
     )
-    add_controller(result)
-    add_wired(result)
-    add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_extra("sobol", "robustness", "SALib")
     scenario = scenario_of(arguments)
     check_metric(scenario, arguments.metric, [*definitions_of(scenario.metrics_type), CRASHED])
-    folder = output_folder(folder_of(arguments, scenario))
-    print_flight_remarks([scenario])
     began = time.perf_counter()
-    with progress_bar(scenario.name, unit=" flights") as progress:
+    with (
+        open_search(arguments, scenario) as (folder, options),
+        progress_bar(scenario.name, unit=" flights") as progress,
+    ):
         indices = sobol_indices(
             scenario,
             arguments.metric,
             num_points=arguments.points,
-            compiled=not arguments.wired,
             progress=progress,
+            **options,
         )
     seconds = time.perf_counter() - began
     print(f"{scenario.name}: fractions of the variance of {arguments.metric}, with 95 % intervals, in {seconds:.0f} s")

@@ -3,8 +3,7 @@
 import argparse
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from drake_quad.command_line.flight_remarks import print_comparison_remarks, pri
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
-    add_wired,
     check_extra,
     check_metric,
     controlled_scenarios,
@@ -23,12 +21,12 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
+from drake_quad.command_line.workers import add_workers, open_executor
 from drake_quad.errors import did_you_mean, join_names
+from drake_quad.scenario.batch import check_pairs
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.studies.cluster import dask_pool
-from drake_quad.studies.monte_carlo import run_monte_carlo
-from drake_quad.studies.processes import Workers
+from drake_quad.studies.monte_carlo import DRAWS, run_monte_carlo, with_draws
 from drake_quad.studies.statistics import metric_mean, most_influential_path, worst
 from drake_quad.studies.stopping import StoppingRule
 from drake_quad.studies.study import PARQUET_FILE, Study
@@ -39,14 +37,13 @@ from drake_quad.studies.summary import (
     influence_table,
     metric_table,
     obstacle_table,
+    overview_table,
     requirement_table,
 )
-from drake_quad.studies.worker_pool import WorkerPool
 from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad study robustness --samples 200 --workers 2",
@@ -65,21 +62,14 @@ def options() -> argparse.ArgumentParser:
         help="end the study as soon as an estimate is precise, as in 'crash ± 0.2 %%' or 'rmse ± 1 %%' of the mean; can"
         " be given several times; --samples is then the largest number of samples",
     )
-    result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
+    result.add_argument(
+        "--draws",
+        choices=DRAWS,
+        help="draws of the random parameters: independent samples, or replicates that cover the distributions evenly,"
+        " whose means are often more precise (default: random, unless the scenario states its draws)",
+    )
     result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
-    result.add_argument(
-        "--time-limit",
-        type=float,
-        metavar="SECONDS",
-        help="computing time after which a batch is abandoned (default: no limit)",
-    )
-    result.add_argument(
-        "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, whose workers fly the samples"
-    )
-    add_wired(result)
-    result.add_argument(
-        "--resume", action="store_true", help="continue the study in the output folder, if there is one"
-    )
+    add_workers(result, task="study")
     result.add_argument(
         "--metric",
         metavar="NAME",
@@ -100,7 +90,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenarios = scenarios_of(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")
@@ -148,6 +137,9 @@ def main(arguments: argparse.Namespace) -> None:
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
+    if arguments.draws is not None:
+        scenarios = {name: with_draws(each, arguments.draws, arguments.samples) for name, each in scenarios.items()}
+    check_pairs(scenarios)
     print_flight_remarks(scenarios.values())
     print_comparison_remarks(scenarios)
     for name, scenario in scenarios.items():
@@ -164,19 +156,6 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
                 f" {did_you_mean(arguments.over, random_fields, 1) or names}"
             )
     return scenarios
-
-
-@contextmanager
-def open_executor(arguments: argparse.Namespace) -> Iterator[WorkerPool]:
-    """Open the workers that fly the batches: processes on this machine, or the workers of a Dask cluster."""
-    if arguments.cluster is None:
-        with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
-            yield workers
-    elif arguments.time_limit is not None:
-        raise InputError("--time-limit works for processes on this machine only; leave it out with --cluster")
-    else:
-        with dask_pool(arguments.cluster, arguments.workers) as pool:
-            yield pool
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
@@ -212,6 +191,9 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
         f" {method}; {crash_text(study)}"
     )
+    if (draws := study.scenario.draws) is not None:
+        count = len({*draws.replicates(study.samples)})
+        print(f"{draws.kind} draws in {count} independent replicates of {draws.size} samples, which give the intervals")
     print_summary(metric_table(study))
     if study.scenario.requirements:
         print_summary(requirement_table(study))
@@ -262,6 +244,7 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
     """Print a paired comparison of each controller with the first, on the samples in which neither crashes."""
     print(f"paired comparison with {next(iter(studies))} on the same samples:")
     print_summary(comparison_table(studies, metric))
+    print_summary(overview_table(studies))
 
 
 def print_summary(summary: Summary) -> None:

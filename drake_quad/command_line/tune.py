@@ -34,7 +34,6 @@ _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples":
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad tune laboratory:low_wind --controller"
@@ -63,7 +62,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments)
     print_flight_remarks([scenario])

@@ -50,9 +50,6 @@ class BlockUpdate(NamedTuple):
 class Block(ABC):
     """Leaf system that can be compiled.
 
-    Args:
-        system: leaf system of Drake.
-
     Attributes:
         system: leaf system of Drake.
         updates: updates of the state.

@@ -15,9 +15,9 @@ from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError, lookup, not_connected
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Largest number of cached tables of shared numbers. Further tables are computed again in each flight.
+# Largest number of cached tables of the numbers that all vehicles share. Further tables are computed in each flight.
 _MAX_TABLES = 256
-# Number of events in a table if events are requested one at a time.
+# Number of events that a table covers if the simulator requests one event at a time.
 _TABLE_EVENTS = 64
 
 

@@ -104,7 +104,7 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
     fixed = _are_fixed(listing)
     preparation = _Copy(listing)
     rest = _RemainingPart(listing, fixed, preparation)
-    # In this order, the operands of each line are copied before the line, which avoids deep recursion.
+    # Operands are copied before the lines that use them, which avoids deep recursion.
     for line in _required_lines(listing, lines):
         if not fixed[line]:
             rest.line(line)
@@ -117,9 +117,6 @@ def split_listing(listing: Listing, results: Results) -> tuple[Part, Part]:
 
 class _Copy:
     """Copy of the requested lines of a listing and of their operands.
-
-    Args:
-        source: listing to copy.
 
     Attributes:
         listing: listing of the copied lines.

@@ -11,9 +11,6 @@ class SystemPlaceholder(LeafSystem):
     The stand-in has the same ports as the system, and evaluates the system to compute its outputs. The outputs may
     depend on the inputs, the time and the default parameters. The system must not have a state.
 
-    Args:
-        system: system to evaluate.
-
     Attributes:
         system: system to evaluate.
         random_inputs: properties of the random input ports of the system, by name.

@@ -66,9 +66,6 @@ def _cached(make: Callable[..., _Result]) -> Callable[..., _Result]:
 class Program:
     """Compiler of a diagram.
 
-    Args:
-        diagram: diagram to compile.
-
     Attributes:
         diagram: diagram to compile.
         topology: leaf systems and connections of the diagram.

@@ -28,7 +28,7 @@ class _Second(NamedTuple):
     ticks: TickOf
 
 
-# Types of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
+# Shared numbers: the time, the number of a pair of ticks, the position of a tick in its pair, and an element of a port.
 _SharedValue = str | TickOf | _Second | SharedValueSource
 TIME_VALUE = "time"
 """Shared number that is the time of the instant, s."""

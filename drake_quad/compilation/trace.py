@@ -18,7 +18,7 @@ from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 Rows = list[Any]
 # Numbers of the groups of a listing.
 STATE, PARAMETERS, INPUTS = range(3)
-# Largest allowed difference between the ratio of two periods and a whole number.
+# Tolerance for rounding errors on the ratio of two periods, which must be a whole number.
 ROUNDING = 1e-9
 
 

@@ -42,9 +42,8 @@ _NUM_BISECTIONS = 7
 _MIN_SCALE = 1e-3  # smallest scale of the search
 _SHORTER = 0.97  # scale of a round, relative to the smallest unstable scale so far
 _MAX_FITS = 6  # number of boxes to which models are fitted
-_BELOW = (
-    0.99  # size of the first box, relative to the smallest unstable scale, so that all its loops have an equilibrium
-)
+# Size of the first box, relative to the smallest unstable scale, so that all its loops have an equilibrium.
+_BELOW = 0.99
 _CLOSE = 0.94  # a bound above this fraction of the size of a box needs no model of another box
 _MAX_LOOPS = 512  # loops that are computed at the same time
 _MIN_DECAY = 1e-7  # smallest distance of a pole from the unit circle that is no rounding error
@@ -183,9 +182,8 @@ class _Box:
                 f" {_MAX_CHOICES} can be certified"
             )
         self.ranges = ranges
-        self._fleet = HoverFleet(
-            hovering, [*(each.field for each in ranges), *(each.field for each in choices)], own=own
-        )
+        fields = [*(each.field for each in ranges), *(each.field for each in choices)]
+        self._fleet = HoverFleet(hovering, fields, own=own)
         self._leave_out_inactive()
 
     @property
@@ -238,9 +236,9 @@ class _Box:
         """Return the certificate with these results."""
         values: dict[str, float] = {}
         if math.isfinite(unstable_scale):
+            (parameters,) = self._with_rigid_bodies(z[np.newaxis])
             paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
-            numbers = [*self._with_rigid_bodies(z[np.newaxis])[0], *self.combinations[combination]]
-            values = dict(zip(paths, map(float, numbers), strict=True))
+            values = dict(zip(paths, map(float, [*parameters, *self.combinations[combination]]), strict=True))
         return Certificate(
             stable_scale,
             unstable_scale,

@@ -43,6 +43,7 @@ _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
 _MAX_DOUBLINGS = 29
 _NEGLIGIBLE_POWER = 1e-12
 _DIVERGED_POWER = 1e50
+_UNSTABLE_LOG_COST = 100.0  # far above the logarithm of any cost that is compared
 
 
 class AxisGains(NamedTuple):
@@ -188,30 +189,46 @@ class RegulatorRequirements(NamedTuple):
         if start is None:
             return _NO_GAINS
 
-        def logarithm_of_cost(logs: np.ndarray) -> float:
-            return math.log(self.cost(plant, AxisGains(*np.exp(logs)), effort))
+        def logarithm_of_cost(logs: np.ndarray) -> tuple[float, np.ndarray]:
+            gains = np.exp(logs)
+            cost, slope = self._cost_and_slope(plant, AxisGains(*gains), effort)
+            if not math.isfinite(cost):  # The line search returns from here to the stable gains.
+                return _UNSTABLE_LOG_COST, np.zeros(len(logs))
+            return math.log(cost), gains * slope / cost
 
-        best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-4})
+        best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="BFGS", jac=True)
         return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
-        """Return the cost of a PD, which is infinite if the loop is unstable.
+        """Return the cost of a PD, which is infinite if the loop is unstable."""
+        cost, _ = self._cost_and_slope(plant, gains, effort)
+        return cost
 
-        The cost is Bᵀ (Σ Aᵏᵀ W Aᵏ) B. Each step doubles the number of terms of the sum (R. A. Smith, "Matrix equation
-        XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
+    def _cost_and_slope(self, plant: SampledSystem, gains: AxisGains, effort: float) -> tuple[float, np.ndarray]:
+        """Return the cost of a PD, and its derivatives with respect to k_P and k_D.
+
+        The closed loop is F = A - B K C, with the gains K. With P = Σ Fᵏᵀ (W + Cᵀ Kᵀ K C / effort²) Fᵏ and
+        Q = Σ Fᵏ B Bᵀ Fᵏᵀ, the cost is Bᵀ P B, and its derivative is 2 (K C / effort² - Bᵀ P F) Q Cᵀ (W. S. Levine and
+        M. Athans, "On the determination of the optimal constant output feedback gains for linear multivariable
+        systems", IEEE Transactions on Automatic Control, 1970). Each step doubles the number of terms of the sums
+        (R. A. Smith, "Matrix equation XA + BX = C", SIAM Journal on Applied Mathematics, 1968).
         """
         feedback = np.array([gains]) @ plant.C
-        power = plant.A - plant.B @ feedback
-        terms = self._state_weight(plant) + feedback.T @ feedback / effort**2
+        power = closed = plant.A - plant.B @ feedback
+        costs = self._state_weight(plant) + feedback.T @ feedback / effort**2
+        states = plant.B @ plant.B.T
         for _ in range(_MAX_DOUBLINGS):
-            terms = terms + power.T @ terms @ power
+            costs = costs + power.T @ costs @ power
+            states = states + power @ states @ power.T
             power = power @ power
             size = np.abs(power).max()
             if size < _NEGLIGIBLE_POWER:
-                return (plant.B.T @ terms @ plant.B).item()
+                adjoint = plant.B.T @ costs
+                slope = 2.0 * (feedback / effort**2 - adjoint @ closed) @ states @ plant.C.T
+                return (adjoint @ plant.B).item(), slope[0]
             if not size < _DIVERGED_POWER:
                 break
-        return math.inf
+        return math.inf, np.full(len(gains), math.nan)
 
     def min_cost(self, plant: SampledSystem, effort: float) -> float:
         """Return the cost of the full linear-quadratic regulator, which feeds back every state."""
@@ -276,16 +293,18 @@ def design_loop(
             what = f"a bandwidth of {effort:g} rad/s" if isinstance(family, PolePair) else f"an effort of {effort:g}"
             raise InputError(f"{axis} cannot have {what}: {_listed(requested.flaws)}")
         return finished(requested, ())
-    trials = [trial(tried) for tried in family.efforts(plant)]
-    first = next((i for i, each in enumerate(trials) if not each.flaws), None)
-    if first is None:
+    trials: list[_GainTrial] = []
+    for tried in family.efforts(plant):
+        trials.append(trial(tried))
+        if trials[-1].flaws and len(trials) > 1 and not trials[-2].flaws:
+            break
+    acceptable = [each for each in trials if not each.flaws]
+    if not acceptable:
         closest = max(trials, key=lambda each: each.min_ratio)
         raise InputError(f"no gains of this family meet the requirements for {axis}; at best {_listed(closest.flaws)}")
-    last = next((i for i in range(first, len(trials)) if trials[i].flaws), len(trials)) - 1
-    best = trials[last]
-    if last + 1 == len(trials):
+    best, beyond = acceptable[-1], trials[-1]
+    if not beyond.flaws:
         return finished(best, ())
-    beyond = trials[last + 1]
     for _ in range(_NUM_BISECTIONS):
         middle = trial(math.sqrt(best.effort * beyond.effort))
         best, beyond = (best, middle) if middle.flaws else (middle, beyond)

@@ -37,7 +37,6 @@ from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.disturbances import DisturbanceStatistics, disturbance_statistics, disturbances_along
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.linear.margins import Margins, fast_margins
-from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.batch import Batch, median_scenario, scenario_at_quantile
 from drake_quad.scenario.controls.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
@@ -375,14 +374,6 @@ def predict_performance(loop: AxisLoop, actual_plant: ActualPlant, timing: Timin
     return prediction
 
 
-def loop_transfer(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> SampledSystem:
-    """Return L of an axis, with the loop broken at the command link."""
-    lifted = _LiftedLoops.of(loop, [actual_plant], timing)
-    names = tuple(str(i) for i in range(lifted.command.shape[1]))
-    D = np.zeros((1, 1))
-    return SampledSystem(lifted.opened[0], lifted.lost[0], -lifted.command, D, timing.tick, names, ("u",), ("loop",))
-
-
 @dataclass(frozen=True)
 class _LiftedLoops:
     """Loops of an axis around k plants over a tick.
@@ -477,12 +468,12 @@ class _LiftedLoops:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # The shape of each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the
-        # command.
+        # The first index of each array is the source: 0 for the noise of a tick, and 1 for noise of unit variance that
+        # is added to the command. The second index is the stable plant.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
-        # A lost command is equivalent to noise with the variance of its change, which in turn increases with that
-        # noise.
+        # A lost command acts like noise whose variance is that of the change of the command. This noise itself
+        # increases the changes of the command, so its variance follows from a geometric series.
         feedback = self.loss_rates[stable] * changes[1]
         converges = feedback < 0.9
         loss_variance = (self.loss_rates[stable] * changes[0])[converges] / (1.0 - feedback[converges])

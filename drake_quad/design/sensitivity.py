@@ -31,12 +31,14 @@ from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 # Metrics are magnitudes. Values below this, in SI units, are rounding errors.
 _MIN_METRIC = 1e-12
-# Fields that determine by a comparison when an event happens; the metrics have no derivative with respect to them.
+# Fields that are compared with a random number or with the time. The metrics are not differentiable with respect to
+# them.
 _COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
-# Relative step of the five-point differences of the context with respect to a number in the scenario. The context is
-# (almost) a polynomial of this number.
+# Relative step of the five-point finite differences. They are nearly exact, since the parameters of a diagram are
+# nearly polynomials of the numbers in a scenario.
 _STEP = 1e-3
-# Weights of central differences, and of one-sided differences for numbers that may only increase or only decrease.
+# Weights of five-point differences by step. The one-sided differences are for numbers at the end of their allowed
+# range.
 _CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
 _FORWARD_WEIGHTS = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _BACKWARD_WEIGHTS = {-steps: -weight for steps, weight in _FORWARD_WEIGHTS.items()}
@@ -96,7 +98,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     context = simulator.get_mutable_context()
     context.SetTimeStateAndParametersFrom(start)
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
-    # Arithmetic on arrays of objects raises floating-point flags without meaning.
+    # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
     with np.errstate(all="ignore"):
         fly(simulator, flight_duration(scenario, plan), jumps=jump_times(Batch.draw(scenario, [0])))
         metrics = read_metrics(converted, context)

@@ -26,7 +26,7 @@ _NUM_FREQUENCIES = 300  # number of frequencies on which the delay margin is int
 # Difference of a gain between two linear models. The models are affine in the gain, so that any difference would give
 # the same result.
 _GAIN_STEP = 1.0
-# Largest rounding error, relative to the largest entry, of entries of states that do not depend on the gain.
+# Matrix entries that change by less than this when the gain changes, relative to the largest entry, are constant.
 _ROUNDING_TOLERANCE = 1e-9
 
 

@@ -35,14 +35,14 @@ _MIN_DEVIATION = 0.01  # smallest standard deviation of the logarithm of a param
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
 # Penalty on the logarithm of the error, relative to the logarithm of the factor by which the limit is missed.
 _PENALTY = 4.0
-# Assumed error of the predicted limit in the first round: error of the logarithm over the distance from evaluated
-# points, where 1 is the width of the box.
+# Assumed error of a predicted limit in the first round: error of its logarithm per unit of distance from the nearest
+# evaluated point. The width of the box is 1.
 _INITIAL_UNCERTAINTY = 0.5
 # Smallest distance from the limit, in logarithms, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial steps of the local searches, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
-# Smallest and largest fraction of the limit that the search distinguishes.
+# Fractions of a limit are clipped to this range.
 _FRACTION_RANGE = (0.2, 1.5)
 
 
@@ -413,9 +413,10 @@ class _EvaluatedPoints:
 
 
 def _near_limit(fractions: np.ndarray, count: int) -> np.ndarray:
-    """Return the logarithms (count,) of fractions of limits; the single fraction of an unstable loop is repeated.
+    """Return the logarithms (count,) of clipped fractions of limits.
 
-    Fractions are clipped, because far from the limits they are discontinuous and need not be known exactly.
+    The single fraction of an unstable loop is repeated. Far from the limits, fractions are discontinuous, and the
+    search does not need their exact values.
     """
     return np.log(np.clip(np.broadcast_to(fractions, count), *_FRACTION_RANGE))
 

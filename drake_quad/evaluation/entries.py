@@ -38,11 +38,7 @@ class ControllerEntry(NamedTuple):
     uncompiled: bool = False
 
     def tree(self, numbers: Iterable[float]) -> Tree:
-        """Return the controller as part of a scenario.
-
-        Args:
-            numbers: value of each knob.
-        """
+        """Return the controller as part of a scenario."""
         tree = {"control": deepcopy(self.control)}
         for knob, number in zip(self.knobs, numbers, strict=True):
             for path in knob.paths:

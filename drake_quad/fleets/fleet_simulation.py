@@ -121,7 +121,8 @@ class CompiledSimulation(FleetSimulation):
 
     def __init__(self, batch: Batch, plan: Plan, *, user_systems: UserSystems, record: bool) -> None:
         self._plan = plan
-        # A system that cannot be compiled keeps its state in the compiled diagram only if a stand-in takes its place.
+        # A system that cannot be compiled is replaced in the wired diagram by a stand-in, because its state exists only
+        # in the compiled diagram.
         registered = {
             name: system
             for name, system in registered_leaf_systems(batch.scenario, len(batch)).items()
@@ -207,7 +208,7 @@ def fly(
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # A step that ends just before a jump evaluates the forces before the jump at all its stages.
+    # A step that ends just before a jump of the forces evaluates them only before the jump.
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():

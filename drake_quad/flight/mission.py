@@ -45,7 +45,7 @@ def planned(mission: Mission) -> Planned:
     if mission.space is None:
         return plan_in(mission, None)
     # Fields of the scenario that are not part of `Mission` affect the plan only through the predicted tracking error.
-    key_fields = None if mission.space.tracking else set(Mission.model_fields)
+    key_fields = None if mission.space.tracking_error_factor else set(Mission.model_fields)
 
     def make() -> Planned:
         space = planning_space(mission)
@@ -187,20 +187,20 @@ def _recipes(batch: Batch, plan: Plan | None) -> dict[str, Recipe]:
 def planning_space(mission: Mission) -> Space | None:
     """Return the space around which a route is planned; None if the mission has no space.
 
-    If `space.tracking` is not zero, the tracking error that this factor multiplies is predicted first.
+    If `space.tracking_error_factor` is not zero, the tracking error that this factor multiplies is predicted first.
 
     Raises:
         InputError: if the prediction is not possible, see `nominal_tracking_error`.
     """
-    if mission.space is None or not mission.space.tracking:
+    if mission.space is None or not mission.space.tracking_error_factor:
         return mission.room()
     if not isinstance(mission, Scenario):
         raise InputError(
-            "space.tracking multiplies a predicted tracking error; the prediction requires a scenario with laboratory"
-            " and control"
+            "space.tracking_error_factor multiplies a predicted tracking error; the prediction requires a scenario with"
+            " laboratory and control"
         )
     try:
         predicted = nominal_tracking_error(mission)
     except InputError as error:
-        raise InputError(f"space.tracking: {error}") from error
+        raise InputError(f"space.tracking_error_factor: {error}") from error
     return mission.room(tracking_error=predicted.rms.value)

@@ -240,7 +240,7 @@ def _inactive_settings(flight: _PlannedFlight) -> list[str]:
     inactive: list[str] = []
     for path, mapping in mappings_in(flight.scenario):
         for setting in mapping.inactive_settings(flight, path):
-            # Nothing is said about the fields of a mapping that has no effect itself.
+            # If a whole mapping has no effect, its fields are not reported one by one.
             if not f"{setting.path}.".startswith(tuple([f"{each}." for each in inactive])):
                 inactive.append(setting.path)
                 paths.setdefault(setting.reason, []).append(setting.path)

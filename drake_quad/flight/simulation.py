@@ -14,7 +14,7 @@ from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.cause import non_finite_value
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import Metrics, recorded_metrics_of
+from drake_quad.laboratory.metrics import Metric, Metrics, check_range, recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -181,19 +181,20 @@ def flights_of(
             batch.scenario_of(i), plan, time[ticks], recorded, metrics_of_vehicle, simulation.compiled, obstacle, cause
         )
         functions = recorded_metrics_of(type(metrics))
-        values = {name: _checked_metric(name, metric.value(flight)) for name, metric in functions.items()}
+        values = {name: _checked_metric(name, metric, metric.value(flight)) for name, metric in functions.items()}
         flights.append(replace(flight, metrics=metrics_of_vehicle._replace(**values)))
     return flights
 
 
-def _checked_metric(name: str, value: Any) -> float:
+def _checked_metric(name: str, metric: Metric, value: Any) -> float:
     """Return the value of a metric of a recorded flight.
 
     Raises:
-        InputError: if it is not a number.
+        InputError: if it is not a number, or outside the range that its definition states.
     """
     if not isinstance(value, int | float | np.number):
         raise InputError(f"the metric {name} must be a number, but its function returned {short_repr(value)}")
+    check_range(name, metric, value)
     return float(value)
 
 

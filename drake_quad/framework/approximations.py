@@ -8,13 +8,16 @@ the minimax approximations from S. L. Moshier, "Methods and Programs for Mathema
 library. All others are Chebyshev fits computed with mpmath.
 """
 
+import functools
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
-from drake_quad.framework.symbols import Symbol, SymbolKind, number, operation, to_symbols, truth
+from drake_quad.framework.symbols import Symbol, SymbolKind, add_function, number, operation, to_symbols, truth
+
+_Formula = TypeVar("_Formula", bound=Callable[..., Any])
 
 # Adding this number to a float rounds the float to a whole number. The lowest bits of the sum are the lowest bits of
 # this whole number.
@@ -206,6 +209,23 @@ def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
     return result
 
 
+def _function(approximation: _Formula) -> _Formula:
+    """Decorate the approximation of an elementary function.
+
+    If the listing of the arguments calls functions, a call is recorded instead of the operations of the approximation.
+    The name of the called function is the name of the formula with the names of the options that are true.
+    """
+
+    @functools.wraps(approximation)
+    def function(*arguments: Any, **options: bool) -> Any:
+        if not any(argument.__class__ is Symbol and argument.listing.calls_functions for argument in arguments):
+            return approximation(*arguments, **options)
+        name = "_".join([approximation.__name__, *[option for option, value in options.items() if value]])
+        return add_function(name, functools.partial(approximation, **options), arguments)
+
+    return function  # type: ignore[return-value]
+
+
 def _odd(x: Symbol, coefficients: Sequence[float]) -> Symbol:
     """Return x + x³ p(x²), given the coefficients of the polynomial p in increasing order of powers."""
     z = x * x
@@ -227,6 +247,7 @@ def copysign(x: Any, y: Symbol) -> Symbol:
     return operation("copy_sign", x, y, kind=SymbolKind.NUMBER)
 
 
+@_function
 def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
     """Return sine and cosine of an angle, rad."""
     rounded = multiply_add(x, 2.0 / math.pi, _ROUNDING_OFFSET)
@@ -249,6 +270,7 @@ def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
     return _number_of(bits_of(x) ^ (sign & _SIGN_MASK))
 
 
+@_function
 def exp(x: Symbol) -> Symbol:
     """Return the exponential of x, which is infinite for x of at least 709.4."""
     # These comparisons are false for NaN, so that NaN remains NaN.
@@ -261,6 +283,7 @@ def exp(x: Symbol) -> Symbol:
     return mantissa * _number_of((bits_of(rounded) + _EXPONENT_BIAS) << _EXPONENT_SHIFT)
 
 
+@_function
 def tanh(x: Symbol) -> Symbol:
     """Return the hyperbolic tangent of x."""
     size = abs(x)
@@ -268,6 +291,7 @@ def tanh(x: Symbol) -> Symbol:
     return select(size < _MAX_SMALL_TANH_ARGUMENT, _odd(x, _TANH_COEFFICIENTS), copysign(large, x))
 
 
+@_function
 def erf(x: Symbol) -> Symbol:
     """Return the error function of x."""
     size, z = abs(x), x * x
@@ -277,6 +301,7 @@ def erf(x: Symbol) -> Symbol:
     return select(size < 1.0, small, copysign(large, x))
 
 
+@_function
 def log(x: Symbol, *, normal: bool) -> Symbol:
     """Return the natural logarithm of x; `normal` selects a faster variant for positive normal numbers."""
     # This addition increments the exponent of numbers whose mantissa is at least √2. Reduced mantissas are then from √½
@@ -298,6 +323,7 @@ def log(x: Symbol, *, normal: bool) -> Symbol:
     return select(x < math.inf, result, x)
 
 
+@_function
 def log1p(x: Symbol) -> Symbol:
     """Return the natural logarithm of 1 + x for x >= 0; it is accurate for small x."""
     rounded = 1.0 + x
@@ -306,6 +332,7 @@ def log1p(x: Symbol) -> Symbol:
     return select(is_tiny, x, log(rounded, normal=False) * (x / select(is_tiny, 1.0, rounded - 1.0)))
 
 
+@_function
 def arctan(x: Symbol, *, small: bool) -> Symbol:
     """Return the inverse tangent, rad; `small` selects a faster variant for |x| up to 1/8."""
     if small:
@@ -313,6 +340,7 @@ def arctan(x: Symbol, *, small: bool) -> Symbol:
     return copysign(_slope_angle(abs(x), 1.0), x)
 
 
+@_function
 def arctan2(y: Any, x: Any) -> Symbol:
     """Return the angle of the point (x, y), rad."""
     y, x = to_symbols(y, x)
@@ -334,6 +362,7 @@ def _slope_angle(rise: Symbol, run: Any) -> Symbol:
     return base + (multiply_add(t * z, polynomial(z, _ARCTAN_COEFFICIENTS), t) + rest)
 
 
+@_function
 def arcsin(x: Symbol, *, small: bool) -> Symbol:
     """Return the inverse sine, rad, NaN outside [-1, 1]; `small` selects a faster variant for |x| up to 1/2."""
     if small:

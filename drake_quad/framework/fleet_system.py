@@ -496,7 +496,7 @@ class FleetSystem(_Base):
         """Compute the time derivatives of the continuous state; Drake calls this method."""
         if self._derivative is None:
             return
-        # Floating-point flags are meaningless for arithmetic on arrays of objects.
+        # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
         with np.errstate(all=None if self.scalar is float else "ignore"):
             rates = BasicVector_[self.scalar](derivatives.size())
             self._derivative.run(self, context, [rates])

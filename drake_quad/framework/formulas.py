@@ -114,11 +114,6 @@ def _compile(
 def trace_formula(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
     """Run a formula on symbols, and return the rows of its results; truth values are converted to 0 and 1.
 
-    Args:
-        formula: function to trace.
-        values: arguments of the formula.
-        results: layouts of the results.
-
     Raises:
         TypeError: if the results do not match the layouts, or if the formula branches on a row or calls a function that
             does not accept symbols.

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.framework.scheduling import schedule
-from drake_quad.framework.symbols import LEAVES, Branch, Listing, Symbol, SymbolKind, SymbolLayer
+from drake_quad.framework.symbols import LEAVES, Branch, Function, Listing, Symbol, SymbolKind, SymbolLayer
 
 # LLVM instruction for each operation. {t} is the type of the first operand, {r} the type of the result, and {s} the
 # suffix of intrinsic functions.
@@ -196,6 +196,7 @@ class _Calls:
         operation = listing.operations[number]
         assert operation.inside is not None
         inside, row = operation.inside
+        assert not isinstance(inside, Function), "LLVM code contains the operations of elementary functions"
         first = self._results.setdefault((inside, operation.operands), number)
         if first == number:
             operand_names = [(names[line], listing.operations[line].kind) for line in operation.operands]

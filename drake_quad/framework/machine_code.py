@@ -56,7 +56,7 @@ def _generator_digest() -> str | None:
     return digest.hexdigest() if sources else None
 
 
-# The digest is computed during the import, when the sources are those that are imported.
+# The digest is computed during the import, so that it belongs to the imported sources even if they are edited later.
 _GENERATOR = _generator_digest()
 
 

@@ -79,7 +79,7 @@ def _identity(value: Any) -> bytes | None:
     """Return bytes that are equal for equal values; None for a value that contains code of the user."""
     buffer = io.BytesIO()
     pickler = _IdentityPickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
-    # Without references to earlier objects, equal objects are pickled equally, whether or not they are the same object.
+    # In the fast mode, pickle writes a repeated object in full again. The bytes then depend only on the values.
     pickler.fast = True
     try:
         pickler.dump(value)

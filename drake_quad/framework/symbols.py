@@ -10,6 +10,9 @@ replacements:
   `Branch`.
 - `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
   similar lines.
+
+Elementary functions such as the sine are recorded as the operations of their approximation. A listing for a target with
+functions of its own, such as C, records a `Function` instead.
 """
 
 import hashlib
@@ -48,18 +51,18 @@ class Operation(NamedTuple):
 
     Attributes:
         name: name of the operation: a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`, or "constant",
-            "row", "shared", "branch" or "layer".
+            "row", "shared", "branch", "layer" or "function".
         operands: numbers of the lines that are the operands. Operations in `LEAVES` have other operands: the bits of a
             constant, the group of a row and its index in the group, or the index of a shared number.
         kind: type of the result.
-        inside: branch or layer that computes this line, and the index of the line among its results; None for other
-            operations. The first operand of a branch is the mask of the vehicles that need the branch.
+        inside: branch, layer or function that computes this line, and the index of the line among its results; None for
+            other operations. The first operand of a branch is the mask of the vehicles that need the branch.
     """
 
     name: str
     operands: tuple[int, ...]
     kind: SymbolKind
-    inside: "tuple[Branch | SymbolLayer, int] | None" = None
+    inside: "tuple[Branch | SymbolLayer | Function, int] | None" = None
 
 
 class Branch(NamedTuple):
@@ -134,11 +137,33 @@ class SymbolLayer(NamedTuple):
     activation: Branch
 
 
-class Listing:
-    """Operations of a traced formula, in order and without duplicates."""
+class Function(NamedTuple):
+    """Elementary function that is called, with the approximation that computes it in double precision.
 
-    def __init__(self) -> None:
+    Attributes:
+        name: name of the function.
+        approximation: operations of the approximation; its arguments are the rows of group 0.
+    """
+
+    name: str
+    approximation: Branch
+
+
+class Listing:
+    """Operations of a traced formula, in order and without duplicates.
+
+    Args:
+        calls_functions: True to record an elementary function as a `Function` instead of the operations of its
+            approximation.
+
+    Attributes:
+        operations: lines of the listing.
+        calls_functions: True if elementary functions are recorded as a `Function`.
+    """
+
+    def __init__(self, *, calls_functions: bool = False) -> None:
         self.operations: list[Operation] = []
+        self.calls_functions = calls_functions
         # The values are line numbers. Symbols would refer to the listing, and such a reference cycle would delay the
         # deletion of the listing.
         self._lines: dict[tuple[Any, ...], int] = {}
@@ -148,7 +173,7 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer, int] | None = None,
+        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> int:
         """Add a line unless the listing contains it, and return its number; the arguments are as in `Operation`."""
         key = name, operands, kind, inside
@@ -165,7 +190,7 @@ class Listing:
         name: str,
         operands: tuple[int, ...],
         kind: SymbolKind,
-        inside: tuple[Branch | SymbolLayer, int] | None = None,
+        inside: tuple[Branch | SymbolLayer | Function, int] | None = None,
     ) -> "Symbol":
         """Add a line unless the listing contains it, and return its symbol; the arguments are as in `Operation`."""
         return Symbol(self, self.line(name, operands, kind, inside), kind)
@@ -229,16 +254,22 @@ def _digest(operations: Sequence[Operation], known: dict[int, bytes]) -> str:
         )
         for name, operands, kind, inside in operations
     ]
-    # Version 2 of the format does not depend on which objects are identical.
+    # Version 2 of the format writes a repeated object in full again, so that the bytes depend only on the values.
     return hashlib.sha256(marshal.dumps(([name.encode() for name in names], lines), 2)).hexdigest()
 
 
-def _identity(inside: tuple[Branch | SymbolLayer, int], known: dict[int, bytes]) -> tuple[bytes, int]:
-    """Return the digest of a branch or layer, and the index of one of its results."""
+def _identity(inside: tuple[Branch | SymbolLayer | Function, int], known: dict[int, bytes]) -> tuple[bytes, int]:
+    """Return the digest of a branch, layer or function, and the index of one of its results."""
     part, index = inside
     if id(part) not in known:
-        branch, matrix = (part, "") if isinstance(part, Branch) else (part.activation, part.matrix)
-        known[id(part)] = f"{matrix} {branch.results} {_digest(branch.operations, known)}".encode()
+        match part:
+            case Branch():
+                branch, label = part, ""
+            case SymbolLayer():
+                branch, label = part.activation, str(part.matrix)
+            case Function():
+                branch, label = part.approximation, part.name
+        known[id(part)] = f"{label} {branch.results} {_digest(branch.operations, known)}".encode()
     return known[id(part)], index
 
 
@@ -493,7 +524,8 @@ def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[An
     Raises:
         TypeError: if the formula uses symbols that are not arguments.
     """
-    inside, inputs = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
+    inside = Listing(calls_functions=mask.listing.calls_functions)
+    inputs = [argument for argument in arguments if argument.__class__ is Symbol]
     rows = iter([inside.row(0, index, symbol.kind) for index, symbol in enumerate(inputs)])
     returned = formula(*[next(rows) if argument.__class__ is Symbol else argument for argument in arguments])
     parts = returned if isinstance(returned, tuple) else (returned,)
@@ -521,12 +553,30 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
     Raises:
         TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.
     """
-    inside = Listing()
-    result = number(to_symbols(inside.row(0, 0), activation(inside.row(0, 0)))[1])
     symbols = [number(symbol) for symbol in to_symbols(*rows)]
+    inside = Listing(calls_functions=symbols[0].listing.calls_functions)
+    result = number(to_symbols(inside.row(0, 0), activation(inside.row(0, 0)))[1])
     symbol_layer = SymbolLayer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
     return [
         symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (symbol_layer, index))
         for index in range(matrix.shape[0])
     ]
+
+
+def add_function(name: str, approximation: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+    """Return the result of an elementary function, or the tuple of its results, as calls of a `Function`.
+
+    Args:
+        name: name of the function.
+        approximation: formula of symbols, one for each argument, that returns numbers.
+        arguments: numbers, at least one of them a symbol.
+    """
+    inside = Listing(calls_functions=True)
+    returned = approximation(*[inside.row(0, index) for index in range(len(arguments))])
+    results = returned if isinstance(returned, tuple) else (returned,)
+    function = Function(name, _branch(inside, results))
+    symbols = [number(symbol) for symbol in to_symbols(*arguments)]
+    operands, listing = tuple([symbol.line for symbol in symbols]), symbols[0].listing
+    calls = [listing.add("function", operands, _NUMBER, (function, index)) for index in range(len(results))]
+    return tuple(calls) if isinstance(returned, tuple) else calls[0]

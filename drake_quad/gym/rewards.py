@@ -1,12 +1,12 @@
 """Reward and termination functions of environments."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, short_repr
 from drake_quad.signals import Reference, State
 
 
@@ -24,6 +24,10 @@ class Transition(NamedTuple):
         crashed: (N,) Booleans, True if the vehicle has crashed, whether or not into an obstacle.
         obstacle_hit: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
         signals: further signals that were requested, as records, by name.
+        metrics: (N,) values, up to this step, of the metrics that were requested, by name; NaN for a metric for which
+            no tick has counted yet.
+        metric_changes: (N,) changes of these values in this step. A metric begins with 0 and NaN counts as 0, so the
+            changes of an episode add up to the metric of its flight.
     """
 
     observation: np.ndarray
@@ -35,6 +39,8 @@ class Transition(NamedTuple):
     crashed: np.ndarray
     obstacle_hit: np.ndarray
     signals: Mapping[str, Any]
+    metrics: Mapping[str, np.ndarray]
+    metric_changes: Mapping[str, np.ndarray]
 
     @property
     def position_error(self) -> np.ndarray:
@@ -57,11 +63,13 @@ Termination = Callable[[Transition], np.ndarray]
 class TrackingReward:
     """Reward for following the reference.
 
-        tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle
+        tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle + Σ w ΔM
 
-    Here e is the position error, a is the action and a' is the previous action, both saturated at -1 and 1. The last
-    two terms are subtracted in each step after which the vehicle has crashed. This is a single step if a crash ends the
-    episode. After a crash into an obstacle, both terms are subtracted.
+    Here e is the position error, a is the action and a' is the previous action, both saturated at -1 and 1. The terms
+    of crash and obstacle are subtracted in each step after which the vehicle has crashed. This is a single step if a
+    crash ends the episode. After a crash into an obstacle, both terms are subtracted. ΔM is the change of a metric or
+    of the robustness of a requirement in the step, and w its weight, so an episode is rewarded with w times the metric
+    of its flight.
 
     Attributes:
         tracking: reward of a step without position error.
@@ -70,11 +78,13 @@ class TrackingReward:
         variation: cost of a change of the action with norm 1.
         crash: cost of a crash.
         obstacle: additional cost of a crash into an obstacle.
+        metrics: weights of metrics and requirements of the scenario, by name; negative for a metric that should be
+            small.
 
     With the default values, `scripts/train_policy.py` trains a policy that tracks within centimetres.
 
     Raises:
-        InputError: if an attribute is NaN or infinite, or the length is not positive.
+        InputError: if an attribute or a weight is not a finite number, or the length is not positive.
     """
 
     tracking: float = 1.0
@@ -83,17 +93,25 @@ class TrackingReward:
     variation: float = 0.05
     crash: float = 10.0
     obstacle: float = 0.0
+    metrics: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         """Check the attributes."""
-        for name, value in vars(self).items():
-            if not np.isfinite(value):
-                raise InputError(f"{name} is {value}, but must be a finite number")
+        if not isinstance(self.metrics, Mapping):
+            raise InputError(f"metrics is {short_repr(self.metrics)}, but must be a mapping from names to weights")
+        numbers = {name: value for name, value in vars(self).items() if name != "metrics"}
+        for name, value in {**numbers, **{f"metrics.{name}": each for name, each in self.metrics.items()}}.items():
+            if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+                raise InputError(f"{name} is {short_repr(value)}, but must be a finite number")
         if self.length <= 0.0:
             raise InputError(f"length is {self.length}, but must be larger than 0")
 
     def __call__(self, step: Transition) -> np.ndarray:
-        """Return the (N,) rewards of a step."""
+        """Return the (N,) rewards of a step.
+
+        Raises:
+            InputError: if a metric is infinite, such as the settling time of a vehicle that has not settled.
+        """
         action = np.clip(step.action, -1.0, 1.0)
         change = action - np.clip(step.last_action, -1.0, 1.0)
         reward: np.ndarray = (
@@ -103,6 +121,13 @@ class TrackingReward:
             - self.crash * step.crashed
             - self.obstacle * (step.obstacle_hit > 0)
         )
+        for name, weight in self.metrics.items():
+            change = step.metric_changes[name]
+            if not np.isfinite(change).all():
+                raise InputError(
+                    f"the metric {name} can be infinite during a flight, so it cannot be a term of the reward"
+                )
+            reward = reward + weight * change
         return reward
 
 

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
-from drake_quad.errors import InputError, check_integer, join_names, short_repr, shorten_text
+from drake_quad.errors import InputError, check_integer, join_names, lookup, short_repr, shorten_text
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.episodes import Episode, Episodes
@@ -19,7 +19,7 @@ from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precisi
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
 from drake_quad.gym.rollout import ActionLog, replay_episode
 from drake_quad.gym.task import task_of
-from drake_quad.laboratory.metrics import Metrics, compute_metrics
+from drake_quad.laboratory.metrics import Metrics, definitions_of, recorded_metrics_of, values_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.nominal import nominal_parameters
@@ -43,9 +43,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     The scenario defines the task by its route, vehicle and laboratory. Its distributions are sampled for every episode
     of every vehicle. A step is a control tick. A crash terminates an episode, and the end of the flight truncates it.
     In the last step of an episode, `infos["flight"]` contains the metrics of the flight
-    (`drake_quad.laboratory.metrics`), with control efforts only if accelerations are commanded, and `obstacle`, the
-    number of the obstacle that the vehicle hit (0 for none). If vehicles are reset in the same step,
-    `infos["final_info"]` contains these values, too.
+    (`drake_quad.laboratory.metrics`) except those of signals that the environment lacks, such as control efforts if no
+    acceleration is commanded, and `obstacle`, the number of the obstacle that the vehicle hit (0 for none). If vehicles
+    are reset in the same step, `infos["final_info"]` contains these values, too. A metric that is a function of a
+    recorded flight requires `record=True`: each completed episode is then flown again in Drake's simulator.
 
     If the environment is reset with the seed s, the seed of vehicle i is s + i, and episode j of this vehicle is sample
     j of the study with that seed. With the same actions, `drake_quad.simulate(env.scenario, seed=s + i, sample=j)`
@@ -66,6 +67,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         terminates: function of a `Transition` that returns (N,) Booleans, True if an episode ends; by default an
             episode ends after a crash.
         signals: names of further signals to include in `Transition.signals`, such as `wind`.
+        metrics: names of metrics and requirements of the scenario to include in `Transition.metrics`, in addition to
+            those of a `TrackingReward`.
         plan: plan to fly; by default the plan for the scenario's route.
         autoreset_mode: Gymnasium's mode of resets: in the step after the last step of an episode (the default), in the
             last step, or never. Without automatic resets, `reset(options={"reset_mask": ...})` starts new episodes.
@@ -94,6 +97,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         reward: Reward = TrackingReward(),
         terminates: Termination = has_crashed,
         signals: Sequence[str] = (),
+        metrics: Sequence[str] = (),
         plan: Plan | None = None,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -113,19 +117,29 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(
                 f"render_mode is {render_mode!r}, but must be None or one of {self.metadata['render_modes']}"
             )
-        if isinstance(signals, str) or not isinstance(signals, Iterable):
-            raise InputError(f"signals is {short_repr(signals)}, but must be a list of names")
+        for name, names in (("signals", signals), ("metrics", metrics)):
+            if isinstance(names, str) or not isinstance(names, Iterable):
+                raise InputError(f"{name} is {short_repr(names)}, but must be a list of names")
         self.scenario = task_of(scenario, overrides, action=action, observation=observation)
         self.plan = plan or plan_route(self.scenario)
         self._tick = self.scenario.laboratory.command_link.period
         self._num_ticks = round(flight_duration(self.scenario, self.plan) / self._tick)
         diagram = build_fleet_diagram(Batch.draw(self.scenario, range(num_envs)), self.plan, open_action=True)
         self._signals = _checked_signals(signals, diagram)
+        self._metrics_type = self.scenario.metrics_type
+        self._known_metrics = _known_metrics(self._metrics_type, diagram)
+        rewarded = reward.metrics if isinstance(reward, TrackingReward) else ()
+        self._metrics = _checked_metrics(dict.fromkeys((*metrics, *rewarded)), self._metrics_type, diagram)
+        self._recorded_metrics = tuple(recorded_metrics_of(self._metrics_type))
+        if self._recorded_metrics and not record:
+            raise InputError(
+                f"{join_names([*self._recorded_metrics])} in metrics.additional is computed from a recorded flight;"
+                " create the environment with record=True, which flies each completed episode again, or omit the metric"
+            )
         outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *self._signals)))
         self._fleet = ClockedFleet(
             diagram, tick=self._tick, num_ticks=self._num_ticks, outputs=outputs, monitor=_MONITOR
         )
-        self._commands_acceleration = diagram.HasOutputPort("acceleration_command")
         self._episodes = Episodes(self.scenario, self.plan, num_envs, outputs=outputs)
         self._reward, self._terminates = reward, terminates
         self.num_envs, self.render_mode = num_envs, render_mode
@@ -143,6 +157,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._hovering = np.array(control.action.hovering(nominal_parameters(self.scenario)))
         self._last_action = np.tile(self._hovering, (num_envs, 1))
+        self._last_metrics = {name: np.zeros(num_envs) for name in self._metrics}
         self._all = np.arange(num_envs)
         self._is_over, self.has_begun = np.zeros(num_envs, dtype=bool), False
         self._action_log = ActionLog(num_envs, self._num_ticks, rows["action"]) if record else None
@@ -293,6 +308,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         # Earlier transitions refer to the existing array, which must not change.
         self._last_action = self._last_action.copy()
         self._last_action[vehicles] = self._hovering
+        for values in self._last_metrics.values():
+            values[vehicles] = 0.0
         return single_precision(initial.outputs[:, self._fleet.columns("observation")])
 
     def _observation(self) -> np.ndarray:
@@ -331,8 +348,19 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(f"{name} must return finite numbers, but returned {values[vehicle]} for vehicle {vehicle}")
         return values.astype(kind)
 
+    def _metric_changes(self, metrics: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the changes of the metrics since the previous step, given their values; NaN counts as 0."""
+        values = {name: np.where(np.isnan(each), 0.0, each) for name, each in metrics.items()}
+        with np.errstate(invalid="ignore"):  # the change of a metric that stays infinite is NaN
+            changes = {name: each - self._last_metrics[name] for name, each in values.items()}
+        self._last_metrics = values
+        return changes
+
     def _transition(self, actions: np.ndarray) -> Transition:
         fleet = self._fleet
+        metrics: dict[str, np.ndarray] = {}
+        if self._metrics:
+            metrics = values_of(self._metrics, fleet.next_state("sums"), self._tick, self._metrics_type)
         return Transition(
             self._observation(),
             actions,
@@ -343,22 +371,34 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             fleet.next_state("crashed").crashed != 0.0,
             fleet.next_state("obstacle_hit").number.astype(int),
             {name: fleet.output_record(name) for name in self._signals},
+            metrics,
+            self._metric_changes(metrics),
         )
 
     def _flights(self, ended: np.ndarray, over: np.ndarray) -> dict[str, Any]:
         """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
-        metrics: Metrics = compute_metrics(sums, crash_time, self._tick, self.scenario.metrics_type)
+        metrics = values_of(self._known_metrics, sums, self._tick, self._metrics_type)
         obstacle = self._fleet.next_state("obstacle_hit").number.astype(int)
         flight: dict[str, Any] = {}
-        undefined = () if self._commands_acceleration else ("effort", "variation")
-        for name, values in {**metrics._asdict(), "obstacle": obstacle}.items():
-            if name.startswith(undefined):
-                continue
+        recorded = self._metrics_of_recorded_flights(ended)
+        for name, values in {**metrics, **recorded, "crash_time": crash_time, "obstacle": obstacle}.items():
             flight[name] = np.where(over, values, 0)
             flight[f"_{name}"] = over.copy()
         return {"flight": flight, "_flight": over.copy()}
+
+    def _metrics_of_recorded_flights(self, ended: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the (N,) metrics that are computed from a recorded flight, for vehicles with completed flights."""
+        values = {name: np.full(self.num_envs, np.nan) for name in self._recorded_metrics}
+        if values and self._action_log is not None:
+            for i in ended.tolist():
+                clock, episode = self._fleet.clocks[i], self._episodes.episode(i)
+                actions = self._action_log.actions(i, clock, episode, ended_first=False)
+                metrics = replay_episode(self.scenario, self.plan, *actions).metrics
+                for name, column in values.items():
+                    column[i] = getattr(metrics, name)
+        return values
 
 
 def _final_infos(last_observations: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
@@ -372,6 +412,34 @@ def _final_infos(last_observations: np.ndarray, infos: dict[str, Any], over: np.
         "final_info": dict(infos),
         "_final_info": over.copy(),
     }
+
+
+def _known_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
+    """Return the names of the metrics that are computed from signals of the diagram."""
+    return tuple(
+        name
+        for name, metric in definitions_of(kind).items()
+        if metric.accumulator is not None and all(map(diagram.HasOutputPort, metric.signals))
+    )
+
+
+def _checked_metrics(names: Iterable[str], kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
+    """Return the names of metrics, if these are known at every step of an environment.
+
+    Raises:
+        InputError: if a name is not that of a metric, or the metric is not known at every step.
+    """
+    for name in names:
+        metric = lookup(definitions_of(kind), name, "metric")
+        if metric.accumulator is None:
+            raise InputError(
+                f"the metric {name} is computed from a recorded flight, so it is not known during the flight and cannot"
+                " be a term of the reward"
+            )
+        missing = [signal for signal in metric.signals if not diagram.HasOutputPort(signal)]
+        if missing:
+            raise InputError(f"the metric {name} is not known in this environment, which has no {join_names(missing)}")
+    return tuple(names)
 
 
 def _checked_signals(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:

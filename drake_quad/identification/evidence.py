@@ -121,7 +121,12 @@ def pseudo_inverse(information: np.ndarray, total: np.ndarray) -> np.ndarray:
     diagonal = np.diag(total)
     scales = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaling = np.outer(scales, scales)
-    return np.asarray(scaling * np.linalg.pinv(information * scaling, rcond=_MIN_EIGENVALUE_RATIO, hermitian=True))
+    # The decomposition of a symmetric matrix takes a third of the time of `np.linalg.pinv`.
+    values, vectors = np.linalg.eigh(information * scaling)
+    sizes = np.abs(values)
+    is_known = sizes > _MIN_EIGENVALUE_RATIO * np.max(sizes, axis=-1, keepdims=True, initial=0.0)
+    inverses = np.where(is_known, 1.0 / np.where(is_known, values, 1.0), 0.0)
+    return np.asarray(scaling * ((vectors * inverses[..., None, :]) @ vectors.swapaxes(-1, -2)))
 
 
 def sums_over_blocks(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:

@@ -34,11 +34,13 @@ _MAX_NUM_ROUNDS = 8
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_EVALUATIONS = 5  # largest number of evaluations of the residuals in one least-squares search
-# Rounds in which a search for a smaller disturbance begins: the first round, and one in which the parameters are
-# already close to their final values.
+# Largest plausible ratio of the log-likelihood that a search gains to the gain that the derivatives at its start
+# predict. A trial that would have to gain more is not fitted.
+_MAX_GAIN_RATIO = 3.0
+# Rounds in which smaller disturbances are tried: at the start, and when the parameters have nearly converged.
 _TRIAL_ROUNDS = (1, 4)
-# Trial factors of the disturbance (force along x, y, z, torque about x, y, z). Trials are necessary, because scoring
-# reduces a disturbance that is much too large only slowly.
+# Factors of the smaller disturbances (force along x, y, z, torque about x, y, z). They are tried because Fisher scoring
+# reduces a much too large disturbance only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 # If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
@@ -151,22 +153,23 @@ def fit(
     mean = np.array([parameter.start for parameter in parameters])
     values = mean if start is None else start
     prior = np.array([parameter.scale**-2.0 for parameter in parameters])
-    point = _Point.of(predictor, parameters, values, noise)
+    point = _Point.of(predictor, parameters, values, predictor.gains(values, noise), noise)
     untried: list[tuple[float, ...]] = []
     for round_number in range(1, _MAX_NUM_ROUNDS + 1):
         if round_number in _TRIAL_ROUNDS:
             untried = [_SMALLER_TORQUE, _SMALLER_FORCE]
         previous_values, previous_disturbance = point.values, point.noise.disturbance
         noise = _noise_of(predictor, predictor.gains(previous_values, point.noise), point.noise)
-        point = _Point.of(predictor, parameters, previous_values, noise)
+        gains = predictor.gains(previous_values, noise)
+        point = _Point.of(predictor, parameters, previous_values, gains, noise)
         for factors in list(untried):
             improved = _with_smaller_disturbance(predictor, parameters, point, factors)
             if improved is point:
                 untried.remove(factors)
             point = improved
         if round_number == 1 and np.any(np.abs(point.values - mean) > _MAX_PRIOR_DISTANCE / np.sqrt(prior)):
-            small_disturbance = _RESTART_DISTURBANCE * point.noise.disturbance
-            restarted = _Point.of(predictor, parameters, mean, point.noise._replace(disturbance=small_disturbance))
+            small = point.noise._replace(disturbance=_RESTART_DISTURBANCE * point.noise.disturbance)
+            restarted = _Point.of(predictor, parameters, mean, predictor.gains(mean, small), small)
             if restarted.likelihood > point.likelihood:
                 point = restarted
         predictor.continue_windows(point.states, point.state_jacobian, point.values, point.gains)
@@ -192,18 +195,23 @@ def _with_smaller_disturbance(
     def reduced(noise: PredictionNoise) -> PredictionNoise:
         return noise._replace(disturbance=np.maximum(noise.disturbance * factors, _MIN_DISTURBANCE))
 
-    noise, likelihood = point.noise, point.likelihood
+    noise, likelihood, gains = point.noise, point.likelihood, point.gains
+    smaller_gains = None
     while np.any(reduced(noise).disturbance < noise.disturbance):
-        gains = predictor.gains(point.values, reduced(noise))
-        white = (gains.whitening @ gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
-        reduced_likelihood = _likelihood(predictor, gains, white)
+        smaller_gains = predictor.gains(point.values, reduced(noise))
+        white = (smaller_gains.whitening @ smaller_gains.errors.transpose(0, 2, 1)[..., None])[predictor.counted]
+        reduced_likelihood = _likelihood(predictor, smaller_gains, white)
         if reduced_likelihood <= likelihood:
             break
-        noise, likelihood = reduced(noise), reduced_likelihood
+        noise, likelihood, gains, smaller_gains = reduced(noise), reduced_likelihood, smaller_gains, None
     if noise is not point.noise:
-        point = _Point.of(predictor, parameters, point.values, noise)
+        point, smaller_gains = _Point.of(predictor, parameters, point.values, gains, noise), None
     if parameters and np.any(reduced(noise).disturbance < noise.disturbance):
-        refitted = _Point.of(predictor, parameters, point.values, reduced(noise))
+        if smaller_gains is None:
+            smaller_gains = predictor.gains(point.values, reduced(noise))
+        refitted = _Point.of(
+            predictor, parameters, point.values, smaller_gains, reduced(noise), min_likelihood=point.likelihood
+        )
         point = refitted if refitted.likelihood > point.likelihood else point
     return point
 
@@ -253,57 +261,112 @@ class _Point(NamedTuple):
 
     @classmethod
     def of(
-        cls, predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, noise: PredictionNoise
+        cls,
+        predictor: Predictor,
+        parameters: Sequence[Parameter],
+        start: np.ndarray,
+        gains: Gains,
+        noise: PredictionNoise,
+        *,
+        min_likelihood: float = -np.inf,
     ) -> "_Point":
-        """Return the best parameters for a noise, with a filter that is linearised at the initial parameters."""
-        gains = predictor.gains(start, noise)
-        values = _least_squares(predictor, parameters, start, gains, noise)
-        scales = np.array([parameter.scale for parameter in parameters])
-        errors, jacobian, states, state_jacobian = _whitened(predictor, scales, values, gains, noise)
-        return cls(
-            values, noise, gains, errors, jacobian, states, state_jacobian, _likelihood(predictor, gains, errors)
-        )
+        """Return the best parameters for a noise, with the gains of a filter that is linearised at the initial ones.
+
+        The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
+        """
+        values, predictions = _least_squares(predictor, parameters, start, gains, noise, min_likelihood=min_likelihood)
+        return cls(values, noise, gains, *predictions, _likelihood(predictor, gains, predictions.errors))
+
+
+class _Predictions(NamedTuple):
+    """Predictions with one set of parameters, and their derivatives.
+
+    Attributes:
+        errors: (W, k) whitened errors.
+        jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
+        states: (rows, W) state of each window at the sample where the next window starts.
+        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
+    """
+
+    errors: np.ndarray
+    jacobian: np.ndarray
+    states: np.ndarray
+    state_jacobian: np.ndarray
+
+
+class _Evaluation(NamedTuple):
+    """Predictions, and the p + 1 condensed residuals of a search with their (p + 1, p) derivatives."""
+
+    predictions: _Predictions
+    residuals: np.ndarray
+    slopes: np.ndarray
 
 
 def _least_squares(
-    predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
-) -> np.ndarray:
-    """Return the parameters (p,) that minimise the squared whitened errors plus the squared distance to the prior."""
-    if not parameters:
-        return start
+    predictor: Predictor,
+    parameters: Sequence[Parameter],
+    start: np.ndarray,
+    gains: Gains,
+    noise: PredictionNoise,
+    *,
+    min_likelihood: float = -np.inf,
+) -> tuple[np.ndarray, _Predictions]:
+    """Return the parameters that minimise the squared whitened errors plus the squared distance to the prior.
+
+    Returns:
+        (p,) parameters, which are the initial ones if the log-likelihood cannot exceed `min_likelihood`, and the
+        predictions with these parameters.
+    """
     prior_mean, scale = (
         np.array([getattr(parameter, name) for parameter in parameters], dtype=float) for name in ("start", "scale")
     )
+    if not parameters:
+        return start, _whitened(predictor, scale, start, gains, noise)
     weights, variables = np.diag(1.0 / scale), SearchVariables.of(parameters)
+    evaluations: dict[bytes, _Evaluation] = {}
 
-    cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    def evaluate(x: np.ndarray) -> _Evaluation:
+        """Return the residuals and their derivatives.
 
-    def residuals_and_slopes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals and derivatives. They are cached, since the next call is often for the same point."""
-        if x.tobytes() not in cache:
-            cache.clear()
+        The last evaluation is cached, since the next call is often for the same point, and the best one, since the
+        search ends there.
+        """
+        if x.tobytes() not in evaluations:
             values = variables.inverse @ x
-            errors, jacobian, *_ = _whitened(predictor, scale, values, gains, noise)
+            predictions = _whitened(predictor, scale, values, gains, noise)
+            errors, jacobian, *_ = predictions
             if np.all(np.abs(errors) < _MAX_WHITENED_ERROR) and np.all(np.isfinite(jacobian)):
                 residuals = np.concatenate([errors.ravel(), weights @ (values - prior_mean)])
                 stacked = np.vstack([jacobian.reshape(-1, len(x)), weights])
-                cache[x.tobytes()] = _condensed(residuals, stacked @ variables.inverse)
+                condensed = _condensed(residuals, stacked @ variables.inverse)
             else:
                 # The model has diverged. Large residuals make the search reject the step.
-                cache[x.tobytes()] = np.full(len(x) + 1, _MAX_WHITENED_ERROR), np.zeros((len(x) + 1, len(x)))
-        return cache[x.tobytes()]
+                condensed = np.full(len(x) + 1, _MAX_WHITENED_ERROR), np.zeros((len(x) + 1, len(x)))
+            ordered = sorted(evaluations.items(), key=lambda item: float(np.sum(item[1].residuals ** 2)))
+            evaluations.clear()
+            evaluations.update(ordered[:1])
+            evaluations[x.tobytes()] = _Evaluation(predictions, *condensed)
+        return evaluations[x.tobytes()]
 
+    first = np.clip(variables.matrix @ start, variables.lower, variables.upper)
+    if np.isfinite(min_likelihood):
+        predictions, residuals, _ = evaluate(first)
+        # The last residual is the one that no change of the parameters reduces, if the errors are linear.
+        predicted_gain = 0.5 * float(np.sum(residuals[:-1] ** 2))
+        likelihood = _likelihood(predictor, gains, predictions.errors)
+        if likelihood + _MAX_GAIN_RATIO * predicted_gain < min_likelihood:
+            return variables.inverse @ first, predictions
     solution = scipy.optimize.least_squares(
-        lambda x: residuals_and_slopes(x)[0],
-        np.clip(variables.matrix @ start, variables.lower, variables.upper),
-        jac=lambda x: residuals_and_slopes(x)[1],
+        lambda x: evaluate(x).residuals,
+        first,
+        jac=lambda x: evaluate(x).slopes,
         bounds=(variables.lower, variables.upper),
         x_scale=variables.scale,
         xtol=1e-5,
         ftol=1e-6,
         max_nfev=_MAX_EVALUATIONS,
     )
-    return np.asarray(variables.inverse @ solution.x)
+    return np.asarray(variables.inverse @ solution.x), evaluate(solution.x).predictions
 
 
 def _condensed(residuals: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -337,7 +400,7 @@ def _whitened_errors(
 
 def _whitened(
     predictor: Predictor, scales: np.ndarray, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> _Predictions:
     """Return whitened errors and states, and their derivatives by finite differences.
 
     Args:
@@ -346,10 +409,6 @@ def _whitened(
         parameters: (p,) parameters.
         gains: gains of the filter.
         noise: noise of the filter.
-
-    Returns:
-        (W, k) whitened errors, their (W, k, p) derivatives, the (rows, W) states at the samples where the next windows
-        start, and their (rows, p, W) derivatives.
     """
     delay_index, increases = predictor.model.delay_index, _RELATIVE_STEP * scales
     decreases = np.zeros(len(parameters))
@@ -359,7 +418,7 @@ def _whitened(
     # With parameters that are tried in a search, the model may diverge. The search rejects numbers that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         errors, states = _whitened_errors(predictor, points, gains, noise)
-        return (
+        return _Predictions(
             errors[:, :, 0],
             _jacobian(errors, increases, delay_index),
             states[:, 0],

@@ -123,7 +123,8 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     forces = []
     for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
-        # The gains contain the disturbance at the next sample, where the varying component has already decayed.
+        # The gains contain the disturbance predicted for the next sample. Dividing the varying component by its decay
+        # gives the disturbance at this sample.
         components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)

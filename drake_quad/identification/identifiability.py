@@ -135,12 +135,7 @@ def unexcited_parameters(logs: PreparedLogs, parameters: Sequence[Parameter], fi
 
 
 def undetermined_parameters(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
-    """Return a reason for each parameter that no log determines.
-
-    Args:
-        scenario: scenario with the vehicle.
-        names: names of the estimated parameters.
-    """
+    """Return a reason for each parameter that no log determines."""
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
         reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"

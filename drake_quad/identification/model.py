@@ -222,20 +222,22 @@ def _target(
     return RotorSpeed(*(span.voltage * speed for speed in target))
 
 
-def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
+def thrust_of_fraction(record: FlightRecord, weight: float) -> np.ndarray:
     """Return the commanded thrust (n,), N, of a log that contains the autopilot's estimate of its hover thrust.
 
     Args:
-        record: record with thrust_share and hover_share.
+        record: record with thrust_fraction and hover_thrust_fraction.
         weight: weight of the vehicle, N.
 
     Raises:
-        InputError: if hover_share is not positive in all samples.
+        InputError: if hover_thrust_fraction is not positive in all samples.
     """
-    hover = record.of("hover_share")
+    hover = record.of("hover_thrust_fraction")
     if np.any(hover <= 0.0):
-        raise InputError(f"hover_share of the log {short_repr(record.name)} is zero or negative; it must be positive")
-    return np.asarray(weight * record.of("thrust_share") / hover)
+        raise InputError(
+            f"hover_thrust_fraction of the log {short_repr(record.name)} is zero or negative; it must be positive"
+        )
+    return np.asarray(weight * record.of("thrust_fraction") / hover)
 
 
 def with_commands(record: FlightRecord, scenario: Scenario, nominal: Scenario) -> FlightRecord:
@@ -262,10 +264,10 @@ def with_commands(record: FlightRecord, scenario: Scenario, nominal: Scenario) -
     if getattr(record, signal) is not None:
         return record
     thrust, torque = record.thrust_command, record.torque_command
-    if throttles and responds and record.thrust_share is not None:
-        if record.hover_share is None:
-            return replace(record, motor_command=np.repeat(record.thrust_share[:, None], NUM_ROTORS, axis=1))
-        thrust = thrust_of_share(record, nominal.nominal.mass * nominal.nominal.gravity)
+    if throttles and responds and record.thrust_fraction is not None:
+        if record.hover_thrust_fraction is None:
+            return replace(record, motor_command=np.repeat(record.thrust_fraction[:, None], NUM_ROTORS, axis=1))
+        thrust = thrust_of_fraction(record, nominal.nominal.mass * nominal.nominal.gravity)
     if thrust is None or (torque is None and not responds):
         logged_kind = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
         has_rotor_commands = record.motor_command is not None or record.rotor_speed_command is not None

@@ -433,7 +433,8 @@ class Predictor:
             update = _update(covariance, output, measurement_noise)
             first_errors = filter_errors[j] - output @ deviation
             corrected = deviation + update.gain @ first_errors - corrections[j]
-            # A different memory changes the disturbance itself, not only its deviation from the filter's disturbance.
+            # With another correlation time, the filter's own disturbance decays by another factor, which adds to the
+            # deviation.
             propagated = transition @ corrected
             deviation = ratio * propagated + (ratio - 1.0) * disturbances[j]
             propagated_covariance = transition @ update.covariance @ transition.swapaxes(-1, -2)

@@ -15,7 +15,7 @@ from drake_quad.identification.model import (
     LogModel,
     level_record,
     level_vehicle,
-    thrust_of_share,
+    thrust_of_fraction,
     with_commands,
 )
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
@@ -229,15 +229,15 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
     """
     if record.residual_force is None or record.attitude is None or record.specific_force is not None:
         return record
-    if record.thrust_share is not None and record.hover_share is not None:
-        thrust = thrust_of_share(record, scenario.vehicle.mass * scenario.vehicle.gravity)
+    if record.thrust_fraction is not None and record.hover_thrust_fraction is not None:
+        thrust = thrust_of_fraction(record, scenario.vehicle.mass * scenario.vehicle.gravity)
     elif record.thrust_command is not None:
         thrust = record.thrust_command
     else:
         curve = scenario.nominal.motors.thrust_curve()
-        if record.thrust_share is None or curve is None:
+        if record.thrust_fraction is None or curve is None:
             return record
-        fractions: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
+        fractions: Any = np.repeat(record.thrust_fraction[:, None], 4, axis=1)
         thrust = np.asarray(thrust_of(fractions, curve)).sum(axis=1)
     to_body = rotations_of(record.attitude).inv()
     force = to_body.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])

@@ -30,7 +30,7 @@ NUM_SEGMENTS = 10
 # Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
 _MIN_WINDOWS_PER_SEGMENT = 2
 _SIGNIFICANCE_LEVEL = 0.1
-_NUM_BISECTIONS = 60
+_NUM_BISECTIONS = 40
 
 
 class Variation(NamedTuple):

@@ -118,11 +118,6 @@ def distorted_parameters(
     explains the rest of the motion. In simulated flights with every fifth command in the log, the estimated inertia was
     twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit needs no
     disturbing torque, no commands are missing, even if the commands are fast.
-
-    Args:
-        records: logs that were fitted.
-        parameters: fitted parameters.
-        noise: estimated noise.
     """
     affected_logs = [record.name for record in records if fast_command_fraction(record) > _MIN_FAST_POWER_RATIO]
     if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):

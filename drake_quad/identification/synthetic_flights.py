@@ -176,7 +176,7 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
     )
     if "attitude_target" in signals:
         target = AttitudeTarget(*signals["attitude_target"].T)
-        values["thrust_share"] = target.thrust / (4.0 * _FULL_THRUST)
+        values["thrust_fraction"] = target.thrust / (4.0 * _FULL_THRUST)
         values["attitude_command"] = np.column_stack([target.roll, target.pitch, target.yaw])
     elif "throttle_command" in signals:
         values["motor_command"] = signals["throttle_command"]

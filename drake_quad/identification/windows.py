@@ -147,7 +147,7 @@ def commanded_effort(record: FlightRecord) -> np.ndarray | None:
         return np.asarray(record.motor_command.mean(axis=1))
     if record.rotor_speed_command is not None:
         return np.asarray((record.rotor_speed_command**2).mean(axis=1))
-    return record.thrust_command if record.thrust_command is not None else record.thrust_share
+    return record.thrust_command if record.thrust_command is not None else record.thrust_fraction
 
 
 def _steep_pitch_mask(record: FlightRecord) -> np.ndarray:

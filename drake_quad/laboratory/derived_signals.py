@@ -2,7 +2,7 @@
 
 A scalar signal is a row of a signal, such as `state.z`, or a derived signal, which is a registered formula:
 
-    @derived_signal("m/s")
+    @derived_signal("m/s", value_range="nonnegative")
     def speed(state):
         '''Speed of the vehicle over the ground.'''
         return sqrt(state.v_x * state.v_x + state.v_y * state.v_y + state.v_z * state.v_z)
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 from drake_quad.errors import InputError, join_names, short_repr
 from drake_quad.framework.elementary import arctan2, cos, maximum, sqrt, wrap_angle
-from drake_quad.laboratory.metrics import argument_names
+from drake_quad.laboratory.metrics import ValueRange, argument_names
 from drake_quad.signals import SIGNALS, Reference, Row, State, Wind, field_quantities
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -40,25 +40,28 @@ class ScalarSignal(NamedTuple):
         unit: unit.
         formula: formula that computes the signal.
         arguments: names of the signals that the formula takes, or of `time` and `period`.
+        value_range: range of the signal.
     """
 
     name: str
     unit: str
     formula: Callable[..., Row]
     arguments: tuple[str, ...]
+    value_range: ValueRange = "real"
 
 
 DERIVED_SIGNALS: dict[str, ScalarSignal] = {}
 """Derived signals by name."""
 
 
-def derived_signal(unit: str) -> Callable[[_Function], _Function]:
+def derived_signal(unit: str, *, value_range: ValueRange = "real") -> Callable[[_Function], _Function]:
     """Return a decorator that registers a formula as a derived signal, under the name of the function.
 
     The arguments of the formula are signals by the names of their ports, `time` (s) or `period` (s).
 
     Args:
         unit: unit of the derived signal.
+        value_range: range of the derived signal.
     """
 
     def register(function: _Function) -> _Function:
@@ -66,7 +69,7 @@ def derived_signal(unit: str) -> Callable[[_Function], _Function]:
         known = DERIVED_SIGNALS.get(name)
         if name in SIGNALS or (known is not None and known.formula.__module__ != function.__module__):
             raise ValueError(f"the name {name} is taken by another signal")
-        DERIVED_SIGNALS[name] = ScalarSignal(name, unit, function, argument_names(function))
+        DERIVED_SIGNALS[name] = ScalarSignal(name, unit, function, argument_names(function), value_range)
         return function
 
     return register
@@ -93,7 +96,7 @@ def scalar_signal(name: str) -> ScalarSignal:
     )
 
 
-@derived_signal("m")
+@derived_signal("m", value_range="nonnegative")
 def position_error(state: State, reference: Reference) -> Row:
     """Distance of the vehicle from the reference."""
     x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
@@ -106,26 +109,26 @@ def yaw_error(state: State, reference: Reference) -> Row:
     return wrap_angle(reference.yaw - state.yaw)
 
 
-@derived_signal("m/s")
+@derived_signal("m/s", value_range="nonnegative")
 def speed(state: State) -> Row:
     """Speed of the vehicle over the ground."""
     return sqrt(state.v_x * state.v_x + state.v_y * state.v_y + state.v_z * state.v_z)
 
 
-@derived_signal("m/s")
+@derived_signal("m/s", value_range="nonnegative")
 def airspeed(state: State, wind: Wind) -> Row:
     """Speed of the vehicle relative to the air."""
     x, y, z = state.v_x - wind.x, state.v_y - wind.y, state.v_z - wind.z
     return sqrt(x * x + y * y + z * z)
 
 
-@derived_signal("rad/s")
+@derived_signal("rad/s", value_range="nonnegative")
 def body_rate(state: State) -> Row:
     """Magnitude of the angular velocity of the vehicle."""
     return sqrt(state.p * state.p + state.q * state.q + state.r * state.r)
 
 
-@derived_signal("rad")
+@derived_signal("rad", value_range="nonnegative")
 def tilt(state: State) -> Row:
     """Angle between the thrust axis and the vertical; π for a vehicle that is upside down."""
     cosine = cos(state.roll) * cos(state.pitch)

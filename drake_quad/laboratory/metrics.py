@@ -7,7 +7,7 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturation share       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
+    saturated fraction       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
 The sums include the ticks in the metric window of the scenario, up to a crash.
 
@@ -20,13 +20,24 @@ import inspect
 import math
 from collections import namedtuple
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
+from drake_quad.errors import InputError
 from drake_quad.framework.elementary import maximum, minimum, where
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Quantity, Reference, Row, State, Wrench
+
+ValueRange = Literal["real", "nonnegative", "fraction"]
+"""Numbers that a metric or a signal can be: all real numbers, those from 0 on, or those from 0 to 1."""
+
+_LIMITS: dict[ValueRange, tuple[float, float]] = {
+    "real": (-math.inf, math.inf),
+    "nonnegative": (0.0, math.inf),
+    "fraction": (0.0, 1.0),
+}
+_ROUNDING_TOLERANCE = 1e-9  # values beyond the limits by less than this are attributed to rounding
 
 TIME_ARGUMENTS = ("ticks", "time", "period")
 """Arguments of an accumulator that are not signals: number of earlier ticks, time (s), and duration of a tick (s)."""
@@ -128,7 +139,7 @@ class Metric(NamedTuple):
     """Definition of a metric.
 
     Attributes:
-        unit: unit; "1" for a dimensionless metric, which is a fraction between 0 and 1 if it is not `signed`.
+        unit: unit; "1" for a dimensionless metric.
         label: label in tables and plots.
         accumulator: sums from which the metric is computed; None for a metric of a recorded flight.
         value: function that returns the (N,) metric, given the record of the sums with (N,) rows, the (N,) number of
@@ -136,7 +147,8 @@ class Metric(NamedTuple):
             returns the metric of a flight.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
-        signed: True if the metric can be negative.
+        value_range: range of the metric. Intervals do not extend beyond it, and only metrics that cannot be negative
+            have ratios and logarithmic axes.
         larger_is_better: True if a larger metric is better. A crash counts as worse than any value.
     """
 
@@ -146,13 +158,18 @@ class Metric(NamedTuple):
     value: Callable[..., Any]
     display: Display | None = None
     differentiable: bool = True
-    signed: bool = False
+    value_range: ValueRange = "real"
     larger_is_better: bool = False
 
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of the signals whose sums determine the metric."""
         return () if self.accumulator is None else self.accumulator.signals
+
+    @property
+    def is_nonnegative(self) -> bool:
+        """True if the metric cannot be negative."""
+        return self.value_range != "real"
 
     @property
     def value_of_crash(self) -> float:
@@ -240,7 +257,7 @@ def _rms(axis: str) -> Metric:
     def value(sums: ErrorSums, ticks: Any, _: float) -> Any:
         return np.sqrt(getattr(sums.squares, axis) / ticks)
 
-    return Metric("m", f"RMSE on {axis.upper()}", _ERROR, value, CENTIMETRES)
+    return Metric("m", f"RMSE on {axis.upper()}", _ERROR, value, CENTIMETRES, value_range="nonnegative")
 
 
 def _effort(axis: str) -> Metric:
@@ -249,7 +266,8 @@ def _effort(axis: str) -> Metric:
     def value(sums: CommandSums, ticks: Any, _: float) -> Any:
         return getattr(sums.effort, axis) / ticks
 
-    return Metric("m²/s⁴", f"control effort on {axis.upper()}", _COMMAND, value, Display("m²/s⁴", 1.0, 4))
+    label, display = f"control effort on {axis.upper()}", Display("m²/s⁴", 1.0, 4)
+    return Metric("m²/s⁴", label, _COMMAND, value, display, value_range="nonnegative")
 
 
 def _variation(axis: str) -> Metric:
@@ -258,7 +276,8 @@ def _variation(axis: str) -> Metric:
     def value(sums: CommandSums, ticks: Any, period: float) -> Any:
         return getattr(sums.variation, axis) / (np.where(ticks > 1.0, ticks - 1.0, np.nan) * period)
 
-    return Metric("m/s³", f"total variation of the command on {axis.upper()}", _COMMAND, value)
+    label = f"total variation of the command on {axis.upper()}"
+    return Metric("m/s³", label, _COMMAND, value, value_range="nonnegative")
 
 
 def _total_rms(sums: ErrorSums, ticks: Any, _: float) -> Any:
@@ -271,12 +290,15 @@ def _peak(sums: ErrorSums, ticks: Any, _: float) -> Any:
 
 _SATURATION = Metric(
     "1",
-    "share of ticks with saturated rotors",
+    "ticks with saturated rotors",
     _SHORTFALL,
     lambda sums, ticks, _: sums.saturated / ticks,
     Display("%", 0.01, 1),
     differentiable=False,
+    value_range="fraction",
 )
+_RMSE = Metric("m", "RMSE", _ERROR, _total_rms, CENTIMETRES, value_range="nonnegative")
+_PEAK = Metric("m", "peak error", _ERROR, _peak, CENTIMETRES, value_range="nonnegative")
 
 
 class Metrics(NamedTuple):
@@ -298,22 +320,22 @@ class Metrics(NamedTuple):
         variation_x: total variation of the commanded acceleration on X.
         variation_y: total variation of the commanded acceleration on Y.
         variation_z: total variation of the commanded acceleration on Z.
-        saturation_share: fraction of the ticks at which the rotors cannot produce the wrench.
+        saturated_fraction: fraction of the ticks at which the rotors cannot produce the wrench.
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
-    rmse: Annotated[Any, Metric("m", "RMSE", _ERROR, _total_rms, CENTIMETRES)]
+    rmse: Annotated[Any, _RMSE]
     rmse_x: Annotated[Any, _rms("x")]
     rmse_y: Annotated[Any, _rms("y")]
     rmse_z: Annotated[Any, _rms("z")]
-    peak_error: Annotated[Any, Metric("m", "peak error", _ERROR, _peak, CENTIMETRES)]
+    peak_error: Annotated[Any, _PEAK]
     effort_x: Annotated[Any, _effort("x")]
     effort_y: Annotated[Any, _effort("y")]
     effort_z: Annotated[Any, _effort("z")]
     variation_x: Annotated[Any, _variation("x")]
     variation_y: Annotated[Any, _variation("y")]
     variation_z: Annotated[Any, _variation("z")]
-    saturation_share: Annotated[Any, _SATURATION]
+    saturated_fraction: Annotated[Any, _SATURATION]
     crash_time: Annotated[Any, Quantity("s")]
 
     @property
@@ -376,6 +398,20 @@ def unit_of(kind: type[Metrics], name: str) -> str:
     return "s" if name == "crash_time" else definitions_of(kind)[name].unit
 
 
+def check_range(name: str, metric: Metric, values: Any) -> None:
+    """Check that the values of a metric, a number or (N,) numbers, are in the range that its definition states.
+
+    Raises:
+        InputError: if a value is not.
+    """
+    low, high = _LIMITS[metric.value_range]
+    wrong = (values < low - _ROUNDING_TOLERANCE) | (values > high + _ROUNDING_TOLERANCE)
+    if np.any(wrong):
+        value, *_ = np.ravel(values)[np.ravel(wrong)]
+        limits = "not negative" if high == math.inf else f"between {low:g} and {high:g}"
+        raise InputError(f"the metric {name} is {value:g}, but its value_range {metric.value_range} states {limits}")
+
+
 def compute_metrics(
     sums: Sums, crash_time: np.ndarray, period: float, kind: type[Metrics] = Metrics, connected: Any = None
 ) -> Metrics:
@@ -388,15 +424,37 @@ def compute_metrics(
         kind: class of the metrics, from `metrics_type`.
         connected: function that returns whether a signal, given its name, is known; by default all signals are. A
             metric is NaN if a signal on which it depends is not.
+
+    Raises:
+        InputError: if a metric is outside the range that its definition states.
+    """
+    known = [
+        name
+        for name, metric in definitions_of(kind).items()
+        if metric.accumulator is not None and (connected is None or all(map(connected, metric.signals)))
+    ]
+    unknown = dict.fromkeys(definitions_of(kind), np.full_like(crash_time, np.nan))
+    return kind(**{**unknown, **values_of(known, sums, period, kind)}, crash_time=crash_time)
+
+
+def values_of(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:
+    """Return the (N,) values of some metrics, by name.
+
+    Args:
+        names: names of metrics that are not computed from a recorded flight.
+        sums: sums over the ticks of each vehicle, with (N,) arrays as rows.
+        period: duration of a tick, s.
+        kind: class of the metrics, from `metrics_type`.
+
+    Raises:
+        InputError: if a metric is outside the range that its definition states.
     """
     ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
     records = dict(zip(accumulators_of(kind), sums.records, strict=True))
     values = {}
-    for name, metric in definitions_of(kind).items():
-        if metric.accumulator is None:
-            values[name] = np.full_like(crash_time, np.nan)
-            continue
-        value = metric.value(records[metric.accumulator], ticks, period)
-        known = connected is None or all(map(connected, metric.signals))
-        values[name] = value if known else np.full_like(value, np.nan)
-    return kind(**values, crash_time=crash_time)
+    for name in names:
+        metric = definitions_of(kind)[name]
+        assert metric.accumulator is not None
+        values[name] = metric.value(records[metric.accumulator], ticks, period)
+        check_range(name, metric, values[name])
+    return values

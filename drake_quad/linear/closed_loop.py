@@ -32,8 +32,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 # These subsystems only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Number of ticks after which Newton's method starts. In the first ticks, the periodic grids of a diagram do not
-# coincide exactly.
+# Number of ticks that are simulated before Newton's method starts. In the first ticks, events with different periods
+# that should occur at the same time do not coincide exactly.
 _NUM_SETTLING_TICKS = 4
 # Largest change of the state over a period in an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9

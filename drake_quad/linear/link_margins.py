@@ -23,7 +23,7 @@ from drake_quad.linear.structured_singular_value import Block, mu_bound
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # smallest difference of S from 1 for a signal that is fed back
+_MIN_ECHO = 1e-9  # a signal whose S differs from 1 by less at all frequencies is not fed back
 # Grid of `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins to 2e-4.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid

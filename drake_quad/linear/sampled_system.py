@@ -223,7 +223,7 @@ def linearize(
         converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
         first += port.size()
     y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
-    # Arithmetic on arrays of objects raises floating-point flags without meaning.
+    # NumPy warns about meaningless floating-point flags after arithmetic on arrays of objects.
     with np.errstate(all="ignore"):
         simulator = initialize_without_events(Simulator_[AutoDiffXd](converted, root))
         simulator.AdvanceTo(tick_after(context.get_time(), period))

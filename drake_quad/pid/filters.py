@@ -24,7 +24,7 @@ class LowPass(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """State of a low-pass filter: its inner signal one and two periods ago."""
+    """State of a low-pass filter: the signal between its poles and its zeros, one and two periods ago."""
 
     last: Row
     second_last: Row

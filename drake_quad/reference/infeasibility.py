@@ -29,7 +29,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # The solver has now succeeded from slightly different points.
+        # Without limits, both problems are the same, but this time the solver succeeded.
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()

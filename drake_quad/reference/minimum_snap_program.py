@@ -132,7 +132,7 @@ class MinimumSnapProgram:
         # The array is empty if there is no slack.
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
         base = knots(unconstrained.path(), NUM_FREE + 1) / self.scales[:, :, np.newaxis]
-        base[:, 0] = 0.0  # positions are relative to the representatives
+        base[:, 0] = 0.0  # position variables are relative to a point of each waypoint's region
         self._declare_variables(base)
         self._add_cost(unconstrained.cost)
         self._add_waypoints()

@@ -71,10 +71,6 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
     If the times are given, the vehicle stops at a waypoint that is repeated. Otherwise repeated waypoints count as one
     waypoint.
 
-    Args:
-        problem: constraints of the path.
-        timing: method to choose the times.
-
     Raises:
         InputError: if there is no such path or none is found (the message gives the reason), times do not increase,
             necessary limits are missing, or all waypoints are equal.

@@ -170,7 +170,7 @@ def subdivide(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     segment = np.searchsorted(path.times, joined[:-1], side="right") - 1
     duration = path.durations[segment]
     start, fraction = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
-    # The coefficients belong to the Taylor series of p(start + share u) in u. A segment that is not divided keeps
+    # The coefficients belong to the Taylor series of p(start + fraction u) in u. A segment that is not divided keeps
     # its coefficients.
     powers = path.coefficients.shape[1]
     taylor = np.stack([power_basis(k, start, powers) / math.factorial(k) for k in range(powers)], axis=1)

@@ -1,7 +1,7 @@
 """Regions for waypoints and corridors: boxes, spheres and convex polytopes."""
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,16 +171,11 @@ class Polytope:
         return np.array_equal(self.normals, other.normals) and np.array_equal(self.offsets, other.offsets)
 
     def intersection(self, other: "Box | Polytope") -> "Polytope | None":
-        """Return the intersection of both regions, or None if it is empty."""
-        faces = Polytope.from_box(other) if isinstance(other, Box) else other
-        rows = np.vstack([np.column_stack([p.normals, p.offsets]) for p in (self, faces)])
-        # Equal faces are merged.
-        _, first = np.unique(rows, axis=0, return_index=True)
-        rows = rows[np.sort(first)]
-        try:
-            return Polytope(rows[:, :-1], rows[:, -1])
-        except InputError:
-            return None
+        """Return the intersection of both regions, or None if it is empty.
+
+        The search for a path intersects the same regions many times, so results are cached.
+        """
+        return _intersection_of_faces(self, other)
 
     def max_violation(self, position: np.ndarray) -> float:
         """Return the largest distance of a position (axes,) beyond the plane of a face, m; negative inside."""
@@ -227,6 +222,19 @@ class Polytope:
 
     def __str__(self) -> str:
         return f"the polytope of {self.faces} faces around {format_vector(self.centre)}"
+
+
+@lru_cache(maxsize=4096)
+def _intersection_of_faces(one: Polytope, other: Box | Polytope) -> Polytope | None:
+    """Return the intersection of two regions, or None if it is empty."""
+    others = Polytope.from_box(other) if isinstance(other, Box) else other
+    rows = np.vstack([np.column_stack([p.normals, p.offsets]) for p in (one, others)])
+    # Equal faces are merged.
+    different = np.array([*dict.fromkeys(map(tuple, rows.tolist()))])
+    try:
+        return Polytope(different[:, :-1], different[:, -1])
+    except InputError:
+        return None
 
 
 Corridor = Box | Polytope

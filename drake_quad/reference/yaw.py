@@ -15,8 +15,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 
 # Horizontal speed below which the direction of flight is ignored, relative to the largest horizontal speed.
 _MIN_RELATIVE_SPEED = 0.02
-# Lower limit on the largest horizontal speed in this comparison, relative to the largest speed. Small sideways motion
-# of a vertical path has no meaningful direction.
+# The largest horizontal speed counts as at least this fraction of the largest speed, since small sideways motion of a
+# vertical path has no meaningful direction.
 _MIN_RELATIVE_HORIZONTAL_SPEED = 0.1
 # Positions of the knots within a segment, in unit time, for a profile that follows a path.
 _KNOT_POSITIONS = np.linspace(0.0, 1.0, 16, endpoint=False)

@@ -158,9 +158,9 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
     fade, back = (each[Cell("no_wind", "pd_t2fnn")] for each in (fades, returns))
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
-        f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of that in the"
-        f" quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of that in the 1 s"
-        " before",
+        f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in"
+        f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
+        " 1 s before",
         verdict_of([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",
@@ -333,13 +333,7 @@ def _errors_at_setting(sweep: Sweep, setting: str, value: float, controller: str
 
 
 def _best_advantage(sweep: Sweep, setting: str, value: float) -> Interval:
-    """Return the relative reduction of the mean error by the better type-2 controller, compared with type 1.
-
-    Args:
-        sweep: sweep over the setting.
-        setting: name of the setting.
-        value: value of the setting.
-    """
+    """Return the relative reduction of the mean error by the better type-2 controller, compared with type 1."""
     return max((advantage(sweep, setting, value, name) for name in _TYPE_2_CONTROLLERS), key=lambda gain: gain.value)
 
 
@@ -417,7 +411,7 @@ def _span_text(values: Sequence[float] | np.ndarray, size: float, form: str) -> 
 
 
 def _listed_text(numbers: Mapping[Cell, Interval], text: Callable[[Interval], str] = Interval.percent) -> str:
-    """Return numbers by cell as text."""
+    """Return text that lists a number for each cell of Table II."""
     return "; ".join(f"{cell.label} {text(number)}" for cell, number in numbers.items())
 
 

@@ -86,12 +86,7 @@ def write_page(folder: Path, text: str) -> list[Path]:
 
 
 def as_html(text: str, folder: Path) -> str:
-    """Return a report as an HTML page that contains its figures.
-
-    Args:
-        text: report in Markdown.
-        folder: folder of the report.
-    """
+    """Return a report as an HTML page that contains its figures."""
 
     def embedded(match: re.Match[str]) -> str:
         content = base64.b64encode((folder / match[1]).read_bytes()).decode()

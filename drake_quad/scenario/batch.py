@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, join_names
 from drake_quad.randomness.streams import Samples, Seeds
 from drake_quad.scenario.correlation import MIN_PROBABILITY, drawn_values, shared_names, shared_stream, values_at
+from drake_quad.scenario.draws import LATIN_HYPERCUBE, SOBOL
 from drake_quad.scenario.inertia import rigid_inertias
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, join_path, map_leaves, steps_of
@@ -42,14 +43,14 @@ class Batch:
     ) -> "Batch":
         """Draw samples of a scenario's study.
 
-        Fields are drawn independently, unless their distributions share variables. Moments of inertia that no rigid
-        body can have are replaced by the nearest possible moments.
+        Fields are drawn independently, unless their distributions share variables or the scenario has designed draws.
+        Moments of inertia that no rigid body can have are replaced by the nearest possible moments.
 
         Args:
             scenario: scenario, which may contain distributions.
             samples: indices of the samples, counted from 0.
             seed: seed of the study; the seed of the scenario if not given.
-            seeds: seed of each sample, for samples of several studies.
+            seeds: seed of each sample, for samples of several studies, which are drawn independently.
 
         Raises:
             InputError: if a seed or the index of a sample is negative or too large.
@@ -62,7 +63,11 @@ class Batch:
         distributions = distributions_in(scenario)
         own_seeds = None if seeds is None else tuple(seeds)
         streams = {_stream_name(path): each for path, each in distributions.items()}
-        drawn = drawn_values(own_seeds or seed, samples, streams)
+        if scenario.draws is None or own_seeds is not None or not streams:
+            drawn = drawn_values(own_seeds or seed, samples, streams)
+        else:
+            names = [*streams, *map(shared_stream, shared_names(streams.values()))]
+            drawn = values_at(streams, scenario.draws.numbers(seed, samples, names).__getitem__)
         varying = _with_rigid_bodies(scenario, {path: drawn[_stream_name(path)] for path in distributions})
         return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own_seeds)
 
@@ -147,7 +152,9 @@ class Batch:
         noise = self.scenario.noise
         if noise is not None and self.noise is not None:
             noise = noise.model_copy(update={"samples": tuple(each[vehicle] for each in self.noise)})
-        return scenario.model_copy(update={"seed": seed, "sample": self.samples[vehicle], "noise": noise})
+        return scenario.model_copy(
+            update={"seed": seed, "sample": self.samples[vehicle], "noise": noise, "draws": None}
+        )
 
 
 def coordinates(scenario: Scenario) -> tuple[str, ...]:
@@ -157,6 +164,28 @@ def coordinates(scenario: Scenario) -> tuple[str, ...]:
     """
     distributions = distributions_in(scenario)
     return (*distributions, *map(shared_stream, shared_names(distributions.values())))
+
+
+def check_pairs(scenarios: Mapping[str, Scenario]) -> None:
+    """Check that equal samples of scenarios draw equal numbers, so that their flights can be compared in pairs.
+
+    Args:
+        scenarios: scenarios by the name for messages; the first is the baseline.
+
+    Raises:
+        InputError: if the scenarios have different draws, or Sobol draws of different random parameters.
+    """
+    (first, baseline), *others = scenarios.items()
+    for name, scenario in others:
+        if scenario.draws != baseline.draws:
+            raise InputError(f"{name} and {first} have different draws, so their samples cannot be compared in pairs")
+        names, known = ({*coordinates(each)} for each in (scenario, baseline))
+        if scenario.draws is not None and scenario.draws.kind == SOBOL and names != known:
+            raise InputError(
+                f"{name} and {first} have different random parameters ({join_names(sorted(names ^ known))}), so their"
+                f" Sobol draws cannot be compared in pairs; use {LATIN_HYPERCUBE} draws, in which parameters with the"
+                " same name have the same numbers"
+            )
 
 
 def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:

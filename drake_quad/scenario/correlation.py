@@ -19,7 +19,7 @@ import scipy
 
 from drake_quad.errors import InputError, short_repr
 from drake_quad.randomness.streams import Seeds, parameter_numbers
-from drake_quad.scenario.distributions import Distribution, Normal
+from drake_quad.scenario.distributions import Distribution
 
 MIN_PROBABILITY = 2.0**-53
 """Probabilities are clipped to [p, 1 - p] with this p, which is half the distance between adjacent uniform numbers."""
@@ -150,33 +150,6 @@ def correlated_groups(distributions: Mapping[str, Distribution]) -> dict[str, tu
     _, groups = scipy.sparse.csgraph.connected_components(related, directed=False)
     members = {group: tuple(np.array(paths)[groups == group].tolist()) for group in set(groups.tolist())}
     return {path: members[group] for path, group in zip(paths, groups.tolist(), strict=True) if len(members[group]) > 1}
-
-
-class JointNormal(NamedTuple):
-    """Means and covariance of normal distributions before truncation.
-
-    Attributes:
-        paths: paths of the n fields.
-        mean: (n,) means.
-        covariance: (n, n) covariance matrix.
-    """
-
-    paths: tuple[str, ...]
-    mean: np.ndarray
-    covariance: np.ndarray
-
-
-def joint_normal(distributions: Mapping[str, Distribution]) -> JointNormal:
-    """Return the means and the covariance of all fields with a normal distribution.
-
-    Args:
-        distributions: distributions by the path of their field, as from `distributions_in`.
-    """
-    normal = {path: each for path, each in distributions.items() if isinstance(each, Normal)}
-    mean = np.array([each.normal.mean for each in normal.values()])
-    deviation = np.array([each.normal.standard_deviation for each in normal.values()])
-    correlation = correlation_matrix(list(normal.values()))
-    return JointNormal(tuple(normal), mean, correlation * np.outer(deviation, deviation))
 
 
 def correlated_normals(

@@ -68,12 +68,7 @@ class Model(BaseModel):
         return data
 
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
-        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight.
-
-        Args:
-            flight: properties of the flight.
-            path: path of this mapping in the scenario.
-        """
+        """Yield the settings of this mapping, without the mappings in it, that have no effect on a flight."""
         yield from declared_inactive_settings(self, path)
 
     def questions(self) -> Iterator[tuple[str, str]]:
@@ -235,7 +230,7 @@ class Uniform(Distribution):
         return self.uniform.min, self.uniform.max
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         return self.uniform.min + probability * (self.uniform.max - self.uniform.min)
 
 
@@ -254,7 +249,7 @@ class LogUniform(Distribution):
         return self.log_uniform.min, self.log_uniform.max
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         return self.log_uniform.min * (self.log_uniform.max / self.log_uniform.min) ** probability
 
 
@@ -282,7 +277,7 @@ class Normal(Distribution):
         return self.normal.shared
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile."""
+        """Return the quantile at a probability."""
         mean, deviation = self.normal.mean, self.normal.standard_deviation
         low, high = self.normal.min, self.normal.max
         below = 0.0 if low is None else scipy.special.ndtr((low - mean) / deviation)

@@ -80,10 +80,6 @@ def declared_inactive_settings(mapping: Any, path: str) -> Iterator[InactiveSett
     """Yield the settings of a mapping that are inactive according to its declarations.
 
     A field counts as set if its value is not the default, because scenarios that are saved contain all fields.
-
-    Args:
-        mapping: mapping of a scenario.
-        path: path of the mapping in the scenario.
     """
     if not can_act(mapping):
         yield InactiveSetting(path, _reason(mapping, mapping.strength_fields, path))

@@ -31,6 +31,7 @@ from drake_quad.scenario.controls.cascade import CascadeControl
 from drake_quad.scenario.controls.control import CONTROLS, AnyControl
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
+from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
@@ -408,7 +409,7 @@ class Crash(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as a height that is too far below the reference to be reached."""
         yield from super().inactive_settings(flight, path)
-        # A height below the default is deliberately out of reach.
+        # A user lowers the limit below its default to disable it, so such a value is not reported.
         is_strict = self.height > type(self).model_fields["height"].default
         if is_strict and self.height < flight.lowest_height - self.position_error:
             yield InactiveSetting(
@@ -491,6 +492,9 @@ class Scenario(Mission):
     noise: NoiseSamples | None = Field(
         default=None, description="samples whose wind and noise are used; those of `sample` if not given"
     )
+    draws: DesignedDraws | None = Field(
+        default=None, description="draws of the samples of a study; independent draws if not given"
+    )
 
     def _summary(self) -> list[str]:
         laboratory, count = self.laboratory, len(distributions_in(self))
@@ -544,7 +548,8 @@ class Scenario(Mission):
         cascade: CascadeControl | None = self.control.cascade()
         if cascade is None:
             raise InputError(
-                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind cascade"
+                f"control of {self.name} is of kind {self.control.kind}; select a scenario with control of kind"
+                " cascade, or write `kind: cascade` with a position controller in its control"
             )
         return cascade
 

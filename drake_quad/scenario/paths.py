@@ -158,6 +158,6 @@ def refuse_distributions(paths: Iterable[str]) -> None:
     """Raise InputError for the first of the paths of fields that are distributions, if there are any."""
     for path in paths:
         raise InputError(
-            f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with sample=0"
-            " in Python or --sample 0 in a shell"
+            f"{path} is a distribution, but one flight needs a number; give a number, or select a sample with"
+            " draw_sample(scenario, 0) in Python or --sample 0 in a shell"
         )

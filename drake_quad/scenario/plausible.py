@@ -41,7 +41,7 @@ class Plausible:
             period: period of the ticks in which the mapping of the field counts, s.
         """
         numbers = [*numbers_in(value)]
-        # A distribution may have a small standard deviation.
+        # The smallness of numbers is not checked in distributions, since a standard deviation may be small.
         small = [number for number in numbers if isinstance(value, float) and abs(number) < self.lower]
         wrong = [*small, *(number for number in numbers if abs(number) > self.upper)]
         return self._clause(wrong[0]) if wrong else ""

@@ -95,7 +95,7 @@ class Requirement(Model):
         if (self.always is None) == (self.eventually is None):
             raise validation_error("must have either always or eventually")
         if self.until is not None and self.always is None:
-            raise validation_error("must have always with until")
+            raise validation_error("must have always if it has until")
         if self.before is not None and not self.before > self.after:
             raise self.field_error(f"must be later than after, {self.after}", "before")
         if len(units := {unit for each in self._conditions() for unit in each.units()}) > 1:

@@ -124,7 +124,7 @@ class SpaceSettings(Model):
         description="radius of the vehicle around its centre of mass (m); if not given, the distance of the farthest"
         " rotor centre in `nominal`",
     )
-    tracking: Annotated[FixedNonNegative | None, needs("obstacles")] = Field(
+    tracking_error_factor: Annotated[FixedNonNegative | None, needs("obstacles")] = Field(
         default=None,
         description="multiple (1) of the predicted RMS position error that a plan keeps from obstacles in addition to"
         " the margin; the prediction is for a hover of the nominal vehicle with the scenario's control, steady wind,"
@@ -156,5 +156,5 @@ class SpaceSettings(Model):
             farthest_rotor if self.radius is None else self.radius,
             None if self.bounds is None else self.bounds.box(),
             self.margin,
-            (self.tracking or 0.0) * tracking_error,
+            (self.tracking_error_factor or 0.0) * tracking_error,
         )

@@ -52,7 +52,7 @@ class _BlockingSets(NamedTuple):
 
     Attributes:
         sets: indices of the obstacles of each set. Without the obstacles of a set there is a route on a grid.
-        is_sure: True if this route is also free between the grid points.
+        is_sure: True if the routes that exist without a set are also free between the grid points.
     """
 
     sets: list[tuple[int, ...]]

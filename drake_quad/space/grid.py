@@ -99,8 +99,8 @@ class Grid:
             free &= inside
             both = inside[rows] & inside[columns]
             rows, columns, lengths = rows[both], columns[both], lengths[both]
-        distances_to_starts = self._nearest_of(starts)[0]
-        near = np.flatnonzero(free & (distances_to_starts <= _MAX_CONNECTION_SPACINGS * self.spacing))
+        distances_to_starts, _ = self._nearest_of(starts)
+        near = np.flatnonzero(free & np.isfinite(distances_to_starts))
         rows = np.append(rows, np.full(len(near), len(self.points)))
         columns = np.append(columns, near)
         # SciPy treats a length of zero as a missing connection.
@@ -179,17 +179,22 @@ class Grid:
             infinite and the indices are negative.
         """
         distances_to_ends, nearest = self._nearest_of(ends)
-        near = np.flatnonzero(np.isfinite(lengths) & (distances_to_ends <= _MAX_CONNECTION_SPACINGS * self.spacing))
+        near = np.flatnonzero(np.isfinite(lengths) & np.isfinite(distances_to_ends))
         if not len(near):
             return np.inf, -1, -1
         number = int(near[(lengths[near] + distances_to_ends[near]).argmin()])
         return float(lengths[number] + distances_to_ends[number]), number, int(nearest[number])
 
     def _nearest_of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return, for each grid point, the distance (n,) to the nearest of several points (k, 3), m, and its index."""
+        """Return, for each grid point, the distance (n,) to the nearest of several points (k, 3), m, and its index.
+
+        The distance is infinite if it exceeds the largest distance at which points are connected to the grid.
+        """
         from scipy.spatial import KDTree
 
-        distances, numbers = KDTree(points).query(self.points)
+        # SciPy finds only points below the bound.
+        bound = np.nextafter(_MAX_CONNECTION_SPACINGS * self.spacing, np.inf)
+        distances, numbers = KDTree(points).query(self.points, distance_upper_bound=bound)
         return distances, numbers
 
     def components(self, free: np.ndarray) -> np.ndarray:

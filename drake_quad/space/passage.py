@@ -27,7 +27,8 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Number of candidate regions of a leg, unless its chain has more. With this number, the search takes half a second.
+# Number of candidate regions of a leg; all regions are candidates if the chain of a leg has more. With eight
+# candidates, the search takes half a second.
 _MAX_CANDIDATES = 8
 # Cost of a transition to another region, as a length in m. It favours paths with fewer segments, which have fewer
 # turns.
@@ -36,7 +37,8 @@ _TRANSITION_COST = 0.1
 _MAX_ROUNDED_PATHS = 10
 # Standard deviation of the logarithm of the random factors on lengths.
 _LOG_FACTOR_DEVIATION = 0.6
-# Largest number of regions in the chain of a leg, including the halvings of steps of the route.
+# Largest number of iterations when the chain of a leg is built. Each iteration adds a region, or halves a step of the
+# route that no region covers.
 _MAX_CHAIN_LENGTH = 60
 
 

@@ -52,27 +52,39 @@ def bounded_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) ->
     mean = mean_interval(values, confidence)
     if len(values) > 1 and mean.value in (0.0, 1.0):
         return proportion_interval(int(mean.value) * len(values), len(values), confidence)
-    if not 0.0 < mean.value < 1.0:
-        return mean
+    return log_odds_interval(mean) if 0.0 < mean.value < 1.0 else mean
+
+
+def log_odds_interval(mean: Interval) -> Interval:
+    """Return a mean between 0 and 1 whose symmetric interval is replaced by the interval of its log-odds."""
     odds = mean.value / (1.0 - mean.value)
     factor = math.exp(min((mean.high - mean.value) / (mean.value * (1.0 - mean.value)), _MAX_EXPONENT))
     low, high = odds / factor, odds * factor
     return Interval(mean.value, low / (1.0 + low), high / (1.0 + high))
 
 
-def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
+def quantile_interval(
+    values: np.ndarray, probability: float, confidence: float = CONFIDENCE, *, effective_number: float | None = None
+) -> Interval:
     """Return a quantile of values (n,), with an interval between two order statistics.
 
     The interval is valid for any distribution. An end is infinite if there are too few values.
+
+    Args:
+        values: (n,) values.
+        probability: probability of the quantile.
+        confidence: probability that the interval contains the true quantile.
+        effective_number: number of independent values with the same information, at most n; n if not given.
     """
     if not len(values):
         return Interval(math.nan, math.nan, math.nan)
     ordered, n = np.sort(values), len(values)
     # The number of values below the quantile has a binomial distribution. The error probability is divided equally
     # between the two ends.
-    tail = 0.5 * (1.0 - confidence)
-    first = _binomial_quantile(tail, n, probability)
-    last = _binomial_quantile(1.0 - tail, n, probability) + 1
+    tail, number = 0.5 * (1.0 - confidence), n if effective_number is None else math.floor(effective_number)
+    # The ranks among the effective number of values are scaled to the ranks among all values, rounded outwards.
+    first = math.floor(_binomial_quantile(tail, number, probability) * n / number)
+    last = math.ceil((_binomial_quantile(1.0 - tail, number, probability) + 1) * n / number)
     return Interval(
         float(ordered[max(math.ceil(n * probability) - 1, 0)]),
         float(ordered[first - 1]) if first >= 1 else -math.inf,
@@ -80,13 +92,13 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
     )
 
 
-def proportion_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
+def proportion_interval(count: float, total: float, confidence: float = CONFIDENCE) -> Interval:
     """Return an estimated probability with the exact interval of Clopper and Pearson.
 
     The ends of the interval are quantiles of beta distributions.
 
     Args:
-        count: number of samples in which the event occurred.
+        count: number of samples in which the event occurred; a fraction for an effective number of samples.
         total: number of all samples.
         confidence: probability that the interval contains the true value.
 
@@ -113,7 +125,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
         y: (n,) values of the second variable.
         confidence: probability that the interval contains the true value.
     """
-    if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    if len(x) < 4 or _is_constant(x) or _is_constant(y):
         return Interval(math.nan, math.nan, math.nan)
     return _correlation_interval(float(np.corrcoef(_ranks(x), _ranks(y))[0, 1]), len(x), confidence)
 
@@ -133,7 +145,7 @@ def partial_rank_correlation(
     """
     if not len(covariates):
         return rank_correlation(x, y, confidence)
-    if len(x) < 4 + len(covariates) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+    if len(x) < 4 + len(covariates) or _is_constant(x) or _is_constant(y):
         return Interval(math.nan, math.nan, math.nan)
     ranks, others = (np.array([_ranks(row) for row in rows]) for rows in ((x, y), covariates))
     ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
@@ -163,6 +175,11 @@ def _binomial_quantile(fraction: float, total: int, probability: float) -> int:
         return round(total * probability)
     count = math.ceil(scipy.special.bdtrik(fraction, total, probability))
     return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= fraction else count
+
+
+def _is_constant(values: np.ndarray) -> bool:
+    """Return whether all values, which may be infinite, are equal."""
+    return bool(np.all(values == values[0]))
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:

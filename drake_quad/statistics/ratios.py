@@ -26,12 +26,12 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
         confidence: probability that the interval contains the ratio.
 
     Returns:
-        The ratio with its interval. The ratio is NaN if the mean of the baseline is zero, and the ends of the interval
-        are NaN for fewer than two samples.
+        The ratio with its interval. The ratio is NaN if the mean of the baseline is zero or a value is infinite, and
+        the ends of the interval are NaN for fewer than two samples.
     """
     n = len(values)
     mean = float(np.mean(baseline)) if n else 0.0
-    if not mean > 0.0:
+    if not (mean > 0.0 and np.isfinite(values).all() and np.isfinite(baseline).all()):
         return Interval(math.nan, math.nan, math.nan)
     ratio = float(np.mean(values)) / mean
     if n < 2:

@@ -1,8 +1,8 @@
 """Confidence sequences: intervals that stay valid although they are computed again and again while samples arrive.
 
-With the given confidence, all intervals of a sequence contain the true value, however often one looks, and whatever
-one does then. A study may therefore stop as soon as its interval is short enough. An ordinary interval is not valid at
-such a time, since the study stops preferably when the interval happens to be too short.
+With the given confidence, all intervals of a sequence contain the true value. A study may therefore stop as soon as its
+interval is short enough. An ordinary interval is not valid at such a time, because a study is more likely to stop when
+the interval happens to be too short.
 """
 
 import math
@@ -15,7 +15,8 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 # Parameters of the beta distribution over which the likelihood ratio is averaged. Any choice is valid; these are
 # Jeffreys' prior, which gives short intervals for small and for large probabilities.
 _PRIOR = 0.5, 0.5
-# Number of samples for which the sequence of means is shortest. Any number that is chosen in advance is valid.
+# Number of samples at which the intervals of means are narrowest, relative to ordinary intervals. The sequence is valid
+# for any number that is chosen in advance.
 _TUNED_NUM_SAMPLES = 1000
 _MIN_PROBABILITY = 1e-15
 

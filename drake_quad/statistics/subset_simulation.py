@@ -11,7 +11,7 @@ independent runs.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +73,10 @@ class SubsetRun(NamedTuple):
         return result
 
 
+SubsetSteps = Generator[tuple[np.ndarray, np.ndarray], np.ndarray, SubsetRun]
+"""Run that yields points and whole numbers, is sent their performances, and returns the finished run."""
+
+
 def subset_simulation(
     performance: Performance,
     num_coordinates: int,
@@ -82,23 +86,60 @@ def subset_simulation(
     size: int = 1000,
     fraction: float = 0.1,
 ) -> SubsetRun:
-    """Run subset simulation once.
+    """Run subset simulation once; see `subset_steps` for the arguments."""
+    (run,) = run_together(
+        performance, [subset_steps(num_coordinates, num_noise, generator, size=size, fraction=fraction)]
+    )
+    return run
+
+
+def run_together(performance: Performance, runs: Sequence[SubsetSteps]) -> list[SubsetRun]:
+    """Run subset simulations in step, so that the samples of all of them are evaluated together.
+
+    Args:
+        performance: performance of samples.
+        runs: independent runs, see `subset_steps`.
+
+    Returns:
+        The finished runs, in the given order. They do not depend on one another.
+    """
+    finished: dict[int, SubsetRun] = {}
+    waiting = {number: next(run) for number, run in enumerate(runs)}
+    while waiting:
+        points, noise = (np.concatenate(each) for each in zip(*waiting.values(), strict=True))
+        ends = np.cumsum([len(points) for points, _ in waiting.values()])
+        parts = np.split(performance(points, noise), ends[:-1])
+        for number, values in zip([*waiting], parts, strict=True):
+            try:
+                waiting[number] = runs[number].send(values)
+            except StopIteration as end:
+                finished[number] = end.value
+                del waiting[number]
+    return [finished[number] for number in range(len(runs))]
+
+
+def subset_steps(
+    num_coordinates: int, num_noise: int, generator: np.random.Generator, *, size: int = 1000, fraction: float = 0.1
+) -> SubsetSteps:
+    """Yield the samples of a run of subset simulation, which is sent their performances.
 
     A proposal changes all coordinates a little, and draws some of the whole numbers again. Both moves preserve the
     distribution of the samples.
 
     Args:
-        performance: performance of samples.
         num_coordinates: number d of coordinates of a point.
         num_noise: number b of whole numbers of a sample.
         generator: source of random numbers.
         size: number of samples in each step, a multiple of 1 / `fraction`.
         fraction: fraction of the samples that satisfy the condition of the next step.
+
+    Returns:
+        The finished run.
     """
     num_chains = round(fraction * size)
     points = generator.standard_normal((size, num_coordinates))
     noise = generator.integers(MAX_NOISE, size=(size, num_noise))
-    values = performance(points, noise)
+    values = yield points, noise
     levels, history, num_evaluations, step = [], [], size, _INITIAL_STEP
     for _ in range(_MAX_LEVELS):
         history.append(np.sort(values)[::-1])
@@ -111,7 +152,7 @@ def subset_simulation(
         states = [chain]
         for length in range(1, size // num_chains):
             moved = _proposal(*chain[:2], step, generator)
-            moved_values = performance(*moved)
+            moved_values = yield moved
             num_evaluations += num_chains
             is_accepted = moved_values >= level
             chain = (

@@ -6,7 +6,9 @@ study. Whole numbers determine wind and noise, for the whole flight or for each 
 """
 
 import math
-from collections.abc import Sequence
+import uuid
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +18,23 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
-from drake_quad.flight.simulation import fly_with_metrics
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
-from drake_quad.scenario.batch import Batch, coordinates
+from drake_quad.scenario.batch import coordinates
 from drake_quad.scenario.models import NoiseSamples, Scenario
 from drake_quad.statistics.subset_simulation import MAX_NOISE
+from drake_quad.studies.flying import (
+    BatchJob,
+    batch_at,
+    build_before_fork,
+    code_versions,
+    delete_fleets,
+    fleet_of,
+    fly_points,
+    point_rows,
+)
+from drake_quad.studies.processes import Workers, check_importable
+from drake_quad.studies.worker_pool import WorkerPool, fly_batches, size_of_batches
 
 
 class Evaluator:
@@ -29,11 +42,13 @@ class Evaluator:
 
     Args:
         scenario: scenario with distributions.
-        num_vehicles: largest number of vehicles that fly at the same time.
+        num_vehicles: largest number of vehicles of a fleet.
         noise_period: length of the periods whose wind and noise are determined by separate numbers, s; None for one
             number for the whole flight.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
+        pool: workers that fly the points, such as `Workers` or a Dask cluster from `dask_pool`; by default, a few
+            fleets in this process. The metrics do not depend on the workers.
 
     Attributes:
         scenario: scenario.
@@ -43,7 +58,8 @@ class Evaluator:
         plan: plan that is flown.
 
     Raises:
-        InputError: if the scenario has no distribution, or cannot be flown by a fleet.
+        InputError: if the scenario has no distribution or cannot be flown by a fleet, or if workers cannot import the
+            user's systems.
     """
 
     def __init__(
@@ -54,6 +70,7 @@ class Evaluator:
         noise_period: float | None = None,
         own: UserSystems = UserSystems(),
         compiled: bool = True,
+        pool: WorkerPool | None = None,
     ) -> None:
         self.names, self.num_flights, self.num_periods = coordinates(scenario), 0, 1
         if not self.names and noise_period is None:
@@ -63,8 +80,14 @@ class Evaluator:
             self.num_periods = math.ceil(flight_duration(scenario, plan) / noise_period)
             noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)
             scenario = scenario.model_copy(update={"noise": noise})
-        self.scenario = scenario
-        self._fleet = StudyFleet(scenario, plan, num_vehicles, user_systems=own, compiled=compiled)
+        self.scenario, self._pool, self._fleets = scenario, pool, dict[int, StudyFleet]()
+        # Workers compare the versions of the code with theirs.
+        code = {} if pool is None else code_versions(own)
+        self._job = BatchJob(uuid.uuid4().hex, code, scenario, plan, num_vehicles, own, compiled)
+        if pool is None:
+            fleet_of(self._job, self._fleets, num_vehicles)
+        elif isinstance(pool, Workers):
+            check_importable({**own.specified, "a kind that the scenario uses": scenario})
 
     def __call__(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Fly a vehicle for each point, and return the metrics, (n,) arrays.
@@ -76,6 +99,16 @@ class Evaluator:
 
         Raises:
             InputError: if the points or the numbers have the wrong shape or are out of range.
+            RuntimeError: if workers cannot fly a point.
+        """
+        indices, parts = zip(*self.batches(points, noise), strict=True)
+        order = np.argsort(np.concatenate(indices))
+        return parts[0].with_values(np.concatenate(values)[order] for values in zip(*parts, strict=True))
+
+    def batches(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Iterator[tuple[np.ndarray, Metrics]]:
+        """Fly a vehicle for each point, and yield the indices and the metrics of the points of each finished batch.
+
+        Batches are yielded in the order in which they end. The arguments and errors are those of a call.
         """
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != len(self.names) or not len(points):
@@ -90,11 +123,10 @@ class Evaluator:
         numbers = np.broadcast_to(numbers[:, None] if numbers.ndim == 1 else numbers, shape)
         if not np.all((numbers >= 0) & (numbers < MAX_NOISE)):
             raise InputError(f"noise must be at least 0 and below {MAX_NOISE}")
-        size = self._fleet.num_vehicles
-        parts = [slice(first, first + size) for first in range(0, len(points), size)]
-        flown = [fly_with_metrics(self._fleet, self._batch(points[part], numbers[part])) for part in parts]
-        self.num_flights += len(points)
-        return flown[0].with_values(np.concatenate(values) for values in zip(*flown, strict=True))
+        flights = np.column_stack([np.arange(len(points)), points, numbers])
+        for rows in self._flown(flights):
+            self.num_flights += len(rows)
+            yield rows[:, 0].astype(int), self.scenario.metrics_type(*rows[:, 1:].T)
 
     def at_normal(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Return the metrics at (n, d) points of standard normal space; `noise` is as in a call."""
@@ -108,9 +140,26 @@ class Evaluator:
             noise: number, or (num_periods,) numbers, that determine wind and noise.
         """
         numbers = np.broadcast_to(np.asarray(noise), self.num_periods)
-        return self._batch(np.asarray(point, dtype=float)[None], numbers[None]).scenario_of(0)
+        return batch_at(self.scenario, np.concatenate([[0.0], point, numbers])[None]).scenario_of(0)
 
-    def _batch(self, points: np.ndarray, numbers: np.ndarray) -> Batch:
-        periods = numbers.T.tolist()
-        noise = None if self.scenario.noise is None else periods
-        return Batch.at_points(self.scenario, points, periods[0], noise=noise)
+    def _flown(self, flights: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield the rows of `fly_points` for each finished batch of flights (n, 1 + d + num_periods)."""
+        if self._pool is None:
+            for part in _parts(flights, self._job.num_vehicles):
+                yield point_rows(fleet_of(self._job, self._fleets, len(part)), part)
+            return
+        size = size_of_batches(len(flights), self._pool.num_workers, None, self._job.num_vehicles)
+        job = self._job._replace(num_vehicles=size)
+        build_before_fork(self._pool, job)
+        try:
+            for outcome in fly_batches(self._pool, partial(fly_points, job), _parts(flights, size)):
+                if outcome.reason:
+                    raise RuntimeError(f"a flight could not be simulated: {outcome.reason}")
+                yield outcome.result
+        finally:
+            self._pool.abandon()
+            delete_fleets()
+
+
+def _parts(flights: np.ndarray, size: int) -> list[np.ndarray]:
+    return [flights[first : first + size] for first in range(0, len(flights), size)]

@@ -7,6 +7,7 @@ limited to a given number of standard deviations (N. Hansen, "The CMA evolution 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy
@@ -21,6 +22,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.statistics.subset_simulation import MAX_NOISE
 from drake_quad.studies.evaluator import Evaluator
+from drake_quad.studies.stored_flights import stored_flights
+from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH_VALUE = 1e9  # value of a crash at the end of the flight, which is worse than any value of a metric
 MIN_FLIGHTS = 250
@@ -67,6 +70,9 @@ def find_worst_case(
     num_noise: int = 4,
     own: UserSystems = UserSystems(),
     compiled: bool = True,
+    pool: WorkerPool | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
     progress: Callable[[int, str], None] | None = None,
 ) -> WorstCase:
     """Search for the random numbers within some standard deviations that make a metric worst.
@@ -83,12 +89,17 @@ def find_worst_case(
         num_noise: number of samples of wind and noise.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
-        progress: function that is called after each generation with its number of flights and a description.
+        pool: workers that fly the candidates; by default, one fleet in this process; see `Evaluator`.
+        folder: folder for the values of all flights, with which an interrupted search is resumed.
+        resume: True to continue a search that the folder already contains.
+        progress: function that is called after each batch with its number of flights and a description.
 
     Raises:
-        InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; or if there
-            are too few flights for one generation.
+        InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; if there are
+            too few flights for one generation; or if the folder contains another study.
         ImportError: if the library cma is not installed.
+        RuntimeError: if workers cannot fly a candidate.
+        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     lookup(definitions_of(scenario.metrics_type), metric, "metric")
     check_integer(num_noise, "num_noise", minimum=1)
@@ -96,7 +107,7 @@ def find_worst_case(
     if not 0.0 < sigma <= 8.0:
         raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
     cma = import_extra("cma", "robustness")
-    evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled)
+    evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled, pool=pool)
     # Numbers of wind and noise follow from the seed, so that another seed gives another search.
     noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
     sign = 1.0 if maximise else -1.0
@@ -111,28 +122,46 @@ def find_worst_case(
 
     worst: tuple[float, np.ndarray, int] = (-math.inf, np.zeros(len(evaluator.names)), 0)
     means: list[float] = []
-    population, restart = MIN_FLIGHTS, 0
-    dimension = max(len(evaluator.names), 2)  # CMA-ES needs two dimensions; the second one may have no effect
-    while evaluator.num_flights + population * num_noise <= max_flights:
-        options = {
-            "popsize": population, "seed": 1 + (scenario.seed + restart) % (2**31 - 1), "verbose": -9,
-            "bounds": [-sigma, sigma],
-        }  # fmt: skip
-        start = np.random.default_rng([scenario.seed, restart]).standard_normal(dimension) * bool(restart)
-        search = cma.CMAEvolutionStrategy(np.clip(start, -sigma, sigma), min(_INITIAL_STEP, sigma), options)
-        while not search.stop() and evaluator.num_flights + population * num_noise <= max_flights:
-            candidates = search.ask()
-            points = np.array(candidates)[:, : len(evaluator.names)]
-            flown = badness(evaluator.at_normal(np.repeat(points, num_noise, axis=0), np.tile(noise, population)))
-            rows = flown.reshape(population, num_noise)
-            search.tell(candidates, [*-rows.mean(axis=1)])
-            row, column = np.unravel_index(int(rows.argmax()), rows.shape)
-            worst = max(worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0])
-            mean = float(rows.mean(axis=1).max())
-            means.append(math.inf if mean > 0.1 * _CRASH_VALUE else sign * mean)
-            if progress is not None:
-                progress(flown.size, f"{metric} {means[-1]:.4g}")
-        population, restart = 2 * population, restart + 1
+    settings = {"search": "falsify", "metric": metric, "maximise": maximise, "sigma": sigma, "noise": num_noise}
+
+    def show(count: int) -> None:
+        if progress is not None:
+            progress(count, f"{metric} {means[-1]:.4g}" if means else "")
+
+    with stored_flights(
+        evaluator,
+        badness,
+        scenario,
+        settings,
+        max_flights=max_flights,
+        own=own,
+        compiled=compiled,
+        folder=folder,
+        resume=resume,
+        progress=show,
+    ) as flights:
+        population, restart = MIN_FLIGHTS, 0
+        dimension = max(len(evaluator.names), 2)  # CMA-ES needs two dimensions; the second one may have no effect
+        while flights.num_flights + population * num_noise <= max_flights:
+            options = {
+                "popsize": population, "seed": 1 + (scenario.seed + restart) % (2**31 - 1), "verbose": -9,
+                "bounds": [-sigma, sigma],
+            }  # fmt: skip
+            start = np.random.default_rng([scenario.seed, restart]).standard_normal(dimension) * bool(restart)
+            search = cma.CMAEvolutionStrategy(np.clip(start, -sigma, sigma), min(_INITIAL_STEP, sigma), options)
+            while not search.stop() and flights.num_flights + population * num_noise <= max_flights:
+                candidates = search.ask()
+                points = np.array(candidates)[:, : len(evaluator.names)]
+                flown = flights(np.repeat(scipy.special.ndtr(points), num_noise, axis=0), np.tile(noise, population))
+                rows = flown.reshape(population, num_noise)
+                search.tell(candidates, [*-rows.mean(axis=1)])
+                row, column = np.unravel_index(int(rows.argmax()), rows.shape)
+                worst = max(
+                    worst, (float(rows[row, column]), points[row], int(noise[column])), key=lambda each: each[0]
+                )
+                mean = float(rows.mean(axis=1).max())
+                means.append(math.inf if mean > 0.1 * _CRASH_VALUE else sign * mean)
+            population, restart = 2 * population, restart + 1
     value, point, number = worst
     uniform = scipy.special.ndtr(point)
     nominal = median_scenario(scenario).model_copy(update={"sample": number})
@@ -148,5 +177,5 @@ def find_worst_case(
         worst_scenario,
         nominal,
         tuple(means),
-        evaluator.num_flights,
+        flights.num_flights,
     )

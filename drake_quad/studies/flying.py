@@ -12,10 +12,12 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.simulation import fly_with_metrics, simulate
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.models import Scenario
+from drake_quad.studies.processes import Workers
 from drake_quad.studies.provenance import code_difference, provenance, source_digest
 from drake_quad.studies.study import rows_of
+from drake_quad.studies.worker_pool import WorkerPool
 
 # Each thread has separate diagrams, since an executor may have several threads.
 _thread_data = threading.local()
@@ -60,6 +62,36 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     return rows_of(batch, metrics, fleet.obstacle_hit()[: len(batch)])
 
 
+def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
+    """Fly points of the unit cube, and return the rows (n, 1 + metrics) of the flights.
+
+    Args:
+        job: common data of all batches.
+        flights: (n, 1 + d + periods) index of each flight, its point, and the samples whose wind and noise are used in
+            each period; see `Batch.at_points`.
+
+    Returns:
+        Index and metrics of each flight, in the order of the given flights.
+
+    Raises:
+        InputError: the code of this process differs from the code of the process that started the search.
+    """
+    return point_rows(_fleet(job, len(flights)), flights)
+
+
+def point_rows(fleet: StudyFleet, flights: np.ndarray) -> np.ndarray:
+    """Fly points of the unit cube in a fleet, and return the rows of `fly_points`."""
+    return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, batch_at(fleet.scenario, flights))])
+
+
+def batch_at(scenario: Scenario, flights: np.ndarray) -> Batch:
+    """Return the batch of the flights of `fly_points`."""
+    end = 1 + len(coordinates(scenario))
+    periods = flights[:, end:].astype(np.int64).T.tolist()
+    noise = None if scenario.noise is None else periods
+    return Batch.at_points(scenario, flights[:, 1:end], periods[0], noise=noise)
+
+
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     """Fly the last sample alone twice, then all samples together, and return the three rows of the last sample."""
     last = samples[-1:]
@@ -81,17 +113,19 @@ def build_fleet(job: BatchJob) -> None:
     fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
 
 
+def build_before_fork(pool: WorkerPool, job: BatchJob) -> None:
+    """Build the fleet of a job if the workers of a pool will be forked from this process, and inherit the fleet."""
+    if not job.user_systems.specified and isinstance(pool, Workers) and pool.forks_workers:
+        build_fleet(job)
+
+
 def delete_fleets() -> None:
     """Delete the fleets of this thread."""
     _thread_data.__dict__.clear()
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """Return a fleet with at least as many vehicles as there are samples.
-
-    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
-    fleets.
-    """
+    """Return a fleet of this thread with at least as many vehicles as there are samples; see `fleet_of`."""
     if getattr(_thread_data, "key", None) != job.key:
         delete_fleets()
         mismatch = code_difference(job.code, code_versions(job.user_systems))
@@ -99,10 +133,23 @@ def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
             raise InputError(f"a worker on {platform.node()} has {mismatch}")
         _thread_data.fleets = {}
         _thread_data.key = job.key
+    return fleet_of(job, _thread_data.fleets, num_samples)
+
+
+def fleet_of(job: BatchJob, fleets: dict[int, StudyFleet], num_samples: int) -> StudyFleet:
+    """Return a fleet with at least as many vehicles as there are samples, and build it if there is none.
+
+    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
+    fleets.
+
+    Args:
+        job: common data of all batches.
+        fleets: existing fleets of the job by size.
+        num_samples: number of samples, at most the size of the largest fleet.
+    """
     size = job.num_vehicles
     while size > 1 and (size + 1) // 2 >= num_samples:
         size = (size + 1) // 2
-    fleets: dict[int, StudyFleet] = _thread_data.fleets
     if size not in fleets:
         fleets[size] = StudyFleet(job.scenario, job.plan, size, user_systems=job.user_systems, compiled=job.compiled)
     return fleets[size]

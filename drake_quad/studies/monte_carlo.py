@@ -1,6 +1,5 @@
 """Monte Carlo studies of a scenario."""
 
-import math
 import uuid
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -13,15 +12,18 @@ from typing import Any
 import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError, InputWarning
+from drake_quad.errors import InputError, InputWarning, lookup
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import recorded_metrics_of
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
+from drake_quad.scenario.draws import LATIN_HYPERCUBE, MAX_SIZE, SOBOL, DesignedDraws
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.statistics.replicates import MIN_REPLICATES
 from drake_quad.studies.flying import (
     BatchJob,
-    build_fleet,
+    build_before_fork,
     code_versions,
     crash_cause,
     delete_fleets,
@@ -32,8 +34,8 @@ from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.processes import Workers, check_counts, check_importable, num_cores
 from drake_quad.studies.stopping import StoppingRule, checkpoints
 from drake_quad.studies.study import Study, columns_of
-from drake_quad.studies.study_folder import StudyRows, open_study
-from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
+from drake_quad.studies.study_folder import StudyRows, open_study, saying_what_is_saved
+from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches, size_of_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
 _RECORDED_BATCH_SIZE = 64  # a few megabytes per vehicle are recorded for half a minute of flight
@@ -43,8 +45,10 @@ _TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 _TRIAL_TOLERANCE = 1e-6
 
 
-class StudyInterrupted(KeyboardInterrupt):
-    """Interruption of a study by Ctrl-C, whose message says how many samples are saved."""
+RANDOM = "random"
+"""Kind of draws of independent samples."""
+DRAWS = (RANDOM, LATIN_HYPERCUBE, SOBOL)
+"""Kinds of draws of a study."""
 
 
 def run_monte_carlo(
@@ -64,6 +68,7 @@ def run_monte_carlo(
     policy: Callable[[int], Any] | None = None,
     compiled: bool = True,
     until: Sequence[str] = (),
+    draws: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
     """Fly samples 0 to n - 1 of a scenario's study in fleets.
@@ -96,7 +101,11 @@ def run_monte_carlo(
         compiled: True to compile the diagram to machine code, except for systems that cannot be compiled; False to
             simulate the uncompiled diagram.
         until: rules such as `crash ± 0.2 %` or `rmse ± 1 %`. The study ends as soon as all of them are met, or after n
-            samples. They are evaluated after fixed numbers of samples, see `drake_quad.studies.stopping`.
+            samples. They are evaluated after fixed numbers of samples, see `drake_quad.studies.stopping`. The samples
+            must be independent.
+        draws: draws of the random parameters: `random` for independent samples, or `latin_hypercube` or `sobol` for at
+            least 16 independent replicates that cover the distributions evenly; by default the draws of the scenario.
+            Intervals follow from the spread of the replicates. Wind and noise are independent in all samples.
         progress: function that is called with the number of completed samples, and n.
 
     Returns:
@@ -116,15 +125,25 @@ def run_monte_carlo(
     num_workers = num_cores() if num_workers is None else num_workers
     check_counts(num_samples=num_samples, num_workers=num_workers, batch_size=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
+    if draws is not None:
+        scenario = with_draws(scenario, draws, num_samples)
+    if until and scenario.draws is not None:
+        raise InputError(
+            f"a study with {scenario.draws.kind} draws cannot end early: the stopping rules are valid for independent"
+            " samples; use random draws, or leave out the rules"
+        )
     plan = plan_route(scenario)
     rules = [StoppingRule.parse(text, scenario) for text in until]
     user_systems = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
         check_fleet_fits(min(batch_size or 1, num_samples), "batch")
         check_importable({**user_systems.specified, "a kind that the scenario uses": scenario})
-    rows = None
+    rows: StudyRows | None = None
     try:
-        with _open_pool(executor, num_workers, time_limit) as pool:
+        with (
+            saying_what_is_saved(lambda: "nothing was written" if rows is None else rows.saved),
+            _open_pool(executor, num_workers, time_limit) as pool,
+        ):
             job = BatchJob(
                 uuid.uuid4().hex,
                 code_versions(user_systems),
@@ -142,28 +161,42 @@ def run_monte_carlo(
             ) as rows:
                 for count in checkpoints(num_samples) if rules else [num_samples]:
                     missing, default = rows.missing(count), _default_batch_size(scenario)
-                    size = _size_of_batches(len(missing), pool.num_workers, batch_size, default)
+                    size = size_of_batches(len(missing), pool.num_workers, batch_size, default)
                     _fly(pool, job._replace(num_vehicles=size), rows, missing, progress)
                     if rules and len(rows) and all(rule.is_met(rows.metrics(count)) for rule in rules):
                         break
             if rows.failures and not len(rows):
                 sample, reason = min(rows.failures.items())
                 raise RuntimeError(f"no sample can be flown; sample {sample}: {reason}")
-    except KeyboardInterrupt:
-        raise StudyInterrupted(f"interrupted: {_saved_text(rows)}") from None
-    except OSError as error:
-        raise OSError(f"{error}; {_saved_text(rows)}") from error
-    except RuntimeError as error:
-        raise RuntimeError(f"{error}; {_saved_text(rows)}") from error
-    except MemoryError as error:
-        raise MemoryError(f"there is not enough memory; {_saved_text(rows)}") from error
     finally:
         delete_fleets()
     return rows.study()
 
 
-def _saved_text(rows: StudyRows | None) -> str:
-    return "nothing was written" if rows is None else rows.saved
+def with_draws(scenario: Scenario, kind: str, num_samples: int) -> Scenario:
+    """Return a scenario with draws of a kind for a study.
+
+    Args:
+        scenario: scenario of the study.
+        kind: `random`, `latin_hypercube` or `sobol`.
+        num_samples: number of samples of the study, which is divided into at least `MIN_REPLICATES` replicates.
+
+    Raises:
+        InputError: there is no such kind, the scenario has no distribution, or there are too few samples.
+    """
+    if kind == RANDOM:
+        return scenario.model_copy(update={"draws": None})
+    lookup(dict.fromkeys(DRAWS), kind, "kind of draws")
+    if not distributions_in(scenario):
+        raise InputError(f"{scenario.name} contains no distribution, so {kind} draws have no effect")
+    size = min(num_samples // MIN_REPLICATES, MAX_SIZE)
+    if size < 2:
+        raise InputError(
+            f"{kind} draws need at least {2 * MIN_REPLICATES} samples: {MIN_REPLICATES} replicates of two samples"
+        )
+    if kind == SOBOL:
+        size = 2 ** (size.bit_length() - 1)
+    return scenario.model_copy(update={"draws": DesignedDraws.model_validate({"kind": kind, "size": size})})
 
 
 def _fly(
@@ -181,8 +214,8 @@ def _fly(
             progress(len(rows) + len(rows.failures), rows.num_samples)
 
     report()
-    if missing and not job.user_systems.specified and isinstance(pool, Workers) and pool.forks_workers:
-        build_fleet(job)
+    if missing:
+        build_before_fork(pool, job)
     batches = (missing[first : first + size] for first in range(0, len(missing), size))
     for outcome in fly_batches(pool, partial(fly_batch, job), batches):
         rows.add(outcome)
@@ -253,11 +286,3 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
 def _default_batch_size(scenario: Scenario) -> int:
     """Return the default number of samples in a batch, which is smaller if metrics need recorded signals."""
     return _RECORDED_BATCH_SIZE if recorded_metrics_of(scenario.metrics_type) else _DEFAULT_BATCH_SIZE
-
-
-def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None, default: int) -> int:
-    """Return the number of samples in a batch; by default, all workers receive equally many batches of similar size."""
-    if batch_size is None:
-        rounds = math.ceil(num_samples / (num_workers * default))
-        batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
-    return max(min(batch_size, num_samples), 1)

@@ -23,19 +23,22 @@ except ImportError:  # Windows has no fcntl, so two studies could write to the s
 
 CHECKSUM = "checksum"
 _NUMBER_FORMAT = "%.12g"  # repeated flights of a sample agree to more than 12 digits
+_EXACT_FORMAT = "%.17g"
 
 
 class RowFormat(NamedTuple):
     """Format of the rows in a results file.
 
     Attributes:
-        columns: names of the columns; the first is `sample`. An empty cell means infinity in the column `crash_time`,
-            and NaN in other columns.
+        columns: names of the columns; the first is the index of the sample or flight. An empty cell means infinity in
+            the column `crash_time`, and NaN in other columns.
         study: text that identifies the study; the checksums include it.
+        is_exact: True to write all digits, and infinity as `inf`, so that the same numbers are read.
     """
 
     columns: Sequence[str]
     study: str
+    is_exact: bool = False
 
     @property
     def header(self) -> bytes:
@@ -44,8 +47,11 @@ class RowFormat(NamedTuple):
 
     def text(self, rows: np.ndarray) -> bytes:
         """Return rows (n, columns) as the text of n lines."""
-        pattern = ",".join([_NUMBER_FORMAT] * len(self.columns)) + ","
-        lines = [(pattern % tuple(row)).replace("nan", "").replace("inf", "").encode() for row in rows.tolist()]
+        pattern = ",".join([_EXACT_FORMAT if self.is_exact else _NUMBER_FORMAT] * len(self.columns)) + ","
+        texts = [pattern % tuple(row) for row in rows.tolist()]
+        if not self.is_exact:
+            texts = [text.replace("nan", "").replace("inf", "") for text in texts]
+        lines = [text.encode() for text in texts]
         return b"".join([line + self._checksum(line) + b"\n" for line in lines])
 
     def row(self, line: bytes) -> list[float] | None:

@@ -9,6 +9,7 @@ import operator
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,13 @@ from drake_quad.statistics.subset_simulation import (
     SubsetRun,
     probability_of_runs,
     relative_half_width,
-    subset_simulation,
+    run_together,
+    subset_steps,
 )
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.statistics import values_with_crashes
+from drake_quad.studies.stored_flights import stored_flights
+from drake_quad.studies.worker_pool import WorkerPool
 
 _CRASH = "crash"
 _SIGNS = {">": 1.0, "<": -1.0}
@@ -167,9 +171,15 @@ def estimate_risk(
     num_worst: int = 3,
     own: UserSystems = UserSystems(),
     compiled: bool = True,
+    pool: WorkerPool | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
     progress: Callable[[int, str], None] | None = None,
 ) -> Risk:
     """Estimate the probability of an event by independent runs of subset simulation.
+
+    The first six runs fly together. The spread of the finished runs then determines how many further runs fly together,
+    at most six. The result does not depend on the workers, and it is the same after an interruption.
 
     Args:
         scenario: scenario, whose seed determines all random numbers.
@@ -181,57 +191,91 @@ def estimate_risk(
         num_worst: number of worst samples in the result.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
-        progress: function that is called after each step with its number of flights and a description of the state.
+        pool: workers that fly the samples; by default, one fleet in this process; see `Evaluator`.
+        folder: folder for the values of all flights, with which an interrupted estimation is resumed.
+        resume: True to continue an estimation that the folder already contains.
+        progress: function that is called after each batch with its number of flights and a description of the state.
 
     Raises:
-        InputError: if the scenario cannot be flown by a fleet, there are too few flights for an interval, or the event
-            is so rare that a run does not reach it.
+        InputError: if the scenario cannot be flown by a fleet, there are too few flights for an interval, the event is
+            so rare that a run does not reach it, or the folder contains another study.
+        RuntimeError: if workers cannot fly a sample.
+        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     event = Event.parse(event, scenario) if isinstance(event, str) else event
     check_integer(size, "size", minimum=MIN_SIZE)
     if size % round(1.0 / _FRACTION):
         raise InputError(f"size is {size}, but must be a multiple of {round(1.0 / _FRACTION)}")
-    # Most calls evaluate one proposal for each chain.
-    num_chains = round(_FRACTION * size)
-    evaluator = Evaluator(scenario, num_vehicles=num_chains, noise_period=noise_period, own=own, compiled=compiled)
+    # Most calls evaluate one proposal for each chain of the runs that fly together.
+    num_vehicles = MIN_RUNS * round(_FRACTION * size)
+    evaluator = Evaluator(
+        scenario, num_vehicles=num_vehicles, noise_period=noise_period, own=own, compiled=compiled, pool=pool
+    )
     runs: list[SubsetRun] = []
-    estimate, state = None, ""
+    estimate: Interval | None = None
+    settings = {"search": "risk", "event": event, "population": size, "noise_period": noise_period}
 
-    def performance(points: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        values = event.performance(evaluator.at_normal(points, noise))
+    def show(count: int) -> None:
         if progress is not None:
-            progress(len(points), state)
-        return values
+            progress(count, "" if estimate is None else f"{estimate.value:.2g} ± {relative_half_width(estimate):.0%}")
 
-    while estimate is None or (relative_half_width(estimate) > half_width and evaluator.num_flights < max_flights):
-        generator = np.random.default_rng([scenario.seed, len(runs)])
-        run = subset_simulation(
-            performance, len(evaluator.names), evaluator.num_periods, generator, size=size, fraction=_FRACTION
-        )
-        if run.probability == 0.0:
-            reached = event.value(np.array([run.history[-1][0]]))[0]
-            raise InputError(
-                f"{event} is too rare: a run ended below a probability of {_FRACTION ** len(run.levels):.0e}"
-                + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
-            )
-        runs.append(run)
-        if len(runs) >= MIN_RUNS:
+    with stored_flights(
+        evaluator,
+        event.performance,
+        scenario,
+        settings,
+        max_flights=max_flights,
+        own=own,
+        compiled=compiled,
+        folder=folder,
+        resume=resume,
+        progress=show,
+    ) as flights:
+
+        def performance(points: np.ndarray, noise: np.ndarray) -> np.ndarray:
+            if estimate is None and flights.num_flights >= max_flights:
+                raise InputError(
+                    f"{max_flights:,} flights are enough for {len(runs)} runs, but an interval needs {MIN_RUNS}: allow"
+                    " more flights, or choose a smaller size"
+                )
+            return flights(scipy.special.ndtr(points), noise)
+
+        while estimate is None or (relative_half_width(estimate) > half_width and flights.num_flights < max_flights):
+            count = MIN_RUNS
+            if estimate is not None:
+                needed = len(runs) * ((relative_half_width(estimate) / half_width) ** 2 - 1.0)
+                affordable = len(runs) * (max_flights / flights.num_flights - 1.0)
+                count = min(max(math.ceil(min(needed, affordable)), 1), MIN_RUNS)
+            generators = [np.random.default_rng([scenario.seed, len(runs) + number]) for number in range(count)]
+            dimensions = len(evaluator.names), evaluator.num_periods
+            steps = [subset_steps(*dimensions, each, size=size, fraction=_FRACTION) for each in generators]
+            runs += run_together(performance, steps)
+            _check_reached(event, runs)
             estimate = _probability(runs)
-            state = f"{estimate.value:.2g} ± {relative_half_width(estimate):.0%}"
-        elif evaluator.num_flights >= max_flights:
-            raise InputError(
-                f"{max_flights:,} flights are enough for {len(runs)} runs, but an interval needs {MIN_RUNS}: allow more"
-                " flights, or choose a smaller size"
-            )
     return Risk(
         event,
         estimate,
         tuple(runs),
         _coordinates(evaluator.names, runs),
         _worst_scenarios(evaluator, runs, num_worst),
-        evaluator.num_flights,
+        flights.num_flights,
         relative_half_width(estimate) <= half_width,
     )
+
+
+def _check_reached(event: Event, runs: Sequence[SubsetRun]) -> None:
+    """Check that all runs have reached the event.
+
+    Raises:
+        InputError: if a run has not reached it.
+    """
+    for run in runs:
+        if run.probability == 0.0:
+            reached = event.value(np.array([run.history[-1][0]]))[0]
+            raise InputError(
+                f"{event} is too rare: a run ended below a probability of {_FRACTION ** len(run.levels):.0e}"
+                + ("" if event.metric == _CRASH else f" at {event.metric} = {reached:.4g}")
+            )
 
 
 def _probability(runs: Sequence[SubsetRun]) -> Interval:

@@ -7,6 +7,7 @@ based sensitivity analysis of model output", Computer Physics Communications, 20
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,13 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, check_integer, lookup
 from drake_quad.extras import import_extra
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import Metrics, definitions_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.subset_simulation import MAX_NOISE
 from drake_quad.studies.evaluator import Evaluator
+from drake_quad.studies.stored_flights import stored_flights
+from drake_quad.studies.worker_pool import WorkerPool
 
 CRASHED = "crashed"
 """Name for the fraction of crashes, whose variance can be attributed like that of a metric."""
@@ -49,6 +52,9 @@ def sobol_indices(
     num_points: int = 256,
     own: UserSystems = UserSystems(),
     compiled: bool = True,
+    pool: WorkerPool | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[SobolIndex, ...]:
     """Return the Sobol indices of all independent random numbers of a scenario, with the largest total index first.
@@ -62,12 +68,18 @@ def sobol_indices(
         num_points: number of points N, a power of two; (d + 3) N vehicles fly for d random numbers of the scenario.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
+        pool: workers that fly the points; by default, one fleet in this process; see `Evaluator`.
+        folder: folder for the values of all flights, with which an interrupted computation is resumed.
+        resume: True to continue a computation that the folder already contains.
         progress: function that is called with the number of flights so far and the total number.
 
     Raises:
         InputError: if the scenario has no distribution, cannot be flown by a fleet, or has no such metric; if the
-            metric is not finite in every flight, as after a crash; or if it does not vary.
+            metric is not finite in every flight, as after a crash; if it does not vary; or if the folder contains
+            another study.
         ImportError: if the library SALib is not installed.
+        RuntimeError: if workers cannot fly a point.
+        StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     if metric != CRASHED:
         lookup(definitions_of(scenario.metrics_type), metric, "metric")
@@ -75,31 +87,49 @@ def sobol_indices(
     if num_points & (num_points - 1):
         raise InputError(f"num_points is {num_points}, but must be a power of two")
     sample, analyze = (import_extra(f"SALib.{name}.sobol", "robustness") for name in ("sample", "analyze"))
-    evaluator = Evaluator(scenario, num_vehicles=_NUM_VEHICLES, own=own, compiled=compiled)
+    evaluator = Evaluator(scenario, num_vehicles=_NUM_VEHICLES, own=own, compiled=compiled, pool=pool)
     names = [*evaluator.names, NOISE]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
     noise = np.minimum(points[:, -1] * MAX_NOISE, MAX_NOISE - 1).astype(np.int64)
-    parts = []
-    for first in range(0, len(points), _NUM_VEHICLES):
-        part = slice(first, first + _NUM_VEHICLES)
-        metrics = evaluator(points[part, :-1], noise[part])
-        values = metrics.crashed.astype(float) if metric == CRASHED else np.asarray(getattr(metrics, metric))
-        if metric != CRASHED and metrics.crashed.any():
-            raise InputError(
-                f"{int(metrics.crashed.sum())} of {len(values)} flights crashed, so the variance of {metric} is not"
-                f" defined; use {CRASHED} as the metric, or narrower distributions"
-            )
-        parts.append(values)
+    num_done = 0
+
+    def show(count: int) -> None:
+        nonlocal num_done
+        num_done += count
         if progress is not None:
-            progress(min(part.stop, len(points)), len(points))
-    values = np.concatenate(parts)
-    if not np.all(np.isfinite(values)):
-        raise InputError(f"{metric} is not finite in every flight")
+            progress(num_done, len(points))
+
+    def value(metrics: Metrics) -> np.ndarray:
+        if metric == CRASHED:
+            return metrics.crashed.astype(float)
+        if metrics.crashed.any():
+            raise InputError(
+                f"some flights crashed, so the variance of {metric} is not defined; use {CRASHED} as the metric, or"
+                " narrower distributions"
+            )
+        values = np.asarray(getattr(metrics, metric))
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"{metric} is not finite in every flight")
+        return values
+
+    with stored_flights(
+        evaluator,
+        value,
+        scenario,
+        {"search": "sobol", "metric": metric, "points": num_points},
+        max_flights=len(points),
+        own=own,
+        compiled=compiled,
+        folder=folder,
+        resume=resume,
+        progress=show,
+    ) as flights:
+        values = flights(points[:, :-1], noise)
     if not values.std() > 0.0:
         raise InputError(f"{metric} does not vary")
-    # SALib estimates the intervals by resampling. It standardises the values itself.
-    found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed)
+    # SALib estimates the intervals by resampling, and ignores a seed of 0. It standardises the values itself.
+    found = analyze.analyze(problem, values, calc_second_order=False, seed=scenario.seed + 1)
     indices = [SobolIndex(name, *(_interval(found, kind, i) for kind in ("S1", "ST"))) for i, name in enumerate(names)]
     return tuple(sorted(indices, key=lambda each: -each.total.value))
 

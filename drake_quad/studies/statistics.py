@@ -4,10 +4,11 @@ The error of a crashed vehicle cannot be averaged. Means are therefore taken ove
 reported with the number of these flights. Quantiles are taken over all samples, and a crash counts as worse than any
 error.
 
-Intervals of means are Student's t intervals. For few samples of a skewed metric, their coverage is below the nominal
-confidence. A 95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and
-in 88 % of studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid
-for any metric and any number of samples.
+Intervals of means are Student's t intervals, over replicates if the draws of a study consist of replicates. For few
+samples of a skewed metric, their coverage is below the nominal confidence. A 95 % interval contains the mean of
+log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and in 88 % of studies with 30.
+docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid for any metric and any number
+of samples.
 """
 
 import math
@@ -18,19 +19,17 @@ import numpy as np
 
 from drake_quad.errors import InputError, join_names
 from drake_quad.laboratory.metrics import Metric, Metrics
+from drake_quad.scenario.batch import check_pairs
 from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
-    bounded_mean_interval,
-    mean_interval,
     partial_rank_correlation,
-    proportion_interval,
     rank_correlation,
     two_sided_sign_test,
     without_negative_part,
 )
 from drake_quad.statistics.interval import Interval
-from drake_quad.statistics.ratios import ratio_of_means
+from drake_quad.statistics.replicates import INDEPENDENT, Replicates
 from drake_quad.studies.study import Study
 
 # Smallest and largest default number of bins in `crash_bins`.
@@ -38,33 +37,45 @@ _MIN_BINS = 2
 _MAX_BINS = 20
 
 
-def metric_mean(metrics: Metrics, name: str) -> Interval:
+def metric_mean(metrics: Metrics, name: str, replicates: Replicates = INDEPENDENT) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is computed by `bounded_mean_interval` for a fraction, which has the unit 1 and cannot be negative.
-    Otherwise it is Student's t interval, or its nonnegative part if the metric cannot be negative.
+    The interval is computed by `bounded_mean_interval` for a fraction between 0 and 1. Otherwise it is Student's t
+    interval, or its nonnegative part if the metric cannot be negative.
 
     Args:
         metrics: (n,) metrics of the samples.
         name: name of the metric.
+        replicates: replicates of the samples.
     """
-    return _interval_of_mean(values_without_crashes(metrics, name), metrics.definitions[name])
+    values, used = getattr(metrics, name), _is_used(metrics, name)
+    return _interval_of_mean(values[used], metrics.definitions[name], replicates.take(used))
 
 
-def _interval_of_mean(values: np.ndarray, definition: Metric) -> Interval:
-    if definition.unit == "1" and not definition.signed:
-        return bounded_mean_interval(values)
-    mean = mean_interval(values)
-    return mean if definition.signed else without_negative_part(mean)
+def _is_used(metrics: Metrics, name: str) -> np.ndarray:
+    """Return which samples (n,) did not crash and have a value of the metric that is not NaN."""
+    return np.asarray(~(metrics.crashed | np.isnan(getattr(metrics, name))))
 
 
-def crash_probability(metrics: Metrics) -> Interval:
-    """Return the probability of a crash, with the exact interval of `proportion_interval`."""
-    return proportion_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
+def _interval_of_mean(values: np.ndarray, definition: Metric, replicates: Replicates) -> Interval:
+    if definition.value_range == "fraction":
+        return replicates.fraction(values)
+    mean = replicates.mean(values)
+    return without_negative_part(mean) if definition.is_nonnegative else mean
 
 
-def requirement_probability(metrics: Metrics, name: str) -> Interval:
-    """Return the probability that a requirement is satisfied, with its exact interval.
+def crash_probability(metrics: Metrics, replicates: Replicates = INDEPENDENT) -> Interval:
+    """Return the probability of a crash, with the interval of `Replicates.proportion`, exact for independent samples.
+
+    Args:
+        metrics: (n,) metrics of the samples.
+        replicates: replicates of the samples.
+    """
+    return replicates.proportion(metrics.crashed)
+
+
+def requirement_probability(metrics: Metrics, name: str, replicates: Replicates = INDEPENDENT) -> Interval:
+    """Return the probability that a requirement is satisfied, with the interval of `Replicates.proportion`.
 
     A requirement is satisfied if its robustness is at least 0. A flight that crashes satisfies no requirement. Flights
     without a tick in the time window of the requirement are left out.
@@ -72,17 +83,17 @@ def requirement_probability(metrics: Metrics, name: str) -> Interval:
     Args:
         metrics: (n,) metrics of the samples.
         name: name of the requirement.
+        replicates: replicates of the samples.
     """
     robustness = values_with_crashes(metrics, name)
-    known = robustness[~np.isnan(robustness)]
-    return proportion_interval(int(np.sum(known >= 0.0)), len(known))
+    is_known = ~np.isnan(robustness)
+    return replicates.take(is_known).proportion(robustness[is_known] >= 0.0)
 
 
 def values_without_crashes(metrics: Metrics, name: str) -> np.ndarray:
     """Return the values of a metric that are not NaN, for the flights without a crash."""
-    values = getattr(metrics, name)[~metrics.crashed]
-    finite: np.ndarray = values[~np.isnan(values)]
-    return finite
+    values: np.ndarray = getattr(metrics, name)[_is_used(metrics, name)]
+    return values
 
 
 def values_with_crashes(metrics: Metrics, name: str) -> np.ndarray:
@@ -132,14 +143,15 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     """
     values = np.asarray(getattr(study.metrics, name), dtype=float)
     used = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
-    values = values[used]
+    values, replicates = values[used], study.replicates.take(used)
     result = []
     groups = correlated_groups(distributions_in(study.scenario))
     for path, numbers in study.parameters.items():
         drawn = numbers[used]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
-            at_low, at_high = (_tail_mean(study, values[tenth], name) for tenth in (drawn <= low, drawn >= high))
+            tenths = (drawn <= low, drawn >= high)
+            at_low, at_high = (_tail_mean(study, values[tenth], name, replicates.take(tenth)) for tenth in tenths)
             correlated = [other for other in groups.get(path, ()) if other != path and other in study.parameters]
             others = [study.parameters[other][used] for other in correlated]
             partial = partial_rank_correlation(drawn, values, np.array(others))
@@ -148,10 +160,10 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     return sorted(result, key=lambda each: -abs(np.nan_to_num(each.strongest.value)))
 
 
-def _tail_mean(study: Study, values: np.ndarray, name: str) -> Interval:
+def _tail_mean(study: Study, values: np.ndarray, name: str, replicates: Replicates) -> Interval:
     if name == "crashed":
-        return proportion_interval(int(values.sum()), len(values))
-    return _interval_of_mean(values, study.metrics.definitions[name])
+        return replicates.proportion(values)
+    return _interval_of_mean(values, study.metrics.definitions[name], replicates)
 
 
 class CrashBin(NamedTuple):
@@ -205,7 +217,7 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
     bins = []
     for in_bin in (indices == i for i in range(len(edges))):
         drawn, count = numbers[in_bin], int(in_bin.sum())
-        probability = proportion_interval(int(crashed[in_bin].sum()), count)
+        probability = study.replicates.take(in_bin).proportion(crashed[in_bin])
         bins.append(CrashBin(drawn.min(), drawn.max(), float(np.median(drawn)), count, probability))
     return bins
 
@@ -252,18 +264,21 @@ class Comparison(NamedTuple):
     crash_significance: float
 
 
-def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparison:
+def compare(
+    metrics: Metrics, baseline: Metrics, name: str = "rmse", replicates: Replicates = INDEPENDENT
+) -> Comparison:
     """Compare two controllers by a metric.
 
     Args:
         metrics: (n,) metrics of one controller.
         baseline: (n,) metrics of the baseline on the same samples.
         name: name of the compared metric.
+        replicates: replicates of the samples.
     """
     definition = metrics.definitions[name]
     value, reference = getattr(metrics, name), getattr(baseline, name)
     valid = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))
-    value, reference = value[valid], reference[valid]
+    value, reference, replicates = value[valid], reference[valid], replicates.take(valid)
     only, baseline_only = (
         int(np.sum(crashed & ~other))
         for crashed, other in ((metrics.crashed, baseline.crashed), (baseline.crashed, metrics.crashed))
@@ -274,9 +289,9 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     unknown = Interval(math.nan, math.nan, math.nan)
     return Comparison(
         len(value),
-        mean_interval(difference),
-        unknown if definition.signed else ratio_of_means(value, reference),
-        proportion_interval(int(np.sum(better)), len(value)),
+        replicates.mean(difference),
+        replicates.ratio(value, reference) if definition.is_nonnegative else unknown,
+        replicates.proportion(better),
         only,
         baseline_only,
         two_sided_sign_test(only, only + baseline_only),
@@ -284,9 +299,14 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
 
 
 def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
-    """Compare two studies with the same seed, on the samples that are in both; see `compare`."""
+    """Compare two studies with the same seed, on the samples that are in both; see `compare`.
+
+    Raises:
+        InputError: the studies draw different random parameters, so that equal samples are not pairs.
+    """
+    check_pairs({study.scenario.name: study.scenario, f"the baseline {baseline.scenario.name}": baseline.scenario})
     _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
-    return compare(study.metrics.take(ours), baseline.metrics.take(others), name)
+    return compare(study.metrics.take(ours), baseline.metrics.take(others), name, study.replicates.take(ours))
 
 
 def worst(study: Study, count: int = 5) -> list[int]:

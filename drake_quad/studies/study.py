@@ -21,6 +21,7 @@ from drake_quad.scenario.description import description_at, unit_at
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
+from drake_quad.statistics.replicates import INDEPENDENT, Replicates
 from drake_quad.studies.provenance import provenance
 from drake_quad.studies.results_file import CHECKSUM, RowFormat, StoredRows, read_results
 
@@ -112,6 +113,11 @@ class Study:
         return flight_remarks(self.scenario)
 
     @property
+    def replicates(self) -> Replicates:
+        """Replicates to which the samples belong."""
+        return replicates_of(self.scenario, self.samples)
+
+    @property
     def flight_time(self) -> np.ndarray:
         """Flight time (n,) of each sample until its end or crash, s."""
         return np.minimum(self.metrics.crash_time, self.duration)
@@ -178,6 +184,12 @@ class Study:
         return write_atomically(Path(path), lambda target: frame.to_parquet(target, engine="pyarrow"))
 
 
+def replicates_of(scenario: Scenario, samples: Sequence[int] | np.ndarray) -> Replicates:
+    """Return the replicates to which samples (n,) of a scenario belong, which depend on its draws."""
+    draws = scenario.draws
+    return INDEPENDENT if draws is None else Replicates(draws.replicates(np.asarray(samples)))
+
+
 def columns_of(scenario: Scenario) -> list[str]:
     """Return the columns of a study's rows: the sample, drawn fields, metrics and, if there are any, the obstacle."""
     measured = [*definitions_of(scenario.metrics_type)]
@@ -205,7 +217,9 @@ def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = No
 
 def format_of(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
-    return RowFormat(columns_of(scenario), scenario.model_dump_json())
+    # Without designed draws, the checksums are those of earlier versions, which had no such field.
+    left_out = {"draws"} if scenario.draws is None else None
+    return RowFormat(columns_of(scenario), scenario.model_dump_json(exclude=left_out))
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
@@ -332,6 +346,8 @@ class Record(BaseModel):
         policy: name of the function that returns the user's policy, if any.
         flown: kinds of simulated diagrams, "compiled" or "wired" (uncompiled), in the order of their last use.
         versions: versions and digests of the code that was used, in the order of their last use.
+        settings: settings that determine the flights of a search, such as the event whose probability is estimated;
+            None for a study of the first samples.
         columns: meaning of each column of the results.
     """
 
@@ -346,11 +362,20 @@ class Record(BaseModel):
     policy: str | None = None
     flown: list[Literal["compiled", "wired"]] = ["wired"]
     versions: list[dict[str, str]]
+    settings: dict[str, str] | None = None
     columns: dict[str, str]
 
     @classmethod
     def of(
-        cls, scenario: Scenario, num_samples: int, duration: float, user_systems: UserSystems, *, compiled: bool
+        cls,
+        scenario: Scenario,
+        num_samples: int,
+        duration: float,
+        user_systems: UserSystems,
+        *,
+        compiled: bool,
+        settings: Mapping[str, str] | None = None,
+        columns: Mapping[str, str] | None = None,
     ) -> "Record":
         """Return the record of a new study.
 
@@ -360,7 +385,11 @@ class Record(BaseModel):
             duration: duration of a flight, s.
             user_systems: functions that return the user's systems.
             compiled: True if the diagrams are compiled to machine code.
+            settings: settings that determine the flights of a search.
+            columns: meaning of each column of the results; by default that of the columns of a study.
         """
+        if columns is None:
+            columns = {name: column_description(scenario, name) for name in columns_of(scenario)}
         return cls(
             samples=num_samples,
             seed=scenario.seed,
@@ -368,7 +397,8 @@ class Record(BaseModel):
             **{name: _import_path(function) for name, function in user_systems.specified.items()},
             flown=["compiled" if compiled else "wired"],
             versions=[provenance()],
-            columns={name: column_description(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
+            settings=None if settings is None else {**settings},
+            columns={**columns, CHECKSUM: column_description(scenario, CHECKSUM)},
         )
 
     def write(self, path: Path) -> None:

@@ -1,7 +1,7 @@
 """Rows of a running study, which are written to the study's folder if there is one."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.studies.missing_samples import MissingSamples
-from drake_quad.studies.results_file import ResultsFile, StoredRows, open_results, write_results
+from drake_quad.studies.results_file import ResultsFile, RowFormat, StoredRows, open_results, write_results
 from drake_quad.studies.study import (
     FAILED_FILE,
     PARQUET_FILE,
@@ -147,15 +147,9 @@ def open_study(
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
         return
-    folder, row_format = output_folder(Path(folder)), format_of(scenario)
-    record = Record.of(scenario, num_samples, duration, user_systems, compiled=compiled)
-    if (folder / RESULTS_FILE).exists():
-        record = _resumed_record(folder, scenario, record, resume=resume)
-    else:
-        _check_no_foreign_files(folder, scenario)
-        write_atomically(folder / SCENARIO_FILE, lambda path: save_scenario(scenario, path))
-        write_atomically(folder / STUDY_FILE, record.write)
-    with open_results(folder / RESULTS_FILE, row_format) as (file, content):
+    path, row_format = output_folder(Path(folder)) / RESULTS_FILE, format_of(scenario)
+    folder, record = path.parent, Record.of(scenario, num_samples, duration, user_systems, compiled=compiled)
+    with open_rows(path, scenario, record, row_format, resume=resume) as (record, file, content):
         stored = check_draws(scenario, content)
         if len(stored.rows) and stored.rows[:, 0].max() >= num_samples:
             raise InputError(
@@ -172,15 +166,78 @@ def open_study(
             write_table(folder / FAILED_FILE, {"sample": samples, "reason": reasons})
         else:
             (folder / FAILED_FILE).unlink(missing_ok=True)
-        write_results(folder / RESULTS_FILE, row_format, rows.rows)
+        write_results(path, row_format, rows.rows)
 
 
-def _check_no_foreign_files(folder: Path, scenario: Scenario) -> None:
+@contextmanager
+def open_rows(
+    path: Path, scenario: Scenario, record: Record, row_format: RowFormat, *, resume: bool
+) -> Iterator[tuple[Record, ResultsFile, StoredRows]]:
+    """Begin or resume a study, and yield its record and its results file with its content.
+
+    Scenario and record of a new study are written. The record of a resumed study, which the caller writes when it has
+    checked the content, includes the versions of earlier runs.
+
+    Args:
+        path: results file in the folder of the study.
+        scenario: scenario with the seed of the study.
+        record: record of this run.
+        row_format: format of the rows.
+        resume: True to continue a study that the folder already contains.
+
+    Raises:
+        InputError: the folder contains another study, or a study that must not be resumed.
+    """
+    folder = path.parent
+    if path.exists():
+        record = _resumed_record(folder, scenario, record, resume=resume)
+    else:
+        _check_no_foreign_files(folder, scenario, record)
+        write_atomically(folder / SCENARIO_FILE, lambda path: save_scenario(scenario, path))
+        write_atomically(folder / STUDY_FILE, record.write)
+    with open_results(path, row_format) as (file, content):
+        yield record, file, content
+
+
+@contextmanager
+def saying_what_is_saved(saved: Callable[[], str]) -> Iterator[None]:
+    """Add what is saved to the messages of errors and of an interruption.
+
+    Args:
+        saved: function that returns a text for messages.
+
+    Raises:
+        StudyInterrupted: the user pressed Ctrl-C.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise StudyInterrupted(f"interrupted: {saved()}") from None
+    except OSError as error:
+        raise OSError(f"{error}; {saved()}") from error
+    except RuntimeError as error:
+        raise RuntimeError(f"{error}; {saved()}") from error
+    except MemoryError as error:
+        raise MemoryError(f"there is not enough memory; {saved()}") from error
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """Interruption of a study by Ctrl-C, whose message says how many samples are saved."""
+
+
+def _check_no_foreign_files(folder: Path, scenario: Scenario, record: Record) -> None:
     """Check that a folder without results contains no files that do not belong to this study but would be overwritten.
 
     Raises:
-        InputError: the folder contains another scenario, or a record without a scenario.
+        InputError: the folder contains another scenario, a record without a scenario, or the record of a search with
+            other settings.
     """
+    if (folder / SCENARIO_FILE).exists() and (folder / STUDY_FILE).exists():
+        settings = record.settings
+        with suppress(InputError):  # the file may be incomplete
+            settings = read_record(folder).settings
+        if settings != record.settings:
+            raise _foreign_record_error(folder)
     if (folder / SCENARIO_FILE).exists():
         try:
             is_ours = load_scenario(folder / SCENARIO_FILE) == scenario
@@ -191,7 +248,11 @@ def _check_no_foreign_files(folder: Path, scenario: Scenario) -> None:
                 f"{folder / SCENARIO_FILE} is a different scenario and is not overwritten; choose another folder"
             )
     elif (folder / STUDY_FILE).exists():
-        raise InputError(f"{folder / STUDY_FILE} exists already and is not overwritten; choose another folder")
+        raise _foreign_record_error(folder)
+
+
+def _foreign_record_error(folder: Path) -> InputError:
+    return InputError(f"{folder / STUDY_FILE} exists already and is not overwritten; choose another folder")
 
 
 def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
@@ -215,12 +276,11 @@ def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume:
         saved = load_scenario(folder / SCENARIO_FILE)
     except InputError as error:
         raise InputError(f"the study in {folder} cannot be resumed: {error}") from None
-    for name in ("seed", *UserSystems._fields):
-        if getattr(before, name) != getattr(record, name):
-            raise InputError(
-                f"{folder} contains a different study: its {name} is {getattr(before, name)}, not"
-                f" {getattr(record, name)}"
-            )
+    old, new = ({name: getattr(each, name) for name in ("seed", *UserSystems._fields)} for each in (before, record))
+    old, new = old | (before.settings or {}), new | (record.settings or {})
+    for name in new | old:
+        if old.get(name) != new.get(name):
+            raise InputError(f"{folder} contains a different study: its {name} is {old.get(name)}, not {new.get(name)}")
     difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
     if difference is not None:
         raise InputError(f"{folder} contains a study of a different scenario: {difference}")

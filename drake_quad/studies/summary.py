@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.statistics.estimates import proportion_interval, quantile_interval, without_negative_part
+from drake_quad.laboratory.metrics import Display, Metric
+from drake_quad.statistics.estimates import quantile_interval, without_negative_part
 from drake_quad.statistics.interval import INFINITIES, Interval
+from drake_quad.statistics.replicates import Replicates
 from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
@@ -38,23 +40,25 @@ class Summary(NamedTuple):
 
 def crash_text(study: Study) -> str:
     """Return the number and probability of all crashes and, if there are obstacles, of crashes into them, as text."""
-    crashes = f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
+    crashes = (
+        f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics, study.replicates).percent()}"
+    )
     if study.obstacle_hit is None:
         return crashes
     into_obstacles = sum(study.crashes_by_obstacle.values())
-    probability = proportion_interval(into_obstacles, len(study.samples)).percent()
+    probability = study.replicates.proportion(study.obstacle_hit > 0).percent()
     return f"{crashes}; {into_obstacles:,} of them into obstacles, {probability}"
 
 
 def obstacle_table(study: Study) -> Summary:
     """Return the number and probability of the crashes into each obstacle, in the order of decreasing probability."""
-    ordered = sorted(study.crashes_by_obstacle.items(), key=lambda each: -each[1])
+    counts, obstacle_hit = study.crashes_by_obstacle, np.asarray(study.obstacle_hit)
+    numbers = {name: number for number, name in enumerate(counts, start=1) if counts[name]}
     rows: list[tuple[str, ...]] = [
-        (name, f"{count:,}", proportion_interval(count, len(study.samples)).percent())
-        for name, count in ordered
-        if count
+        (name, f"{counts[name]:,}", study.replicates.proportion(obstacle_hit == numbers[name]).percent())
+        for name in sorted(numbers, key=lambda name: -counts[name])
     ]
-    return Summary(("crashed into", "samples", "share"), rows, [])
+    return Summary(("crashed into", "samples", "fraction"), rows, [])
 
 
 def influence_table(study: Study, name: str, count: int = 3) -> Summary:
@@ -93,11 +97,11 @@ def metric_table(study: Study) -> Summary:
         is_finite = bool(np.isfinite(values).all())
         spread = float(np.std(values, ddof=1)) if len(values) > 1 and is_finite else math.nan
         infinities = definition.infinities_with_crash if crashed and is_finite else INFINITIES
-        quantiles = (_quantile(all_values, probability, definition.signed) for probability in _QUANTILES)
+        quantiles = (_quantile(all_values, probability, definition, study.replicates) for probability in _QUANTILES)
         rows.append(
             (
                 definition.label,
-                metric_mean(metrics, metric).text(size=size),
+                metric_mean(metrics, metric, study.replicates).text(size=size),
                 Interval(spread, math.nan, math.nan).text(size=size),
                 *(quantile.text(size=size, infinities=infinities) for quantile in quantiles),
                 definition.display.unit,
@@ -115,16 +119,52 @@ def requirement_table(study: Study) -> Summary:
         display = definition.display
         assert display is not None
         infinities = definition.infinities_with_crash if metrics.crashed.any() else INFINITIES
-        quantiles = (_quantile(values_with_crashes(metrics, name), probability, True) for probability in _QUANTILES[:2])
+        values = values_with_crashes(metrics, name)
+        quantiles = (_quantile(values, probability, definition, study.replicates) for probability in _QUANTILES[:2])
         texts = [quantile.text(size=display.size, infinities=infinities) for quantile in quantiles]
-        rows.append((name, requirement_probability(metrics, name).percent(), *texts, display.unit))
+        satisfied = requirement_probability(metrics, name, study.replicates)
+        rows.append((name, satisfied.percent(), *texts, display.unit))
     return Summary(("requirement", "satisfied", "5 % quantile of robustness", "median", ""), rows, [])
 
 
-def _quantile(values: np.ndarray, probability: float, signed: bool) -> Interval:
-    """Return a quantile of a metric; if it is finite and not signed, its interval has no negative part."""
-    quantile = quantile_interval(values, probability)
-    return quantile if signed or not math.isfinite(quantile.value) else without_negative_part(quantile)
+def overview_table(studies: Mapping[str, Study]) -> Summary:
+    """Return crashes, requirements and medians of additional metrics, with a row for each controller.
+
+    A crash counts as worse than any value in the medians. The table has no rows if there are neither requirements nor
+    additional metrics that all studies have.
+
+    Args:
+        studies: study of each controller, by name.
+    """
+    scenarios = [study.scenario for study in studies.values()]
+    requirements = [name for name in scenarios[0].requirements if all(name in each.requirements for each in scenarios)]
+    additional = scenarios[0].metrics.additional
+    metrics = [name for name in additional if all(name in each.metrics.additional for each in scenarios)]
+    if not requirements and not metrics:
+        return Summary((), [], [])
+    definitions = next(iter(studies.values())).metrics.definitions
+    displays = {name: definitions[name].display or Display(definitions[name].unit, 1.0, 3) for name in metrics}
+    rows = []
+    for controller, study in studies.items():
+        medians = []
+        for name, display in displays.items():
+            median = quantile_interval(values_with_crashes(study.metrics, name), 0.5).without_interval()
+            has_crashes = study.metrics.crashed.any() and np.isfinite(values_without_crashes(study.metrics, name)).all()
+            infinities = definitions[name].infinities_with_crash if has_crashes else INFINITIES
+            medians.append(median.text(size=display.size, infinities=infinities))
+        probabilities = [
+            requirement_probability(study.metrics, name, study.replicates).percent() for name in requirements
+        ]
+        crashes = crash_probability(study.metrics, study.replicates).percent()
+        rows.append((controller, crashes, *probabilities, *medians))
+    headings = [f"median {definitions[name].label} ({display.unit})" for name, display in displays.items()]
+    return Summary(("", "crashed", *requirements, *headings), rows, [])
+
+
+def _quantile(values: np.ndarray, probability: float, definition: Metric, replicates: Replicates) -> Interval:
+    """Return a quantile of a metric; if it is finite and cannot be negative, its interval has no negative part."""
+    quantile, is_nonnegative = replicates.quantile(values, probability), definition.is_nonnegative
+    return without_negative_part(quantile) if is_nonnegative and math.isfinite(quantile.value) else quantile
 
 
 def _remarks(crashed: int, count: int) -> list[str]:

@@ -1,5 +1,6 @@
 """Pools of workers that fly the batches of a study, and the handling of batches that fail."""
 
+import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -146,7 +147,7 @@ def run_tasks(
 
 
 def fly_batches(
-    pool: WorkerPool, fly: Callable[[Sequence[int]], np.ndarray], batches: Iterable[Sequence[int]]
+    pool: WorkerPool, fly: Callable[[Any], np.ndarray], batches: Iterable[Sequence[Any] | np.ndarray]
 ) -> Iterator[Outcome]:
     """Fly batches and yield their outcomes in the order of completion.
 
@@ -156,13 +157,14 @@ def fly_batches(
     Args:
         pool: pool that flies the batches.
         fly: function that returns the rows (n, columns) of n samples.
-        batches: indices of the samples of each batch; a batch is requested when the pool can accept it.
+        batches: samples of each batch, by their indices or as the rows of an array; a batch is requested when the pool
+            can accept it.
 
     Raises:
         InputError: a drawn sample violates the limits of the scenario language.
         RuntimeError: the first samples all fail when flown alone, or the pool accepts no more batches.
     """
-    new_batches, split_batches = iter(batches), deque[Sequence[int]]()
+    new_batches, split_batches = iter(batches), deque[Sequence[Any] | np.ndarray]()
     any_succeeded, num_failed = False, 0
     for outcome in run_tasks(pool, fly, lambda: split_batches.popleft() if split_batches else next(new_batches, None)):
         if outcome.reason and len(outcome.argument) > 1:
@@ -173,3 +175,11 @@ def fly_batches(
         if not any_succeeded and num_failed == _MAX_FAILURES:
             raise RuntimeError(f"the first {_MAX_FAILURES} samples all failed, each flown alone: {outcome.reason}")
         yield outcome
+
+
+def size_of_batches(num_samples: int, num_workers: int, batch_size: int | None, default: int) -> int:
+    """Return the number of samples in a batch; by default, all workers receive equally many batches of similar size."""
+    if batch_size is None:
+        rounds = math.ceil(num_samples / (num_workers * default))
+        batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
+    return max(min(batch_size, num_samples), 1)

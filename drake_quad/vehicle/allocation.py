@@ -7,14 +7,14 @@ If the rotors cannot produce the whole wrench, a `Priority` determines the order
 
 With roll and pitch torque first, each part is chosen within the freedom that the earlier parts leave:
 
-1. Roll and pitch torque are multiplied by a common factor in [0, 1], their share, which keeps their direction. It is
-   the largest factor that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
+1. Roll and pitch torque are multiplied by the same fraction in [0, 1], which keeps their direction. It is the largest
+   fraction that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
 2. The thrust is the feasible value nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum
    speed, and increased if a rotor would fall below idle speed.
 3. The yaw torque is the feasible value nearest to the commanded yaw torque.
 
 With thrust first, the thrust is the value nearest to the commanded thrust that the rotors can produce without torque.
-The share of roll and pitch torque, and then the yaw torque, are chosen as above.
+The fraction of roll and pitch torque, and then the yaw torque, are chosen as above.
 """
 
 from collections.abc import Callable, Sequence
@@ -76,7 +76,7 @@ class _Square(NamedTuple):
 
     Attributes:
         thrust: change per newton of thrust; positive.
-        tilt: change from a share of 0 to a share of 1 of the commanded roll and pitch torque.
+        tilt: change from a fraction of 0 to a fraction of 1 of the commanded roll and pitch torque.
         yaw: change per newton metre of yaw torque.
     """
 
@@ -86,7 +86,7 @@ class _Square(NamedTuple):
 
 
 class _Bound(NamedTuple):
-    """Inequality that bounds the share of roll and pitch torque: least <= tilt * share <= most."""
+    """Inequality that bounds the fraction of roll and pitch torque: lower <= tilt * fraction <= upper."""
 
     tilt: Row
     lower: Row
@@ -94,7 +94,7 @@ class _Bound(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """Producible part of a wrench: thrust (N), share of roll and pitch torque, and yaw torque (N m)."""
+    """Producible part of a wrench: thrust (N), fraction of roll and pitch torque, and yaw torque (N m)."""
 
     thrust: Row
     fraction: Row
@@ -143,7 +143,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
 def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
     """Return the part of a wrench that the rotors can produce.
 
-    The squared speed of each rotor is a linear function of three unknowns (thrust, share of roll and pitch torque, and
+    The squared speed of each rotor is a linear function of three unknowns (thrust, fraction of roll and pitch torque,
     yaw torque) and lies between two limits. In weighted sums of two or three squared speeds, the weights cancel the yaw
     torque, the thrust, or both. The limits of these sums bound the other unknowns. By Helly's theorem, sums over more
     rotors give no tighter bounds.
@@ -168,7 +168,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the share: the largest share at any thrust, and then the nearest feasible thrust."""
+    """Return thrust and fraction: first the largest fraction at any thrust, then the nearest feasible thrust."""
     fraction = _max_fraction(_fraction_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.lower - bound.tilt * fraction, bound.upper - bound.tilt * fraction, factor)
@@ -178,7 +178,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the share: the nearest thrust that is feasible without torque, then the largest share."""
+    """Return the nearest thrust that is feasible without torque, and then the largest fraction."""
     thrust_kept = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.lower - factor * thrust_kept, bound.upper - factor * thrust_kept)
@@ -196,13 +196,13 @@ _THRUST_AND_FRACTION: dict[Priority, Callable[..., tuple[Row, Row]]] = {
 def _thrust_and_fraction_bounds(
     squares: Sequence[_Square], tau_z: Row, low: Row, high: Row
 ) -> list[tuple[Row, _Bound]]:
-    """Return the bounds on thrust and share within which some yaw torque between zero and tau_z is feasible.
+    """Return the bounds on thrust and fraction within which some yaw torque between zero and tau_z is feasible.
 
     Each rotor gives a bound with the most favourable yaw torque for this rotor. Each pair of rotors gives a bound that
     does not depend on the yaw torque.
 
     Returns:
-        Factors and bounds of the inequalities least <= factor * thrust + tilt * share <= most.
+        Factors and bounds of the inequalities lower <= factor * thrust + tilt * fraction <= upper.
     """
     bounds = [(square.thrust, _Bound(square.tilt, *_widened(low, high, square.yaw * tau_z))) for square in squares]
     for one, other in combinations(squares, 2):
@@ -212,7 +212,7 @@ def _thrust_and_fraction_bounds(
 
 
 def _fraction_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
-    """Return the bounds on the share within which some thrust and some yaw torque between 0 and tau_z are feasible.
+    """Return the bounds on the fraction within which some thrust and some yaw torque between 0 and tau_z are feasible.
 
     Each pair of rotors gives a bound that does not depend on the thrust, with the most favourable yaw torque for this
     pair. Each triple of rotors gives a bound that depends on neither thrust nor yaw torque.
@@ -251,7 +251,7 @@ def _widened(lower: Row, upper: Row, yaw: Row) -> tuple[Row, Row]:
 
 
 def _max_fraction(bounds: Sequence[_Bound]) -> Row:
-    """Return the largest share in [0, 1] of roll and pitch torque."""
+    """Return the largest fraction in [0, 1] of roll and pitch torque."""
     fraction: Row = 1.0
     for tilt, lower, upper in bounds:
         room = where(tilt > 0.0, upper, -lower)
@@ -260,7 +260,7 @@ def _max_fraction(bounds: Sequence[_Bound]) -> Row:
 
 
 def _between(lower: Row, upper: Row, factor: Row) -> tuple[Row, Row]:
-    """Return the smallest and the largest x with least <= factor * x <= most; unbounded for a factor of zero."""
+    """Return the smallest and the largest x with lower <= factor * x <= upper; unbounded for a factor of zero."""
     rising, free = factor > 0.0, factor == 0.0
     inverse = 1.0 / where(free, 1.0, factor)
     down, up = where(rising, lower, upper) * inverse, where(rising, upper, lower) * inverse
@@ -345,11 +345,11 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
 
 
 def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the largest share of roll and pitch torque, and the feasible level nearest to the wanted level.
+    """Return the largest fraction of roll and pitch torque, and the feasible level nearest to the wanted level.
 
-    The result is the pair (level, share). A pair of rotors at the middle level without yaw can use half the distance
-    between the limits for roll and pitch torque, which limits the share. The part of this half that a pair does not use
-    limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
+    The result is the pair (level, fraction). A pair of rotors at the middle level without yaw can use half the distance
+    between the limits for roll and pitch torque, which limits the fraction. The part of this half that a pair does not
+    use limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -363,9 +363,9 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
 
 
 def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the feasible level nearest to the wanted level, and the largest share at this level.
+    """Return the feasible level nearest to the wanted level, and the largest fraction at this level.
 
-    The share is limited such that some yaw between zero and the wanted yaw remains feasible.
+    The fraction is limited such that some yaw between zero and the wanted yaw remains feasible.
     """
     level = minimum(maximum(wanted.level, low), high)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)

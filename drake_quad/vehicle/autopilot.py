@@ -70,11 +70,11 @@ class NeglectedDrag(NamedTuple):
     first-order lag.
 
     Attributes:
-        lean: ratio d / g of the tilt error to the velocity.
+        tilt_per_speed: ratio d / g of the tilt error to the velocity.
         time: time constant of the correction.
     """
 
-    lean: Annotated[Row, Quantity("rad s/m")]
+    tilt_per_speed: Annotated[Row, Quantity("rad s/m")]
     time: Time
 
 
@@ -216,7 +216,8 @@ def next_lean_error(lean: LeanError, state: State, drag: NeglectedDrag, period: 
     """
     gain = 1.0 - exp(-period / drag.time)
     return LeanError(
-        lean.x + gain * (-drag.lean * state.v_x - lean.x), lean.y + gain * (-drag.lean * state.v_y - lean.y)
+        lean.x + gain * (-drag.tilt_per_speed * state.v_x - lean.x),
+        lean.y + gain * (-drag.tilt_per_speed * state.v_y - lean.y),
     )
 
 

@@ -48,7 +48,7 @@ _PANELS = (
     _Panel("rotor speed", ("rotor_speed", "rotor_speed_command"), _ROTOR_NAMES),
     _Panel("motor command", ("motor_command",), _ROTOR_NAMES, 100.0, "%"),
     _Panel("thrust command", ("thrust_command",)),
-    _Panel("thrust relative to full, and to hover", ("thrust_share", "hover_share"), (), 100.0, "%"),
+    _Panel("thrust relative to full, and to hover", ("thrust_fraction", "hover_thrust_fraction"), (), 100.0, "%"),
     _Panel("torque command", ("torque_command",), _AXIS_NAMES, 1e3, "mN m"),
     _Panel("wind", ("wind",), _AXIS_NAMES),
     _Panel("residual force", ("residual_force",), _AXIS_NAMES),

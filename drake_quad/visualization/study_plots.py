@@ -13,7 +13,6 @@ from matplotlib.transforms import ScaledTranslation
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.description import unit_at
-from drake_quad.statistics.estimates import proportion_interval, quantile_interval, running_mean
 from drake_quad.studies.statistics import (
     crash_bins,
     crash_probability,
@@ -31,7 +30,7 @@ _LINE_STYLES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (O
 _MAX_FIELDS = 16
 # Horizontal offset, in points, between the marks of successive controllers, which separates equal values.
 _POINT_OFFSET = 3.0
-# The axis is logarithmic if the largest median exceeds the smallest one by this factor.
+# The axis of a metric that cannot be negative is logarithmic if the largest median exceeds the smallest by this factor.
 _LOG_AXIS_RATIO = 10.0
 
 
@@ -89,7 +88,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         half_width = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
-            label += f" ({crash_probability(study.metrics).without_interval().percent()} crashed)"
+            label += f" ({crash_probability(study.metrics, study.replicates).without_interval().percent()} crashed)"
         axes.step(finite, fraction, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,
@@ -103,7 +102,8 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
     axes.set(ylabel="cumulative share of samples", ylim=(0.0, 1.02))
     survivors = [values_without_crashes(study.metrics, name) for study in studies.values()]
     medians = [median for values in survivors if len(values) and 0.0 < (median := np.median(values)) < np.inf]
-    if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
+    can_be_logarithmic = all(study.metrics.definitions[name].is_nonnegative for study in studies.values())
+    if can_be_logarithmic and medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
     label_metric(axes.xaxis, studies.values(), name)
     _in_percent(axes.yaxis)
@@ -128,9 +128,9 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
             left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
-            first_values = [values[:stop] for stop in stops]
-            fractions = (proportion_interval(int(part.sum()), len(part)) for part in first_values)
-            intervals = np.array([*fractions] if crashes else [quantile_interval(part, 0.95) for part in first_values])
+            first = [(study.replicates.take(slice(stop)), values[:stop]) for stop in stops]
+            estimates = [each.proportion(part) if crashes else each.quantile(part, 0.95) for each, part in first]
+            intervals = np.array(estimates)
             value, low, high = np.where(np.isfinite(intervals), intervals, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
@@ -155,10 +155,11 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 def _running_mean(study: Study, name: str) -> tuple[np.ndarray, ...]:
     """Return numbers n of flights without a crash, the mean over the first n, and the ends of the 95 % interval."""
-    values = values_without_crashes(study.metrics, name)
+    used = ~(study.metrics.crashed | np.isnan(getattr(study.metrics, name)))
+    count, *means = study.replicates.take(used).running_mean(getattr(study.metrics, name)[used])
     # The first few points are left out, because their wide intervals would dominate the axis.
-    first = max(min(10, len(values)) - 1, 0)
-    return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
+    drawn = count >= min(10, len(used.nonzero()[0]))
+    return count[drawn], *(each[drawn] for each in means)
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
@@ -242,7 +243,7 @@ def plot_crash_probability(
             middle = np.array([level.middle for level in levels])
             value, low, high = np.transpose([level.probability for level in levels])
             half_widths = np.array([[level.middle - level.low, level.high - level.middle] for level in levels]).T
-            overall = crash_probability(study.metrics)
+            overall = crash_probability(study.metrics, study.replicates)
             label = f"{controller}: {overall.percent()} of {len(study.samples):,} samples"
             vertical_bars = axes.errorbar(
                 middle, value, [value - low, high - value], fmt="none", ecolor=color, capsize=2.5

@@ -281,7 +281,7 @@ nanobench:
   laboratory:
     autopilot:
       # The estimator of the firmware neglects drag.
-      neglected_drag: {{lean: {lean:.3g}, time: {{choice: {times}}}}}
+      neglected_drag: {{tilt_per_speed: {lean:.3g}, time: {{choice: {times}}}}}
     motion_capture:
       # Lag of the estimated position in each of the flights. The scale error of the velocity is constant in a flight.
       latency_frames: {{choice: {frames}}}

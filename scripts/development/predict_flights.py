@@ -27,6 +27,13 @@ _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
 _LABORATORY = _DIAGRAMS / "neural_fly.yaml"
 # RMS error (m) of the baseline controller over the last six laps (O'Connell et al., 2022), by name of the scenario.
 PUBLISHED_ERRORS = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
+_WIND_LABELS = {
+    "still": "0 m/s",
+    "wind_4": "4.2 m/s",
+    "wind_8": "8.5 m/s",
+    "wind_12": "12.1 m/s",
+    "wind_8_sine": "8.5 m/s and a sine",
+}
 _NUM_SAMPLES = 16
 _NUM_PHASES = 16
 _NOMINAL_THRUST_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
@@ -52,41 +59,47 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 def main() -> None:
     options = bare_parser(__doc__, "python scripts/development/predict_flights.py")
     options.add_argument(
+        "--wind", choices=PUBLISHED_ERRORS, nargs="+", default=[*PUBLISHED_ERRORS], help="winds (default: all)"
+    )
+    options.add_argument(
         "--log",
         type=Path,
         help="identify amplitude and phase of the sinusoidal wind from this log, custom_figure8_baseline_70p20sint.csv",
     )
     arguments = options.parse_args()
-    print("| RMSE, cm | 0 m/s | 4.2 m/s | 8.5 m/s | 12.1 m/s | 8.5 m/s and a sine |")
-    print("|---|---|---|---|---|---|")
-    print_row("flown", list(PUBLISHED_ERRORS.values()))
+    winds = arguments.wind
+    print(f"| RMSE, cm | {' | '.join(_WIND_LABELS[wind] for wind in winds)} |")
+    print(f"|{'---|' * (len(winds) + 1)}")
+    flown = [PUBLISHED_ERRORS[wind] for wind in winds]
+    print_row("flown", flown)
     for name, overrides in VARIANTS.items():
-        errors = predicted(overrides)
+        errors = predicted(winds, overrides)
         print_row(name, errors)
         if name == IDENTIFIED:
-            print_differences(errors)
-            print_row("as identified, true positions", predicted(measured=False))
-    print_row(f"with noise and turbulence, {_NUM_SAMPLES} flights", predicted_in_laboratory())
+            print_differences(errors, flown)
+            print_row("as identified, true positions", predicted(winds, measured=False))
+    print_row(f"with noise and turbulence, {_NUM_SAMPLES} flights", predicted_in_laboratory(winds))
     print()
     print_phases()
     if arguments.log is not None:
         print_log(arguments.log)
 
 
-def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list[float]:
-    """Return the predicted RMS errors of the five flights, m.
+def predicted(winds: list[str], overrides: tuple[str, ...] = (), *, measured: bool = True) -> list[float]:
+    """Return the predicted RMS errors of the flights in the given winds, m.
 
     Args:
+        winds: names of the winds.
         overrides: overrides of the vehicle.
         measured: whether errors are computed from measured positions, or from true positions.
     """
-    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in PUBLISHED_ERRORS]
+    flights = [simulate(load_scenario(f"{_VEHICLE}:{wind}", overrides)) for wind in winds]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
 
 
-def predicted_in_laboratory() -> list[float]:
-    """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
-    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in PUBLISHED_ERRORS)
+def predicted_in_laboratory(winds: list[str]) -> list[float]:
+    """Return the mean predicted RMS errors of the flights in the given winds, with noise and turbulence, m."""
+    scenarios = (load_scenario(f"{_LABORATORY}:{wind}") for wind in winds)
     fleets = (simulate_samples(scenario, range(_NUM_SAMPLES)) for scenario in scenarios)
     return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
 
@@ -107,9 +120,9 @@ def print_row(name: str, errors: list[float]) -> None:
     print(f"| {name} | {' | '.join(f'{100.0 * error:.1f}' for error in errors)} |")
 
 
-def print_differences(errors: list[float]) -> None:
-    """Print the differences of the predicted errors from the flights in %."""
-    fractions = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
+def print_differences(errors: list[float], flown: list[float]) -> None:
+    """Print the differences of the predicted errors from the errors of the flights in %."""
+    fractions = [100.0 * (error / actual - 1.0) for error, actual in zip(errors, flown, strict=True)]
     print(f"| difference from the flights | {' | '.join(f'{fraction:+.0f} %' for fraction in fractions)} |")
 
 

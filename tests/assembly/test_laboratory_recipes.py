@@ -97,7 +97,8 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
     ],
 )
 def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
-    """A zero may be written as an integer or as a float. A vehicle may be faulty even if a sample has no fault."""
+    """The faults are written as 0 or 0.0. A vehicle may be faulty if the distribution of a fault contains other values
+    than zero."""
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
 

@@ -44,7 +44,7 @@ def simulate_actions(scenario, *actions):
         {"kind": "attitude", "min_thrust": 0.2, "max_thrust": 3.0},
         {"kind": "rates", "min_thrust": 0.3, "max_thrust": 2.6},
         {"kind": "rotor_speeds"},
-        {"kind": "rotor_speeds", "order": [3, 1, 4, 2], "least": 100.0},
+        {"kind": "rotor_speeds", "order": [3, 1, 4, 2], "min_rotor_speed": 100.0},
     ],
     ids=lambda action: "_".join(str(each) for each in action.values() if not isinstance(each, list)),
 )

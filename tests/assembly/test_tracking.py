@@ -50,7 +50,7 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     flight = simulate(figure_eight())
     assert flight.metrics.rmse < 0.03
     assert not flight.metrics.crashed
-    assert flight.metrics.saturation_share == 0.0
+    assert flight.metrics.saturated_fraction == 0.0
     # The recorder and the monitor measure the same flight.
     assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(flight.euclidean_error**2)), rel=1e-12)
     reference = flight.record("reference")
@@ -279,7 +279,7 @@ def test_signals_of_a_network_are_exported(asymmetric):
 
 
 def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
-    """A frame is 10 ms old when a tick samples it. The delay of the link adds to this."""
+    """A tick reads a frame that is 10 ms old, and the link adds its own delay."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
@@ -295,7 +295,8 @@ def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
 def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_frames_and_ticks(
     figure_eight, ticks, frames
 ):
-    """The delay is the sum of all delays in frames and ticks and of the 10 to 20 ms until a tick reads a frame."""
+    """The expected delay is the sum of the delays in frames, the delays in ticks, and the 10 to 20 ms until a tick
+    reads a frame."""
     scenario = figure_eight(
         "route={kind: hover}",
         f"laboratory.command_link.delay_ticks={ticks}",
@@ -318,8 +319,8 @@ def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_fr
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # A tick reads the previous frame. The next tick comes 10 ms after the frame of the jump, or 20 ms if that frame
-    # is taken at a tick.
+    # A tick reads the previous frame. If the frame that shows the jump is taken at a tick, the next tick reads it 20 ms
+    # later, and otherwise 10 ms later.
     shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
     assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
     assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from drake_quad import InputError, load_scenario, save_scenario
+from drake_quad.command_line import searches
 from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.identify import output_file
 from drake_quad.command_line.main import COMMANDS, module_of
@@ -110,5 +111,7 @@ def test_every_default_folder_that_is_named_after_a_scenario_is_reserved():
         module = module_of(command)
         if "default_output" in vars(module.options())["_defaults"]:
             source = Path(module.__file__).read_text(encoding="utf-8")
+            if "open_search(arguments, " in source:
+                source += Path(searches.__file__).read_text(encoding="utf-8")
             assert "folder_of(arguments, " in source
             assert "default_output /" not in source

@@ -46,7 +46,7 @@ def designed(replaced):  # noqa: F811
 
     return replaced(
         "design", design_cascade=design, closed_loop="a loop", plot_steps="steps", DESIGN_PLOTS=None, print_design=None,
-        print_modes=None, save_figures=[],
+        print_modes=None, save_figures=[], joint_disk_margin=None, print_joint_disk_margin=None,
     )  # fmt: skip
 
 
@@ -256,7 +256,7 @@ def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_p
     ("nominal", "commands", "is_told"),
     [(2e-8, {}, True), (3e-8, {}, False), (2e-8, {"rotor_speed_command": np.ones((3, 4))}, False)],
 )
-def test_a_prediction_by_another_belief_than_that_of_the_firmware_is_told(
+def test_a_prediction_with_other_nominal_values_than_the_firmware_s_is_remarked(
     run,
     replaced,  # noqa: F811
     tmp_path,
@@ -264,7 +264,8 @@ def test_a_prediction_by_another_belief_than_that_of_the_firmware_is_told(
     commands,
     is_told,
 ):
-    """Rotor commands follow from the logged thrust by `nominal`, into which `identify --nominal` writes estimates."""
+    """`nominal` converts the logged thrust to rotor commands, and `identify --nominal` writes estimates to it, which
+    the firmware did not know."""
     record = FlightRecord("log7", np.arange(3.0), thrust_command=np.ones(3), **commands)
     replaced("compare_log", read_log=record, predict=None, print_predictions=None)
     vehicle = "vehicle: {thrust_factor: {normal: {mean: 2e-8, standard_deviation: 1e-10, min: 1e-9}}}"

@@ -25,6 +25,7 @@ from drake_quad.command_line import (
     replicate,
     study,
     tune,
+    workers,
 )
 from drake_quad.command_line.main import COMMANDS, full_parser
 from drake_quad.design.cascade import default_options, on_board_options
@@ -46,7 +47,7 @@ COMMAND = "drake_quad.command_line"
 
 
 def written(result):
-    """Return the files that a command lists as written."""
+    """Return the files after the word "wrote" in the output of a command."""
     return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
 
 
@@ -375,22 +376,24 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         made.append((arguments, named))
         yield "a crew"
 
-    monkeypatch.setattr(study, "Workers", crew)
-    monkeypatch.setattr(study, "dask_pool", crew)
+    monkeypatch.setattr(workers, "Workers", crew)
+    monkeypatch.setattr(workers, "dask_pool", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
+        with workers.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
     assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
-        study.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
+        workers.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
     ):
         pass
 
 
 def test_studies_without_random_parameters_get_a_single_remark(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
-    given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse")
+    given = argparse.Namespace(
+        scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse", draws=None, samples=40
+    )
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
@@ -401,6 +404,27 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
     given.scenario, given.controller = "robustness", []
     assert [*study.scenarios_of(given)] == ["robustness"]
     assert capsys.readouterr().err.count("has no distribution") == 1
+
+
+def test_controllers_with_different_random_parameters_are_not_compared_with_sobol_draws(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "mine: {extends: 'controllers/paper:pd', vehicle: {linear_drag: {uniform: {min: 0.1, max: 0.2}}}}\n"
+    )
+    given = argparse.Namespace(
+        scenario="hover",
+        controller=["controllers/paper:pd", f"{mine}:mine"],
+        seed=None,
+        over=None,
+        set=["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"],
+        metric="rmse",
+        draws="sobol",
+        samples=40,
+    )
+    with pytest.raises(InputError, match=r"mine and pd have different random parameters \(vehicle.linear_drag\)"):
+        study.scenarios_of(given)
+    given.draws = "latin_hypercube"
+    assert {each.draws.kind for each in study.scenarios_of(given).values()} == {"latin_hypercube"}
 
 
 @pytest.fixture

@@ -330,7 +330,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
         ("control effort on Y", f"{numbers['effort_y']:.4f}", "m²/s⁴"),
         ("control effort on Z", "–", "m²/s⁴"),
     ]
-    assert rows[9] == ("share of ticks with saturated rotors", f"{100.0 * numbers['saturation_share']:.1f}", "%")
+    assert rows[9] == ("ticks with saturated rotors", f"{100.0 * numbers['saturated_fraction']:.1f}", "%")
     flight.crash = "crashed at 1.20 s"
     assert fly.summary(flight)[0] == ("flight time", "crashed at 1.20", "s")
 
@@ -379,7 +379,7 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
 
 
 @pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
-def test_a_vehicle_that_is_hardly_identified_is_told(capsys, weak, is_told):
+def test_a_vehicle_that_is_hardly_identified_is_remarked(capsys, weak, is_told):
     found = identified()
     estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
     identify.print_estimates(replace(found, estimates=estimates))
@@ -437,7 +437,7 @@ def test_throttles_in_flight_of_all_logs_are_combined():
     time = 0.02 * np.arange(1000)
     in_flight = ((time > 3.0) & (time < 17.0))[:, None]
     four = FlightRecord("a", time, motor_command=np.where(in_flight, [0.5, 0.6, 0.7, 0.8], 0.1))
-    one = FlightRecord("b", time, thrust_share=np.where(in_flight[:, 0], 0.9, 0.1))
+    one = FlightRecord("b", time, thrust_fraction=np.where(in_flight[:, 0], 0.9, 0.1))
     assert np.unique(identify.throttles([four, one])).tolist() == [0.5, 0.6, 0.7, 0.8, 0.9]
     assert identify.throttles([FlightRecord("c", time)]) is None
 

@@ -4,6 +4,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.command_line import risk
+from drake_quad.command_line.main import module_of
 
 MASS = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 HOVER = ("hover", "--set", "duration=0.3", "--set", MASS)
@@ -45,6 +46,39 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
     assert files(result) == ["sobol.csv", "sobol.png"]
 
 
+@pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
+def test_searches_have_the_options_of_studies_for_workers(command):
+    arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
+    found = module_of(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
+    assert (found.scenario, found.workers, found.time_limit, found.cluster) == ("outdoor", 3, 5.0, None)
+    assert (found.resume, found.wired, found.vector) == (True, True, "pdf")
+    assert module_of(command).options().parse_args([]).scenario == "robustness"
+
+
+@pytest.mark.slow
+def test_a_search_is_continued_only_if_it_is_asked_for(run, tmp_path):
+    command = ["sobol", *HOVER, "--points", "8", "--metric", "rmse_z", "--workers", "1", "--output", tmp_path]
+    first = run(*command)
+    assert first.returncode == 0
+    refused = run(*command)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "already contains a study; continue it with --resume, or choose another folder" in refused.stderr
+    again = run(*command, "--resume")
+    assert again.stdout.splitlines()[1:] == first.stdout.splitlines()[1:]
+
+
+@pytest.mark.slow
+def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
+    options = ["--samples", "64", "--draws", "sobol", "--workers", "1", "--output", tmp_path]
+    result = run("study", *HOVER, *options)
+    assert result.returncode == 0
+    assert "sobol draws in 16 independent replicates of 4 samples, which give the intervals" in result.stdout
+    assert load_scenario(tmp_path / "scenario.yaml").draws.kind == "sobol"
+    other = ["--set", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}", "--resume"]
+    refused = run("study", *HOVER, *options, *other)
+    assert refused.returncode == 2
+
+
 @pytest.mark.slow
 def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
     result = run("certify", "hover", "--vary", "vehicle.rotor_time_constant=30%", "--output", tmp_path)
@@ -59,6 +93,13 @@ def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["study", *HOVER, "--draws", "sobol", "--samples", "20"], "sobol draws need at least 32 samples"),
+        (["study", *HOVER, "--draws", "sobol", "--until", "rmse ± 1 %"], "a study with sobol draws cannot end early"),
+        (["study", "hover", "--draws", "latin_hypercube"], "latin_hypercube draws have no effect"),
+        (
+            ["compare", "--scenario", "hover", "--set", MASS, "--set", "draws={kind: sobol, size: 3}"],
+            "draws.size is 3, but must be a power of two for sobol",
+        ),
         (["risk", "hover", "--event", "peak > 1"], "there is no metric called"),
         (["risk", "hover", "--to", "much"], "--to 'much': must be a percentage above 0 %, as in 30%"),
         (["risk", *HOVER, "--population", "505"], "size is 505, but must be a multiple of 10"),

@@ -20,7 +20,7 @@ OUTPUTS = ("state", "measurement", "reference")
 
 @pytest.fixture
 def windy_scenario(diagrams):
-    return load_scenario(diagrams / "robustness.yaml", {"duration": 2.0})
+    return load_scenario(diagrams / "robustness.yaml", {"duration": 1.0}, layers=["controllers/paper:pd"])
 
 
 def restart_vehicles(fleet, diagram, vehicles):
@@ -49,7 +49,7 @@ def test_vehicles_that_start_at_different_times_have_the_flights_of_single_vehic
     for vehicle, sample, first, last in [(0, 0, 0, 45), (LANES + 1, LANES + 1, 0, 45), (1, 1, 0, 17)] + [
         (each, 40 + k, 17, 45) for k, each in enumerate(restarted)
     ]:
-        flight = simulate(windy_scenario, sample=sample, until=2.0, compiled=False)
+        flight = simulate(windy_scenario, sample=sample, until=1.0, compiled=False)
         for name in OUTPUTS:
             actual = np.array([rows[vehicle] for rows in shown[name][first:last]])
             np.testing.assert_allclose(actual, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)

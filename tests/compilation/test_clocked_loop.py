@@ -12,7 +12,7 @@ from drake_quad.framework.symbols import Listing
 
 
 def loop_of(n):
-    """Return the loop of x' = x + h (exp(p) x + u), which logs the sum of the previous x and a value of the table."""
+    """Return the loop of x⁺ = x + h (exp(p) x + u), which logs x plus a value of the table."""
     listing = Listing()
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
     step, shown = listing.shared(2), listing.shared(0)

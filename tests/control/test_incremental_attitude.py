@@ -25,9 +25,9 @@ DISTURBANCE = np.array([0.9, -0.7, 0.4])
 
 
 def state_after_settling(law_of):
-    """Return angles and rates after eight seconds under a constant additional angular acceleration.
+    """Return angles and rates after eight seconds with a constant disturbing angular acceleration.
 
-    The commanded angular acceleration has the modelled lag.
+    The vehicle follows the commanded angular acceleration with the modelled lag.
     """
     angles, rates, following = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(400):

@@ -47,7 +47,7 @@ def commanded_rotation(force, yaw):
 
 
 def rates_of(rotation, h=1e-6):
-    """Return Ω of Ṙ = R Ω̂ at time zero, by differences of a rotation over time."""
+    """Return the body rates Ω with Ṙ = R Ω̂ at time zero, from finite differences of a rotation."""
     slope = rotation(0.0).T @ (rotation(h) - rotation(-h)) / (2.0 * h)
     return np.array([slope[2, 1], slope[0, 2], slope[1, 0]])
 

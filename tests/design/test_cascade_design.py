@@ -86,7 +86,7 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
 @pytest.mark.slow
 @pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
 def test_a_vehicle_hovers_beside_its_reference_as_its_centre_of_mass_says(diagrams, centre):
-    """The expected offset is the distance from a vehicle without such an error that hovers in the same conditions."""
+    """The offset is measured from the hover position of a vehicle whose centre of mass is not displaced."""
     overrides = [
         "laboratory.autopilot={kind: attitude, k_attitude: [6, 5, 3], k_rate: [14, 12, 8]}",
         "control.position={kind: pd, k_p: [1.5, 1.2, 4], k_d: [1.7, 1.5, 3], feed_forward: acceleration}",

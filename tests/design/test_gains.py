@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from ruamel.yaml import YAML
 
@@ -195,7 +196,7 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     assert family.cost(pitch, gains, effort) == pytest.approx(total, rel=1e-9)
     best = family.gains(pitch, effort)
     least = family.cost(pitch, best, effort)
-    for factor in ((1.03, 1.0), (0.97, 1.0), (1.0, 1.03), (1.0, 0.97)):
+    for factor in ((1.001, 1.0), (0.999, 1.0), (1.0, 1.001), (1.0, 0.999)):
         assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
     assert least > family.min_cost(pitch, effort)
 
@@ -301,15 +302,15 @@ def test_the_simulated_loop_tolerates_its_margins(shipped):
     """
     _, scenario = shipped
     resting = at_rest(nominal_hover(scenario))
-    assert peaks(scaled(resting, "attitude", 2.0, (0, 1)), {"pitch": 1e-3}, 20.0)[-1] < 1e-4
+    assert peaks(scaled(resting, "attitude", 2.0, (0, 1)), {"pitch": 1e-3}, 12.0)[-1] < 1e-4
     for displacement in ({"pitch": 1e-3}, {"yaw": 1e-3}, {"x": 1e-3}, {"z": 1e-3}):
-        assert peaks(with_delay(resting, 2), displacement, 20.0)[-1] < 1e-4
+        assert peaks(with_delay(resting, 2), displacement, 12.0)[-1] < 1e-4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("block", "axes", "row", "duration"),
-    [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
+    [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 40.0)],
 )
 def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, designed, block, axes, row, duration):
     """A small displacement decays 2 % below the stability limit, and grows 2 % above the limit."""
@@ -324,7 +325,8 @@ def test_the_stability_limit_of_the_gain_agrees_with_simulations(shipped, design
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_stability_limit_of_the_delay_agrees_with_simulations(shipped, designed, ticks):
-    """A loop tolerates a number of delay ticks if its delay margin is 2 % longer, but not if it is 2 % shorter."""
+    """Two designs have delay margins 2 % above and 2 % below a whole number of ticks. Only the first tolerates this
+    number of ticks."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(nominal_hover(scenario))
@@ -565,11 +567,58 @@ def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeyp
     assert gains == pytest.approx((frequency**2, 1.6 * frequency))
 
 
-def test_a_regulator_s_gains_are_found_to_a_thousandth():
+def test_a_regulator_s_gains_are_found_to_four_digits():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
-        np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)
+        np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=5e-5)
+
+
+def test_the_search_for_a_regulator_knows_the_derivatives_of_the_cost(pitch, monkeypatch):
+    found = []
+
+    def compare(function, start, **options):
+        for logs in start + np.array([[0.0, 0.0], [0.3, -0.2], [0.1, 0.7]]):
+            numeric = scipy.optimize.approx_fprime(logs, lambda tried: function(tried)[0], 1e-7)
+            np.testing.assert_allclose(function(logs)[1], numeric, rtol=1e-5, atol=1e-6)
+        found.append(options["jac"])
+        return SimpleNamespace(x=start)
+
+    monkeypatch.setattr("scipy.optimize.minimize", compare)
+    RegulatorRequirements(0.2).gains(pitch, 3.0)
+    assert found == [True]
+
+
+def test_the_search_for_a_regulator_returns_from_unstable_gains():
+    """The first step of the search is too long for this delay."""
+    plant, family = delayed_integrator(8), RegulatorRequirements(0.2)
+    gains = family.gains(plant, 1e3)
+    least = family.cost(plant, gains, 1e3)
+    assert all(family.cost(plant, AxisGains(gains.k_p * each, gains.k_d), 1e3) > least for each in (0.99, 1.01))
+
+
+class RecordingFamily(ProportionalFamily):
+    """Family of gains that lists the efforts for which it was asked."""
+
+    def __init__(self, k_p, k_d):
+        super().__init__(k_p, k_d)
+        self.tried = []
+
+    def gains(self, plant, effort):
+        self.tried.append(effort)
+        return super().gains(plant, effort)
+
+    def efforts(self, plant):
+        return np.array([1.0, 90.0, 110.0, 120.0])
+
+
+def test_efforts_beyond_the_first_unacceptable_effort_are_not_tried():
+    """The loop is unstable from a gain k_D of about 100 1/s on."""
+    family = RecordingFamily(0.01, 1.0)
+    design = design_loop(double_integrator(), family, Requirements(0.0, 0.0, 0.0), axis="x")
+    assert 90.0 < design.gains.k_d < 110.0
+    assert family.tried[:3] == [1.0, 90.0, 110.0]
+    assert max(family.tried) == 110.0
 
 
 def designed_pid(integration):

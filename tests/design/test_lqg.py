@@ -21,7 +21,6 @@ from drake_quad.design.lqg import (
     conditions_of,
     design_lqg,
     lateral_plant_model,
-    loop_transfer,
     median_scenario,
     plants_of,
     predict_performance,
@@ -31,6 +30,7 @@ from drake_quad.design.lqg import (
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.linear.disturbances import DisturbanceStatistics
 from drake_quad.linear.link_margins import link_loops, link_margins
+from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch
 
 NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
@@ -70,6 +70,14 @@ def axes_of(scenario, plant, conditions):
     models = lateral_plant_model(plant, conditions), vertical_plant_model(plant, conditions)
     actual_plants = [ActualPlant.of(model, plant, conditions, timing, gravity) for model in models]
     return [*zip(loops, actual_plants, strict=True)], timing
+
+
+def loop_transfer(loop, actual_plant, timing):
+    """Return L of an axis, with the loop broken at the command link."""
+    lifted = lqg_design._LiftedLoops.of(loop, [actual_plant], timing)
+    names = tuple(str(i) for i in range(lifted.command.shape[1]))
+    matrices = lifted.opened[0], lifted.lost[0], -lifted.command, np.zeros((1, 1))
+    return SampledSystem(*matrices, timing.tick, names, ("u",), ("loop",))
 
 
 @pytest.mark.slow

@@ -275,7 +275,7 @@ def test_previous_gains_are_a_candidate(laboratory, stub_flights):
     assert tune([laboratory], [K_P], fractions, budget=budget, before=(6.789,)).error == 1.0
 
 
-def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
+def test_candidates_within_the_limit_rank_by_error_and_the_others_by_their_fraction_of_the_limit():
     tuned = [
         tuning.TuningResult((), error, fraction)
         for error, fraction in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))

@@ -52,7 +52,7 @@ def test_if_no_candidate_is_within_the_limit_the_closest_one_is_returned(laborat
 
 
 @pytest.mark.slow
-def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
+def test_the_fraction_of_a_limit_is_the_fraction_of_the_worst_loop(laboratory, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     margins_by_signal = link_margins(scenario)
     peak = max(margins.sensitivity for margins in margins_by_signal.values())

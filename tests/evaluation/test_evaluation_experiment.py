@@ -247,7 +247,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Replace searches by the middle of the ranges, and record their arguments."""
+    """Replace the tuning by a function that returns the middle of each range, and record its arguments."""
     kept = []
 
     def tune(scenarios, knobs, fractions, *, budget, extra_latency=0.0, before=None, progress=None):

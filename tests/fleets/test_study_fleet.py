@@ -40,7 +40,6 @@ def new_fleet_metrics(study, batch):
     return read_metrics(diagram, simulator.get_context())
 
 
-CONTROLLERS = ["pd", "pid", "pd_t1fnn", "pd_t2fnn", "pd_feed_forward"]
 SIGN_LAW = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
 NETWORK = [
     "control.network.a1={uniform: {min: 1.1, max: 1.5}}",
@@ -69,7 +68,7 @@ ESTIMATORS = [
 @pytest.mark.parametrize(
     ("overrides", "controller"),
     [
-        *(([], name) for name in CONTROLLERS),
+        ([], "pid"),
         (NETWORK, "pd_t2fnn"),
         (SIGN_LAW, "pd_t1fnn"),
         *((overrides, None) for overrides in ESTIMATORS),
@@ -191,7 +190,7 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
 
 @pytest.mark.slow
 def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
-    study = scenario()
+    study = scenario(controller="pd")
     whole = StudyFleet(study, plan_route(study), 70).fly(range(70))
     for size in (1, 7, 64):
         fleet = StudyFleet(study, plan_route(study), size)
@@ -208,6 +207,7 @@ def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
         "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
         "laboratory.command_link.delay_ticks={choice: [0, 2]}",
         "laboratory.motion_capture.dropout_rate={choice: [0.0, 0.1]}",
+        controller="pd",
     )
     fleet = StudyFleet(study, plan_route(study), 1)
     for sample in range(5):
@@ -255,7 +255,8 @@ def test_later_batches_need_no_additional_memory(scenario):
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
-    fleet = StudyFleet(scenario(), plan_route(scenario()), 512)
+    study = scenario(controller="pd")
+    fleet = StudyFleet(study, plan_route(study), 512)
     for batch in range(40):
         if batch == 10:
             before = resident()

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, flight_metric, load_scenario, metric, run_monte_carlo, simulate, simulate_samples
+from drake_quad.framework.elementary import where
 from drake_quad.laboratory.derived_signals import DERIVED_SIGNALS, derived_signal
+from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.scenario.metrics.metric import METRICS
+from drake_quad.statistics.estimates import bounded_mean_interval
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.statistics import compare, requirement_probability, values_with_crashes
+from drake_quad.studies.statistics import compare, metric_mean, requirement_probability, values_with_crashes
 from drake_quad.studies.summary import metric_table, requirement_table
 
 START, PERIOD = 1.0, 0.02
@@ -150,7 +153,7 @@ def test_a_metric_of_ones_own_is_a_column_of_flights_and_studies(tmp_path, monke
         "distance_along_x": {},
         "error_quantile": {"probability": 0.5},
     }
-    scenario = load_scenario("robustness", [additional(**metrics)])
+    scenario = load_scenario("robustness", [additional(**metrics)], layers=["controllers/paper:pd"])
     study = run_monte_carlo(scenario, 5, folder=tmp_path, num_workers=1, batch_size=3)
     flights = simulate_samples(scenario, range(5), compiled=True)
     for i, flight in enumerate(flights):
@@ -169,13 +172,81 @@ def test_a_metric_of_ones_own_is_a_column_of_flights_and_studies(tmp_path, monke
     assert fly_samples(scenario, [4]).error_quantile == pytest.approx(flights[4].metrics.error_quantile)
 
 
+def range_of(name, **metrics):
+    """Return the range of a metric of a scenario that has these additional metrics."""
+    return definitions_of(load_scenario("hover", [additional(**metrics)]).metrics_type)[name].value_range
+
+
+@pytest.mark.parametrize(
+    ("rule", "signal", "value_range"),
+    [
+        ("max", "tilt", "nonnegative"),
+        ("integral", "speed", "nonnegative"),
+        ("max", "yaw_error", "real"),
+        ("min", "state.z", "real"),
+        ("rms", "yaw_error", "nonnegative"),
+    ],
+)
+def test_a_metric_of_a_signal_is_negative_only_if_the_signal_and_its_rule_can_be(rule, signal, value_range):
+    assert range_of("mine", mine={"kind": rule, "of": signal}) == value_range
+
+
+def test_the_mean_of_a_fraction_is_one_and_its_integral_is_not():
+    @derived_signal("1", value_range="fraction")
+    def darkness(time):
+        return time * 0.0
+
+    try:
+        assert range_of("mine", mine={"kind": "mean", "of": "darkness"}) == "fraction"
+        assert range_of("mine", mine={"kind": "integral", "of": "darkness"}) == "nonnegative"
+    finally:
+        del DERIVED_SIGNALS["darkness"]
+
+
+def test_intervals_and_ratios_follow_the_stated_range_of_a_metric():
+    @metric("1", over_time="mean", value_range="fraction")
+    def share_outside(state, reference):
+        """Fraction of the ticks at which the vehicle is more than 2 cm off."""
+        x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z
+        return where(x * x + y * y + z * z > 0.02 * 0.02, 1.0, 0.0)
+
+    @metric("m", over_time="mean")
+    def drift(state, reference):
+        """Mean error along X."""
+        return state.x - reference.x
+
+    metrics = fly_samples(load_scenario("laboratory:low_wind", [additional(share_outside={}, drift={})]), range(6))
+    found = metric_mean(metrics, "share_outside")
+    assert 0.0 < found.low < found.value < found.high < 1.0
+    assert found == bounded_mean_interval(metrics.share_outside)
+    assert compare(metrics, metrics, "share_outside").ratio.value == 1.0
+    assert math.isnan(compare(metrics, metrics, "drift").ratio.value)
+
+
+@pytest.mark.parametrize(("value_range", "limits"), [("nonnegative", "not negative"), ("fraction", "between 0 and 1")])
+def test_a_metric_outside_its_stated_range_is_refused(value_range, limits):
+    @metric("1", over_time="last", value_range=value_range)
+    def below(state):
+        """Negative height."""
+        return -state.z
+
+    @flight_metric("1", value_range=value_range)
+    def below_in_flight(flight):
+        """Negative height."""
+        return -flight["state"][-1, 2]
+
+    for kind in ("below", "below_in_flight"):
+        with pytest.raises(InputError, match=rf"the metric {kind} is -1.*, but its value_range .* states {limits}"):
+            simulate(load_scenario("hover", [{"metrics": {"additional": {kind: {}}}, "duration": 0.1}]))
+
+
 def test_a_metric_that_worker_processes_cannot_import_is_refused():
     @metric("m", over_time="max")
     def height(state):
         """Largest height."""
         return state.z
 
-    scenario = load_scenario("robustness", [additional(height={})])
+    scenario = load_scenario("hover", [additional(height={})])
     assert simulate(scenario, sample=0).metrics.height > 0.0
     with pytest.raises(InputError, match="a kind that the scenario uses cannot be sent to worker processes; define it"):
         run_monte_carlo(scenario, 2, num_workers=1)
@@ -211,6 +282,10 @@ def test_wrong_definitions_of_metrics_are_refused():
         metric("m")
     with pytest.raises(TypeError, match="over_time is 'mode', but must be one of"):
         metric("m", over_time="mode")
+    with pytest.raises(TypeError, match="value_range is 'positive', but must be one of real, nonnegative, fraction"):
+        metric("m", over_time="max", value_range="positive")
+    with pytest.raises(TypeError, match="value_range is 'positive'"):
+        flight_metric("m", value_range="positive")
     with pytest.raises(TypeError, match="the argument radius of inside must have a default"):
 
         @metric("m", over_time="max")
@@ -290,7 +365,7 @@ def test_a_crash_satisfies_no_requirement():
         ({"always": {"signal": "tilt", "above": 1.0, "below": 0.5}}, "must be larger than above, 1"),
         (
             {"eventually": {"signal": "tilt", "below": 1.0}, "until": {"signal": "tilt", "below": 1.0}},
-            "always with until",
+            "always if it has until",
         ),
         ({"always": {"signal": "tilt", "below": 1.0}, "after": 3.0, "before": 2.0}, "must be later than after, 3"),
         (
@@ -305,6 +380,14 @@ def test_wrong_requirements_are_refused(requirement, message):
         load_scenario("hover", [{"requirements": {"level": requirement}}])
 
 
+def test_an_unknown_metric_is_named_with_the_option_that_registers_it():
+    message = (
+        r"additional\.height_loss\.kind is 'height_loss' by default, but .*; `--import FILE\.py` registers a metric"
+    )
+    with pytest.raises(InputError, match=message):
+        load_scenario("hover", [additional(height_loss={"tolerance": 0.01})])
+
+
 def test_a_requirement_and_a_metric_have_different_names():
     requirement = {"level": {"always": {"signal": "tilt", "below": 1.0}}}
     with pytest.raises(InputError, match="must have another name, since a study has another column"):
@@ -314,10 +397,10 @@ def test_a_requirement_and_a_metric_have_different_names():
 def test_a_comparison_of_a_metric_that_should_be_large_prefers_the_larger_one():
     scenario = load_scenario("laboratory:low_wind", [additional(tube={"kind": "time_in_tube", "radius": 0.05})])
     metrics = fly_samples(scenario, range(6))
-    worse = metrics._replace(tube=metrics.tube - 0.5)
+    worse = metrics._replace(tube=metrics.tube / 2.0)
     comparison = compare(worse, metrics, "tube")
     assert (comparison.better.value, comparison.num_pairs) == (0.0, 6)
-    assert math.isnan(comparison.ratio.value)
+    assert comparison.ratio.value == pytest.approx(0.5)  # the time cannot be negative, so it has a ratio
     assert compare(metrics, worse, "tube").better.value == 1.0
 
 

@@ -162,7 +162,8 @@ def stub_errors(monkeypatch):
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
 def test_hovers_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_on_each_axis(stub_errors, spread):
-    """The squared error along Z scatters by a fraction of its mean, so its relative half-width is ∝ 1 / (2 √n)."""
+    """The relative half-width of the RMS error along Z is proportional to 1 / √n, which gives the expected number n of
+    hovers."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
@@ -208,7 +209,7 @@ def test_crashing_hovers_are_refused():
 
 
 @pytest.mark.slow
-def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_strongest_wind():
+def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_strongest_wind():
     def error(*overrides):
         return nominal_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 

@@ -142,7 +142,8 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(c
 def test_a_network_can_be_combined_with_the_regulator():
     """The network uses the estimate, learns from the feedback, and flies the same compiled and uncompiled."""
     network = (
-        "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20}, z: {scale: 2}}, lead: 0.1,"
+        "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
+        " z: {scale: 2, centres: [-1, 1], widths: [2, 2]}}, lead: 0.1,"
         " learning: {kind: gradient, signal: feedback, rate: 2}}"
     )
     scenario = scenario_of("laboratory.yaml:high_wind", network, "duration=4")

@@ -128,3 +128,8 @@ def test_random_sources_of_drake_can_replace_the_noise_of_a_sample():
     names = {type(system).__name__ for system in laboratory.GetSystems()}
     assert "RandomSource" in names
     assert "NoiseSource" not in names
+
+
+def test_a_random_vehicle_is_refused_with_the_function_that_draws_it():
+    with pytest.raises(InputError, match=r"is a distribution, .* draw_sample\(scenario, 0\) in Python"):
+        build_vehicle(load_scenario("robustness"))

@@ -65,7 +65,8 @@ def test_flights_are_the_same_compiled_uncompiled_and_in_a_fleet():
 def test_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
     """The vehicle leaves the corridor immediately, and the correction of a network is added."""
     network = (
-        "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20}, disturbance: {scale: 2}},"
+        "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20, centres: [-1, 1], widths: [2, 2]},"
+        " disturbance: {scale: 2, centres: [-1, 1], widths: [2, 2]}},"
         " learning: {kind: gradient, signal: feedback, rate: 2}}"
     )
     onboard = load_scenario(

@@ -50,7 +50,7 @@ def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path)
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
     observation = {"signals": ["position_error", "velocity_error"]}
     policy = with_policy(
-        pd, arrays, tmp_path, action={"kind": "acceleration", "most": ACTION_LIMIT}, observation=observation
+        pd, arrays, tmp_path, action={"kind": "acceleration", "max_acceleration": ACTION_LIMIT}, observation=observation
     )
     flight, expected = simulate(policy), simulate(pd)
     for name in ("state", "wrench", "acceleration_command", "attitude_command"):
@@ -58,9 +58,8 @@ def test_a_network_with_the_gains_of_a_pd_has_the_flight_of_the_pd(pd, tmp_path)
     np.testing.assert_allclose(flight.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
 
 
-@pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
-def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_path, diagrams):
-    """The network has memory and history, and flies under the conditions of robustness.yaml."""
+def random_policy(action, folder):
+    """Return a policy with memory and history that flies under the conditions of robustness.yaml, given its actions."""
     rng = np.random.default_rng(4)
     rows = 3 if action == "acceleration" else 4
     observation = {
@@ -83,13 +82,20 @@ def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_p
         "biases_2": 0.05 * rng.normal(size=rows),
         "limit": np.array(3.0),
     }
-    overrides = {"duration": 0.8, "control": load_scenario(diagrams / "laboratory.yaml:low_wind").control}
+    overrides = {"duration": 0.8, "control": load_scenario("laboratory:low_wind").control}
     overrides["route.heading"] = "along_path"
     overrides["space"] = {"obstacles": {"ball": {"kind": "sphere", "centre": [3.0, 0.0, 1.0], "radius": 0.2}}}
-    scenario = load_scenario(diagrams / "robustness.yaml", overrides)
-    policy = with_policy(scenario, arrays, tmp_path, action=action_fields, observation=observation)
-    batch = Batch.draw(policy, range(10))
-    assert_flown_alike(batch)
+    scenario = load_scenario("robustness", overrides)
+    return with_policy(scenario, arrays, folder, action=action_fields, observation=observation)
+
+
+@pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
+def test_a_policy_flies_the_same_compiled_and_uncompiled(action, tmp_path):
+    assert_flown_alike(Batch.draw(random_policy(action, tmp_path), range(10)))
+
+
+def test_a_policy_flies_the_same_alone_and_in_a_study(tmp_path):
+    policy = random_policy("acceleration", tmp_path)
     alone = simulate(policy, sample=7, compiled=False)
     study = run_monte_carlo(policy, 10, num_workers=1)
     np.testing.assert_allclose(study.metrics.rmse[7], alone.metrics.rmse, rtol=1e-9)

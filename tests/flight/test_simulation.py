@@ -68,7 +68,7 @@ def test_distributions_need_a_sample(diagrams):
 def test_a_continuous_state_is_exact_to_a_tenth_of_a_nanometre(diagrams):
     """The expected state is computed with Runge-Kutta steps of 0.625 ms."""
     continuous, fine = (
-        simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=1", "metrics.start=0", step]))["state"]
+        simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=0.5", "metrics.start=0", step]))["state"]
         for step in ("vehicle.time_step=0", "vehicle.time_step=0.000625")
     )
     np.testing.assert_allclose(continuous, fine, rtol=0.0, atol=1e-10)

@@ -13,7 +13,7 @@ def step(error=0.0, action=0.0, last_action=0.0, crashed=False, obstacle_hit=0):
     reference = Reference(*np.zeros((11, 1)))._replace(x=np.array([error]))
     return Transition(
         np.zeros((1, 3)), np.full((1, 4), action), np.full((1, 4), last_action), state, reference, np.zeros(1),
-        np.array([crashed]), np.array([obstacle_hit]), {},
+        np.array([crashed]), np.array([obstacle_hit]), {}, {}, {},
     )  # fmt: skip
 
 

@@ -52,7 +52,7 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
     over = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus", path])
     assert over.control == load_scenario("figure_eight", layers=[path]).control
-    assert over.control.action.least is None
+    assert over.control.action.min_rotor_speed is None
 
 
 def test_a_saved_controller_is_named_after_its_file(tmp_path):

@@ -32,7 +32,7 @@ def test_numbers_of_an_action_can_be_arrays_and_errors_are_reported():
     for action, words in (
         ({"kind": "rates", "max_rates": "fast"}, "control.action.max_rates is 'fast', but must be a list"),
         ({"kind": "torques"}, "control.action.kind is 'torques', but must be one of"),
-        ({"most": [1.0, 1.0, 1.0]}, "control.action.kind is missing"),
+        ({"max_acceleration": [1.0, 1.0, 1.0]}, "control.action.kind is missing"),
         ({"kind": "acceleration", 3: 4}, "control.action"),
     ):
         with pytest.raises(InputError, match=words):

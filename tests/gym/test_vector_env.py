@@ -311,7 +311,7 @@ def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_hea
 
 
 def test_the_observation_and_action_spaces_match_the_scenario():
-    envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
+    envs = envs_of(3, action={"kind": "acceleration", "max_acceleration": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
     assert envs.action_space.shape == (3, 3)
     assert envs.metadata["render_fps"] == 50

@@ -144,7 +144,7 @@ def test_the_first_half_second_of_a_log_is_left_out():
 
 
 def test_a_scale_error_is_the_regression_on_the_mean_velocity():
-    """The test repeats the estimate from means over 0.1 s, and its standard deviation from blocks of 0.5 s."""
+    """The expected estimate follows from means over 0.1 s, and its standard deviation from blocks of 0.5 s."""
     log = made(12.0, speed=0.7)
     # The speed is below the minimum of 0.15 m/s RMS along y, and above it along z.
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
@@ -205,9 +205,9 @@ def test_the_correlation_time_ends_where_the_autocorrelation_falls_to_1_over_e_o
 
 @pytest.mark.parametrize(("yaw", "slowness"), [(0.0, 1.0), (0.5 * np.pi, 1.0), (0.0, 60.0)])
 def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw, slowness):
-    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle.
+    """The wind is chosen so that its drag is exactly the force that accelerates a level vehicle.
 
-    Force and air speed are averaged over a tenth of a second, or over one sample of a slow log.
+    Force and air speed are averaged over 0.1 s, or over one sample of a slow log.
     """
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = slowness * PERIOD * np.arange(2500)
@@ -240,7 +240,7 @@ def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
 
 
 def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
-    """The test repeats the estimate by hand. Means over 25 samples leave out 50 samples at both ends."""
+    """The expected estimate is computed from means over 25 samples, without the first and the last 50 samples."""
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     random = np.random.default_rng(11)
     time = PERIOD * np.arange(2500)

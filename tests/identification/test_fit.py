@@ -69,7 +69,7 @@ def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_that_of_th
 
 
 def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
-    """The columns differ by eight orders of magnitude, as those of an inertia and a lag do."""
+    """The columns differ by eight orders of magnitude, like the columns of an inertia and a lag."""
     rng = np.random.default_rng(4)
     jacobian, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
     few, short = fitting._condensed(residuals, jacobian)
@@ -80,7 +80,8 @@ def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
 
 
 def test_negative_correlation_of_adjacent_windows_makes_intervals_shorter() -> None:
-    """With errors n_k - 0.8 n_(k-1), the mean has a fifth of the standard deviation of the mean of n_k."""
+    """For the errors n_k - 0.8 n_(k-1) with white noise n, the mean has a fifth of the standard deviation of the mean
+    of n."""
     said, off = {}, []
     for seed in range(300):
         noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
@@ -267,7 +268,7 @@ def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool)
     random = np.random.default_rng(1)
     predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
     parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
-    found = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
+    found, _ = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
     np.testing.assert_allclose(found, start)
 
 
@@ -297,7 +298,9 @@ class DriftingPredictor(LinearPredictor):
         ([-1.0, 0.01], 3),
     ],
 )
-def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int) -> None:
+def test_rounds_continue_while_an_estimate_changes(
+    monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int
+) -> None:
     """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor = DriftingPredictor(moves)
@@ -311,7 +314,7 @@ def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, m
     ("factors", "rounds"),
     [([0.9, 0.9, 0.9], 3), ([1.5, 1.5, 1.5, 1.5, 1.1], 5), ([0.5, 0.5, 0.7, 0.7, 0.9], 5), ([2.0] * 20, 8)],
 )
-def test_rounds_go_on_while_a_disturbance_changes(
+def test_rounds_continue_while_a_disturbance_changes(
     monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
 ) -> None:
     """The rounds end when the logarithm of the disturbance changes by less than 0.2.
@@ -357,15 +360,25 @@ def noise_with(torque: float) -> PredictionNoise:
     return PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, torque, torque, torque]), np.ones(6))
 
 
+def point_at(
+    predictor: LinearPredictor, parameters: list[Parameter], noise: PredictionNoise, **options: float
+) -> fitting._Point:
+    """Return the best parameters for a noise, from a search that starts at zero."""
+    start = np.zeros(1)
+    return fitting._Point.of(predictor, parameters, start, predictor.gains(start, noise), noise, **options)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
 def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: float, expected: float) -> None:
-    """The disturbance stays above its lower limit, and axes with a factor of one keep their value."""
+    """The disturbance is not reduced below its lower limit, and axes with the factor 1 keep their values."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(8.0))
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
+    # The filter of the returned noise is computed once.
+    assert sum(torque == pytest.approx(expected) for _, torque in predictor.filters) == 1
     # Likelihood and gains belong to the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
@@ -376,7 +389,7 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
     predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     noise = PredictionNoise(np.ones(1), np.array([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3]), np.ones(6))
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise)  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise)
     searches = len(predictor.filters)
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     assert found is at
@@ -384,14 +397,14 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
 
 
 @pytest.mark.parametrize("scattered", [False, True])
-def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered: bool) -> None:
-    """With the initial parameters, the initial disturbance is the likeliest.
+def test_a_smaller_disturbance_may_have_a_larger_likelihood_only_for_other_parameters(scattered: bool) -> None:
+    """With the initial parameters, the initial disturbance has the largest likelihood.
 
-    If the data do not scatter, a refit with a fifth of it is likelier.
+    After a refit, a fifth of it has a larger likelihood if the data do not scatter.
     """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
-    at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
+    at = point_at(predictor, parameters, noise_with(1.0))
     if scattered:
         predictor.target = 1.0 + np.tile([1.0, -1.0], 100).reshape(40, 5)
     at = at._replace(values=np.zeros(1), likelihood=-100.0)
@@ -403,12 +416,45 @@ def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered
         assert found.values[0] == pytest.approx(1.0, abs=1e-4)
 
 
+@pytest.mark.parametrize(("ratio", "fits"), [(2.9, True), (3.1, False)])
+def test_a_trial_is_fitted_only_if_it_may_become_likely_enough(ratio: float, fits: bool) -> None:
+    """The derivatives predict a gain of 100; a search may gain up to three times as much."""
+    predictor = WhiteningPredictor(1.0, lambda torque: 1.0)
+    predictor.target = 1.0 + np.tile([0.3, -0.3], 100).reshape(40, 5)  # scatter that no parameter explains
+    parameters, noise = linear_parameters({"mass": (0.0, 100.0)}), noise_with(1.0)
+    needed = -109.0 + 100.0 * ratio
+    found = point_at(predictor, parameters, noise, min_likelihood=needed)
+    assert found.values[0] == pytest.approx(1.0 if fits else 0.0, abs=1e-3)
+    assert found.likelihood == pytest.approx(-9.0 if fits else -109.0, abs=1e-3)
+
+
+def test_a_search_evaluates_its_result_once() -> None:
+    """The predictions at the result are those of the search, even though its last step is rejected."""
+    points: list[bytes] = []
+
+    class Kinked(LinearPredictor):
+        def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+            points.append(parameters[0].tobytes())
+            # The errors change sign abruptly at 0.9, so steps to 1 are rejected.
+            theta = np.where(parameters > 0.9, 0.9 + 30.0 * (parameters - 0.9), parameters)
+            return super().errors(theta)
+
+    predictor = Kinked(np.ones((40, 5, 1)), np.ones((40, 5)))
+    parameters = linear_parameters({"mass": (0.0, 100.0)})
+    found = point_at(predictor, parameters, NO_NOISE)
+    assert points.count(found.values.tobytes()) == 1
+    assert points[-1] != found.values.tobytes()
+    errors, _ = predictor.errors(np.array([found.values]))
+    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
+
+
 @pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
 @pytest.mark.parametrize("likelier", [True, False])
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
 ) -> None:
-    """Beyond two prior standard deviations, the search is repeated from the prior mean; the likelier fit counts."""
+    """If the result is more than two prior standard deviations away, the search is repeated from the prior mean, and
+    the fit with the larger likelihood is returned."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01
@@ -500,7 +546,7 @@ def noise_found(
     return np.log(np.concatenate(fitting._noise_of(predictor, NOTHING, start)))  # type: ignore[arg-type]
 
 
-def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
+def test_the_maximum_likelihood_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The search ends when the log-likelihood increases by less than 0.1."""
@@ -547,9 +593,9 @@ def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
 def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
     monkeypatch: pytest.MonkeyPatch, direction: float
 ) -> None:
-    """Limits are 1e-5 to 100 for the noise, 1e-3 to 1e3 for the disturbance, and 0.02 to 20 s for its correlation time.
+    """Noise is limited to 1e-5 to 100, the disturbance to 1e-3 to 1e3, and its correlation time to 0.02 to 20 s.
 
-    A force along the thrust that lasts longer than a quarter of a second is an error of the thrust.
+    The limit for a force along the thrust is 0.25 s, because a longer force is an error of the thrust curve.
     """
     thrust = 8 + 2
     best = START_LOGS + 30.0 * direction
@@ -693,9 +739,9 @@ def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> No
 
 
 def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All windows count.
+    """The information of all windows is added.
 
-    Equal values of a group have the same variance, and a value without information a large one.
+    Values of the same group have the same variance, and a value without information has a large variance.
     """
     groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
     information = np.diag([50.0, 200.0, 8.0, 0.0])
@@ -721,10 +767,12 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
     assert found[-1, -1] >= 999.0
 
 
-def test_a_smaller_disturbance_is_tried_in_each_round_until_it_is_not_better(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In this test, two trials improve the torque, and none the force, in eight rounds.
+def test_smaller_disturbances_are_tried_in_each_round_as_long_as_they_are_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two trials improve the torque, and no trial improves the force.
 
-    The fourth round tries both again.
+    Both are tried again in the fourth of eight rounds.
     """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     tried: list[tuple[float, ...]] = []

@@ -151,7 +151,7 @@ def test_the_error_of_a_thrust_is_that_of_the_jackknife_over_the_windows_of_the_
         assert each.thrust.unit == "1"
 
 
-def test_a_flight_of_one_window_or_without_information_has_no_thrust_of_its_own() -> None:
+def test_a_flight_of_one_window_or_without_information_has_no_thrust_difference() -> None:
     logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
     for windows, known in ((1, False), (2, True)):
         evidence, predictor = evidence_of(np.array([0.05, -0.05]), windows)
@@ -166,9 +166,10 @@ LENGTH = 8
 
 
 def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
-    """Return logs, predictor and fit of flights with some windows each, and the forces (W, T, 2) of the filter, N.
+    """Return logs, predictor and fit of flights, and the forces (W, T, 2) that the filter estimates, N.
 
-    The filter has a force that decays and a constant one in every row, at the sample after that of the measurement.
+    Each flight has several windows. The stored force consists of a decaying and a constant part, which apply one sample
+    after the measurement.
     """
     random, mass = np.random.default_rng(8), 0.7
     total, settle, period = sum(counts), 3, 0.02
@@ -199,7 +200,8 @@ def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespac
 
 
 def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
-    """Windows of two seconds form blocks of four seconds, and of less in the short flight, which has five blocks."""
+    """Two windows of two seconds form a block, but the blocks of the short flight are shorter, since each flight has at
+    least five blocks."""
     counts = [24, 8]
     logs, predictor, fitted, force = logs_with_forces(counts)
     evidence, _ = evidence_of(np.array([0.0, 0.0]), 16)
@@ -226,7 +228,7 @@ def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
     assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
 
 
-def test_one_flight_or_a_vehicle_without_thrust_has_no_thrust_of_its_own() -> None:
+def test_a_single_flight_or_a_vehicle_without_thrust_has_no_thrust_difference() -> None:
     evidence, predictor = evidence_of(np.array([0.0]))
     logs = SimpleNamespace(records=[SimpleNamespace(name="a")], signals={"body_rates"})
     (found,) = flight_differences(logs, predictor, SimpleNamespace(), evidence)
@@ -311,7 +313,8 @@ def test_a_vehicle_without_thrust_has_no_spread_of_it_and_one_flight_without_for
 
 
 def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> None:
-    """Degrees of freedom are Satterthwaite's. The variation of a trim force within a flight is unknown."""
+    """The degrees of freedom follow Satterthwaite's formula. The variation of a trim force within a flight is
+    unknown."""
     varying = replace(estimates(), variation=Variation(np.diag([1e-4, 0.0, 0.0]), 9.0, 8.0))
     deviations, freedoms = np.array([0.03, 0.1, 0.02, 0.05]), np.array([8.0, 4.0, 12.0, 20.0])
     trims = zip([0.1, 0.3, -0.4, 0.2], deviations, freedoms)

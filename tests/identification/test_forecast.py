@@ -1,4 +1,4 @@
-"""Fraction of the further motion that a model explains, compared with coasting."""
+"""Fraction of the variance that a forecast explains, compared with coasting."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,8 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return windows of constant acceleration; after settling, the model misses a known fraction of the motion."""
+    """Return windows of constant acceleration, of which the model misses a known fraction after the filter has
+    settled."""
     random = np.random.default_rng(7)
     state = random.normal(size=(12, NUM_WINDOWS))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
@@ -54,7 +55,7 @@ def predictor():
     return made, kept, curved, state
 
 
-def test_the_explained_share_refers_to_motion_beyond_coasting(predictor):
+def test_the_explained_fraction_refers_to_motion_beyond_coasting(predictor):
     """Coasting means constant velocity, constant rates of the angles, constant body rates and the mean force."""
     made, _, curved, state = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)

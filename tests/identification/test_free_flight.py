@@ -139,7 +139,8 @@ def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
 
 @pytest.mark.slow
 def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_logged(diagrams):
-    """A reference that is held for 0.2 s would seem to be up to 20 cm away from a vehicle that is on it."""
+    """If the reference counted as constant for 0.2 s, a vehicle without error would seem to have an error of up to 20
+    cm."""
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     flight = simulate(scenario, compiled=True)
     state, reference = flight.record("measurement"), flight.record("reference")

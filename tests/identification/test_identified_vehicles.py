@@ -29,7 +29,7 @@ DELAY_IN_LABORATORY = 0.01 - 0.02
 
 
 def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
-    """Return the log of a known flight, the scenario that flew, and the scenario to begin with."""
+    """Return the log of a simulated flight, its scenario, and the initial scenario of the identification."""
     known = SYNTHETIC_FLIGHTS[kind]
     (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
     return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)

@@ -254,7 +254,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     assert set(found) == {"linear_drag", "inertia[0]"}
 
 
-def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
+def test_drag_below_the_disturbing_force_is_not_identified_with_a_reason(rotors):
     """The vehicle moves at 1 m/s in x and y, so a drag of 0.2 N s/m is 0.2 N; the wind pushes with 0.1 or 0.3 m/s²."""
     time = 0.02 * np.arange(50)
     measured = np.zeros((50, 3, 1))
@@ -273,7 +273,7 @@ def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
             assert found["linear_drag"] == expected
 
 
-def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_a_reason():
+def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_not_identified_with_a_reason():
     commands = np.zeros((300, 3))
     commands[:, 0] = 0.2 * np.sin(np.arange(300))
     log = record(6.0, *POSES, attitude_command=commands)

@@ -37,7 +37,7 @@ def log_of(seconds, *, period=PERIOD, **signals):
 
 @pytest.fixture(autouse=True)
 def no_disturbance(monkeypatch):
-    """Replace the estimation of a disturbance, since the predictors of these tests have no filter."""
+    """Replace the estimate of the disturbance by zero, since the predictors of these tests have no filter."""
     monkeypatch.setattr(
         flight_differences, "estimated_force", lambda each, _: np.zeros((2, len(each.windows), each.sizes.length))
     )

@@ -51,7 +51,8 @@ def test_a_path_is_recovered_with_its_acceleration_and_jerk():
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_rounded_and_held_values_hardly_change_the_path(velocity):
-    """A path rounded to 1 mm and sent at 50 Hz is found to 0.5 mm. Its delay is half a hold minus half a sample."""
+    """A path that is rounded to 1 mm and sent at 50 Hz is reconstructed to 0.5 mm. Its delay is half of the hold time
+    minus half a sample."""
     record = logged(PATH, held=5, velocity=velocity)
     cut = FlightRecord(
         "a",
@@ -405,7 +406,7 @@ def test_a_slow_reference_that_jumps_is_not_a_smooth_path(velocity):
 
 
 def test_a_smooth_reference_begins_at_the_lift_off():
-    """On the ground, the reference of PX4 is that of a vehicle that sinks; it jumps to the vehicle at the take-off."""
+    """On the ground, PX4 commands a descending reference, which jumps to the position of the vehicle at take-off."""
     record = logged(PATH)
     record = replace(record, position=record.reference_position)
     place, speed = record.reference_position.copy(), record.reference_velocity.copy()

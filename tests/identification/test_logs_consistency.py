@@ -212,7 +212,7 @@ def test_a_velocity_that_hardly_varies_shows_no_acceleration():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
-def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
+def test_a_command_is_compared_with_signals_that_lag_by_up_to_half_a_second(delay, sign):
     """The estimated delay does not depend on the sign of the command."""
     phases = np.outer(TIME, [1.1, 1.7, 2.3])
     commands = np.sin(phases) + 0.4 * np.sin(2.3 * phases)
@@ -351,7 +351,7 @@ def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
 def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
-    """Shifts by filters and radio links of sound logs are smaller."""
+    """In correct logs, filters and radio links cause smaller shifts."""
     time = PERIOD * np.arange(-100.0, 1600.0)
     signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
     pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
@@ -446,7 +446,7 @@ def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement
 
 
 def sized(values, size):
-    """Scale motions so that each axis has a size as RMS value, with its largest tenth cut off."""
+    """Scale each axis of a motion to an RMS value, where values above the 90 % quantile are clipped."""
     most = np.quantile(np.abs(values), 0.9, axis=0)
     return size * values / np.sqrt(np.mean(np.clip(values, -most, most) ** 2, axis=0))
 
@@ -528,7 +528,7 @@ def test_a_shift_is_not_reported_if_delays_are_usual_between_two_signals(name, o
 
 
 def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
-    """With exact signals, the two differ only by how much the attitude turns within a window."""
+    """With exact signals, the two differ only because the attitude changes within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     (pair,) = _pairs(grid, only=_force_in_body)
     means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
@@ -587,8 +587,8 @@ def test_a_message_states_the_correlation():
 
 
 @pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
-def test_both_amplitudes_of_a_disagreement_are_told_unless_the_other_side_is_constant(size, words):
-    """Signals that alternate between two values have that amplitude, and no typical size beyond which they are cut."""
+def test_a_disagreement_is_reported_with_both_amplitudes_unless_the_other_signal_is_constant(size, words):
+    """The signals alternate between two values, so clipping does not change their amplitude."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
     correlation = "-1.00" if size else "0.00"
@@ -621,7 +621,7 @@ def test_without_an_attitude_the_size_of_gravity_is_known():
     assert "the sign of specific_force looks wrong in z" in remark or "FRD" in remark
 
 
-def test_noise_contradicts_nothing():
+def test_signals_of_noise_do_not_contradict_each_other():
     random = np.random.default_rng(1)
     names = ("position", "velocity", "attitude", "body_rates")
     hovering = {name: 1e-3 * random.normal(size=(len(TIME), 3)) for name in names}

@@ -8,7 +8,7 @@ from drake_quad.identification.logs import conversion
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping, SignalSource
 
-WIDTHS = {"motor_command": 4, "thrust_share": 1, "reference_yaw": 1, "battery_voltage": 1}
+WIDTHS = {"motor_command": 4, "thrust_fraction": 1, "reference_yaw": 1, "battery_voltage": 1}
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
@@ -21,9 +21,9 @@ def channel(signal, begin, end, period, *, known=None, values=None):
 
 
 def test_commands_hold_and_measurements_do_not():
-    for name in ("motor_command", "thrust_share", "battery_voltage", "torque_command", "reference_position"):
+    for name in ("motor_command", "thrust_fraction", "battery_voltage", "torque_command", "reference_position"):
         assert conversion.is_held(name)
-    for name in ("position", "attitude", "body_rates", "specific_force", "wind", "hover_share"):
+    for name in ("position", "attitude", "body_rates", "specific_force", "wind", "hover_thrust_fraction"):
         assert not conversion.is_held(name)
 
 
@@ -33,7 +33,7 @@ def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_ti
     commands = channel("motor_command", 0.0, 10.0, 0.001)
     for channels in ([slow, fast, commands], [commands, fast, slow]):
         assert conversion._fastest(channels) is (fast if taken else slow).clock
-    assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
+    assert conversion._fastest([commands, channel("thrust_fraction", 0.0, 10.0, 0.01)]) is commands.clock
     # The rate of a clock follows from its median step, so gaps do not matter.
     gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
     assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
@@ -54,8 +54,8 @@ def test_signals_present_for_less_than_half_of_the_time_are_left_out():
             [] if fraction > 0.5 else [f"position is left out: it is logged for {fraction:.0%} of the time"]
         )
     # A command is held until the end. A slow signal is extended by its first and last value.
-    assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
-    assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
+    assert conversion._sufficiently_logged([channel("thrust_fraction", 1.0, 2.0, 0.1)], clock)[0]
+    assert not conversion._sufficiently_logged([channel("thrust_fraction", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
     # NaN values do not count.
     for known, fraction in ((4.4, 0.44), (5.6, 0.56)):
@@ -88,10 +88,10 @@ def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_sho
     inside = (clock > 0.55) & (clock < 5.0)
     measured = conversion._resampled(channel("position", 0.03, 5.9, 0.25), clock, inside)
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
-    held = conversion._resampled(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
+    held = conversion._resampled(channel("thrust_fraction", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
     # Before its first sample, a command has the value of that sample.
-    before = conversion._resampled(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
+    before = conversion._resampled(channel("thrust_fraction", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
         turning = channel(signal, 0.0, 6.0, 0.25)

@@ -88,7 +88,7 @@ def test_a_packed_attitude_is_unpacked(written):
 
 
 def test_the_largest_component_of_a_packed_attitude_is_exact(written):
-    """A component of 1/√2 sets all nine bits."""
+    """The largest encoded component, 1/√2, sets all nine bits."""
     angles = np.array([[0.5 * np.pi, 0.0, 0.0], [-0.5 * np.pi, 0.0, 0.0], [0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0]])
     records = [(1, i * 4000, (packed(quaternion_of(*each)),)) for i, each in enumerate(angles)]
     record = read_log(written(crazyflie_log([(1, "fixedFrequency", [("stateEstimateZ.quat", "I")])], records)))

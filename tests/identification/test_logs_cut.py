@@ -155,7 +155,7 @@ def test_a_whole_message_of_an_unknown_topic_is_reported(read):
 
 
 def test_a_checksum_that_looks_like_a_record_ends_a_log(read):
-    """The fill continues as if the checksum were the id of an event type and its time."""
+    """The checksum and the following bytes have the form of an event with a valid type."""
     log = crazyflie_log([(0xFFFF, "fixedFrequency", GYRO)], [(0xFFFF, 1000 * i, (i, 2.0, 3.0)) for i in range(3)])
     before = zlib.crc32(log[:-8])
     values = (struct.pack("<f", value) for value in range(1_000_000))

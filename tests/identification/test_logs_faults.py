@@ -79,7 +79,7 @@ def test_another_unit_is_a_factor_on_all_axes(
     ],
 )
 def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
-    """`axes` gives the component of the right signal, with its sign, that appears along x, y and z of the wrong one."""
+    """For x, y and z of the faulty signal, `axes` contains the component of the correct signal and its sign."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))
         wrong = np.column_stack([-columns[axis[1]] if axis[0] == "-" else columns[axis] for axis in axes])
@@ -89,7 +89,7 @@ def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Faul
     assert not any(f"attitude looks as if {what}" in text for text in known)
 
 
-def test_a_wrong_yaw_is_a_constant_angle(known: dict[str, Fault]) -> None:
+def test_a_yaw_with_a_constant_offset_is_a_possible_fault(known: dict[str, Fault]) -> None:
     for what, turn in (("90° too small", -90.0), ("90° too large", 90.0), ("180° off", -180.0)):
         fault = known[f"the yaw of attitude looks {what}"]
         wrong = SIGNALS["attitude"] + np.radians([0.0, 0.0, turn])

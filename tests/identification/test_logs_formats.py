@@ -165,7 +165,7 @@ def test_a_betaflight_log_is_converted_to_thrust_fractions_and_si_units(read):
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
-    # The number of the loop and the clock are not reported as unread.
+    # Betaflight's columns `loopIteration` and `time` are not reported as unread.
     assert not said(record, "not read")
 
 

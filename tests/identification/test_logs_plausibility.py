@@ -54,10 +54,10 @@ def path(count=400, period=0.01):
 @pytest.mark.parametrize(
     ("period", "size", "said"),
     [
-        # A jump is at least 0.1 m,
+        # A step counts as a jump if it is at least 0.1 m.
         (0.01, 0.11, True),
         (0.01, 0.09, False),
-        # and more than an acceleration of 500 m/s² causes in one step.
+        # It must also be larger than an acceleration of 500 m/s² can cause in one time step.
         (0.05, 500.0 * 0.05**2 + 0.05, True),
         (0.05, 500.0 * 0.05**2 - 0.05, False),
     ],
@@ -123,7 +123,7 @@ def test_signals_that_are_zero_throughout_are_reported():
     for name in names:
         signals = dict.fromkeys(names, place) | {name: nothing}
         assert next(implausible_signals(signals, time)).startswith(f"{name} is zero throughout")
-    both = {"velocity": nothing, "attitude": nothing, "thrust_share": nothing}
+    both = {"velocity": nothing, "attitude": nothing, "thrust_fraction": nothing}
     assert list(implausible_signals(both, time)) == [
         "velocity and attitude are zero throughout: they may not have been measured"
     ]
@@ -139,7 +139,7 @@ def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
 @pytest.mark.parametrize(
     ("moves", "away", "said"), [(1.0, 1.9, False), (1.0, 2.1, True), (3.0, 2.9, False), (3.0, 3.1, True)]
 )
-def test_a_reference_is_out_of_reach_beyond_two_metres_and_the_extent_of_the_flight(moves, away, said):
+def test_a_reference_is_reported_if_it_is_farther_than_two_metres_and_than_the_extent_of_the_flight(moves, away, said):
     time, place = path()
     place[:, 0] = np.linspace(0.0, moves, len(time))
     reference = place.copy()
@@ -180,6 +180,6 @@ def test_a_faulty_clock_is_reported_once_with_its_table(name):
     first, second = clocks.remarks
     assert second.startswith(f"{beginning}: the clock goes back once, by up to 0.5 s")
     # The same clocks, and another one with the same fault, say nothing more.
-    assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
+    assert clocks.of(table, "thrust_fraction")[0] is clocks.of(table, "motor_command")[0]
     clocks.of(Table(name, written.copy(), {}), "body_rates")
     assert clocks.remarks == [first, second]

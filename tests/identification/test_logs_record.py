@@ -34,20 +34,20 @@ def test_a_signal_has_a_row_of_numbers_for_every_sample(name):
 
 
 def test_a_part_of_a_record_has_the_times_and_rows_of_its_samples():
-    record = FlightRecord("flown", TIME, position=np.arange(12.0).reshape(4, 3), thrust_share=np.arange(4.0))
+    record = FlightRecord("flown", TIME, position=np.arange(12.0).reshape(4, 3), thrust_fraction=np.arange(4.0))
     for chosen in (slice(1, 3), np.array([False, True, True, False])):
         part = record.subset(chosen)
         np.testing.assert_array_equal(part.time, [1.1, 1.2])
         np.testing.assert_array_equal(part.position, [[3.0, 4.0, 5.0], [6.0, 7.0, 8.0]])
-        np.testing.assert_array_equal(part.thrust_share, [1.0, 2.0])
-        assert part.names == ("position", "thrust_share")
+        np.testing.assert_array_equal(part.thrust_fraction, [1.0, 2.0])
+        assert part.names == ("position", "thrust_fraction")
 
 
 def test_a_summary_states_duration_rate_signals_and_missing_signals():
-    record = FlightRecord("flown", TIME, thrust_share=np.arange(4.0))
+    record = FlightRecord("flown", TIME, thrust_fraction=np.arange(4.0))
     assert record.period == pytest.approx(0.1)
-    assert repr(record) == "<FlightRecord flown: 0.6 s, 4 samples at 10 Hz; thrust_share>"
-    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has thrust_share$"):
+    assert repr(record) == "<FlightRecord flown: 0.6 s, 4 samples at 10 Hz; thrust_fraction>"
+    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has thrust_fraction$"):
         record.of("position")
     with pytest.raises(InputError, match="^the log 'flown' lacks position; it has no signals$"):
         FlightRecord("flown", TIME).of("position")

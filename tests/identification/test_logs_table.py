@@ -144,7 +144,7 @@ def test_neural_fly_s_format(tmp_path):
     np.testing.assert_allclose(record.attitude, [[0.1, 0.2, 0.3]] * 30)
     np.testing.assert_allclose(record.attitude_command, 0.0, atol=1e-12)
     np.testing.assert_allclose(record.body_rates[4], [0.1, -0.2, 0.3])
-    np.testing.assert_allclose(record.thrust_share, 0.5 + 0.01 * np.arange(30))
+    np.testing.assert_allclose(record.thrust_fraction, 0.5 + 0.01 * np.arange(30))
     np.testing.assert_allclose(record.reference_position[:, 0] - record.position[:, 0], 0.1)
     np.testing.assert_allclose(record.residual_force[9], [-8.0, 0.5, -0.25])
     assert said(record, "not read: R, pwm")
@@ -358,7 +358,7 @@ def flown(write, **changed):
 DOUBTFUL_REMARKS = ("left out", "jumps", "zero", "may not have flown", "reference_position is up to")
 
 
-def test_a_sound_flight_has_no_doubtful_remark(write):
+def test_a_consistent_flight_has_no_remark(write):
     record = flown(write)
     assert len(record.time) == 200
     assert not any(said(record, words) for words in DOUBTFUL_REMARKS)

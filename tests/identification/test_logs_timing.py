@@ -14,7 +14,7 @@ from drake_quad.identification.windows import segment_numbers
 
 
 def record(time):
-    return FlightRecord("log", np.array(time), thrust_share=np.array(time))
+    return FlightRecord("log", np.array(time), thrust_fraction=np.array(time))
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(last["motor_command"], [0.1, 0.4, 0.2, 0.3], atol=1e-6)
     np.testing.assert_allclose(last["attitude_command"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rate_command"], [1.0, -2.0, -3.0])
-    np.testing.assert_allclose(last["thrust_share"], 0.6, atol=1e-6)
+    np.testing.assert_allclose(last["thrust_fraction"], 0.6, atol=1e-6)
     np.testing.assert_allclose(last["reference_position"], [4.0, -5.0, 6.0])
     np.testing.assert_allclose(last["reference_velocity"], [0.4, -0.5, 0.6], atol=1e-6)
     np.testing.assert_allclose(last["reference_yaw"], -0.7, atol=1e-6)
@@ -96,7 +96,7 @@ def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(re
         start=1_700_000_000_000_000,
     )
     record = read(data)
-    start = record.body_rates[0, 0]  # the time since the first rows
+    start = record.body_rates[0, 0]  # the signal is the time, s
     assert start == pytest.approx(2e-3, abs=1e-6)  # the first sample after the first position
     assert record.period == pytest.approx(0.004)
     np.testing.assert_allclose(record.body_rates[:, 0], record.time + start, atol=1e-6)
@@ -229,7 +229,8 @@ def test_without_pyulog_the_error_says_how_to_install_it(read, monkeypatch):
 
 
 def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
-    """In PX4, forward and right are positive. Our rotors count from the front right, clockwise seen from above."""
+    """In PX4's parameters, forward and right are positive. Rotors of this library are numbered clockwise from the front
+    right, as seen from above."""
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),

@@ -13,7 +13,7 @@ from drake_quad.identification.model import (
     LogModel,
     level_record,
     level_vehicle,
-    thrust_of_share,
+    thrust_of_fraction,
     with_commands,
 )
 from drake_quad.identification.results.vehicle_values import number_of, with_numbers
@@ -46,7 +46,7 @@ def record(flight):
 def responding(root):
     """Return the scenario of an autopilot, and a log of commands to the autopilot."""
     random = np.random.default_rng(2)
-    commands = {"thrust_share": random.uniform(0.3, 0.6, 100), "attitude_command": random.normal(size=(100, 3))}
+    commands = {"thrust_fraction": random.uniform(0.3, 0.6, 100), "attitude_command": random.normal(size=(100, 3))}
     return load_scenario(root / "diagrams" / "neural_fly.yaml:wind_8"), FlightRecord(
         "responding", 0.02 * np.arange(100), **commands
     )
@@ -81,7 +81,7 @@ def test_logged_motor_commands_have_priority(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
     found = with_commands(log, vehicle, vehicle)
-    np.testing.assert_array_equal(found.motor_command, np.tile(log.thrust_share[:, None], 4))
+    np.testing.assert_array_equal(found.motor_command, np.tile(log.thrust_fraction[:, None], 4))
     np.testing.assert_allclose(found.attitude_command, np.unwrap(log.attitude_command, axis=0))
     motors = np.random.default_rng(1).uniform(size=(len(log.time), 4))
     np.testing.assert_array_equal(
@@ -103,20 +103,20 @@ def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
-def test_the_thrust_of_a_thrust_share_is_relative_to_that_of_hover(responding):
+def test_the_thrust_of_a_thrust_fraction_is_relative_to_that_of_hover(responding):
     scenario, log = responding
     fractions, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
-    told = replace(log, thrust_share=fractions, hover_share=hover)
-    np.testing.assert_allclose(thrust_of_share(told, weight), weight * fractions / 0.45)
+    told = replace(log, thrust_fraction=fractions, hover_thrust_fraction=hover)
+    np.testing.assert_allclose(thrust_of_fraction(told, weight), weight * fractions / 0.45)
     throttles = with_commands(told, scenario, scenario).motor_command
     k_0, k_1, k_2 = scenario.nominal.motors.curve
     total = np.sum(k_0 + k_1 * throttles + k_2 * throttles**2, axis=1)
     inside = (throttles < 1.0 - 1e-6).all(axis=1)
     np.testing.assert_allclose(total[inside], (weight * fractions / 0.45)[inside])
     assert inside.sum() > 10
-    with pytest.raises(InputError, match="hover_share of the log 'responding' is zero or negative"):
-        thrust_of_share(replace(told, hover_share=0.0 * hover), weight)
+    with pytest.raises(InputError, match="hover_thrust_fraction of the log 'responding' is zero or negative"):
+        thrust_of_fraction(replace(told, hover_thrust_fraction=0.0 * hover), weight)
 
 
 def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, record):
@@ -166,7 +166,7 @@ def test_commands_for_a_level_vehicle_are_level(flight, record):
 
 
 def test_measured_states_include_the_misalignment_of_markers(responding):
-    """With an autopilot, the states are angle rates, which the kinematic matrix relates to body rates."""
+    """With an autopilot, the states contain rates of the angles, which the kinematic matrix converts to body rates."""
     scenario, _ = responding
     misalignment = [0.02, -0.03, 0.1]
     turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])

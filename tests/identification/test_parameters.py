@@ -167,7 +167,7 @@ def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(cons
 def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
     full: Scenario, attitudes: Scenario, throttles: Scenario
 ) -> None:
-    """Relative to weight and arm length, forces and positions are equally uncertain for small and large vehicles."""
+    """Prior deviations of forces are relative to the weight, and those of positions to the arm length."""
 
     def larger(scenario: Scenario, **update: float) -> Scenario:
         changed = {"mass": 2.0 * scenario.vehicle.mass} | update

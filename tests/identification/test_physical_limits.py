@@ -99,7 +99,7 @@ def test_part_of_an_inertia_or_of_a_thrust_curve_has_no_common_limits(missing: s
 
 
 def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
-    """A limit that couples several parameters adds information on each of them, so it is left out."""
+    """A limit on a combination of parameters is ignored, since it does not fix any one of them."""
     parameters = parameters_with()
     found = SearchVariables.of(parameters)
 

@@ -205,7 +205,7 @@ def test_integrals_of_roll_and_pitch_are_along_the_heading(vehicle):
 
 
 def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
-    """PX4 does not increase the tilt in a downward acceleration, so less is produced than commanded."""
+    """PX4 does not increase the tilt during a downward acceleration, so the vehicle accelerates less than commanded."""
     time = PERIOD * np.arange(SAMPLES)
     (reference, v_r, a_r), error = waves(time, 0.6, 1.6), waves(time + 5.0, 0.15, 2.6)
     output, integral = np.zeros((SAMPLES, 3)), np.zeros(3)

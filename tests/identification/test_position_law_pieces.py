@@ -60,7 +60,7 @@ def smoothed(values):
 
 
 def all_of_five(mask):
-    """Return which samples count, together with both samples on each side."""
+    """Return a mask of the samples for which this sample and its two neighbours on each side count."""
     found = mask.copy()
     for distance in (1, 2):
         found[distance:] &= mask[:-distance]
@@ -134,20 +134,22 @@ def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_th
     np.testing.assert_allclose(rest[0], 1.5 * reference[0], atol=0.01)
 
 
-def test_unwinding_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(vehicle):
+def test_the_anti_windup_term_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(
+    vehicle,
+):
     """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
     for form, (piece,) in found.items():
         if form != "decoupled":
-            assert not piece.unwinding.any()
+            assert not piece.anti_windup.any()
     output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
     missing = np.zeros_like(output)
     sinks = output[:, 2] < 0.0
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
     missing[sinks, :2] = output[sinks, :2] - produced
     assert 100 < sinks.sum() < 500
-    np.testing.assert_allclose(found["decoupled"][0].unwinding, integrals(smoothed(missing)), atol=1e-12)
+    np.testing.assert_allclose(found["decoupled"][0].anti_windup, integrals(smoothed(missing)), atol=1e-12)
 
 
 def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):
@@ -304,18 +306,18 @@ def test_thrust_is_scaled_by_newtons_by_the_hover_thrust_or_by_the_median(vehicl
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
     fraction = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
     usable = fraction > 0.0
-    record = FlightRecord("log", np.arange(5.0), thrust_share=fraction, hover_share=np.full(5, 0.25))
+    record = FlightRecord("log", np.arange(5.0), thrust_fraction=fraction, hover_thrust_fraction=np.full(5, 0.25))
     thrust, remark = specific_thrust(record, vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * fraction / 0.25)
     assert remark is None
-    thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
+    thrust, remark = specific_thrust(replace(record, hover_thrust_fraction=None), vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * fraction / 0.65)
     assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
     thrust, remark = specific_thrust(replace(record, thrust_command=fraction), vehicle, usable)
     np.testing.assert_allclose(thrust, fraction / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"
-    with pytest.raises(InputError, match="thrust_share of the log 'log' is zero in the air; check the mapping"):
-        specific_thrust(replace(record, hover_share=None), vehicle, ~usable)
+    with pytest.raises(InputError, match="thrust_fraction of the log 'log' is zero in the air; check the mapping"):
+        specific_thrust(replace(record, hover_thrust_fraction=None), vehicle, ~usable)
 
 
 # The samples of a triangle wave are uniformly distributed over its range.

@@ -75,7 +75,7 @@ def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, sett
         reference_acceleration=now["reference_acceleration"],
         travel=position - position[0],
         deviation=np.zeros_like(error),
-        unwinding=np.zeros_like(error),
+        anti_windup=np.zeros_like(error),
         counted=time >= begin + settle,
     )
 
@@ -154,12 +154,12 @@ def noisy_pieces(samples=60):
 
 def without_nuisances(piece):
     """Return the piece without its deviation and anti-windup terms."""
-    return piece._replace(deviation=np.zeros_like(piece.error), unwinding=np.zeros_like(piece.error))
+    return piece._replace(deviation=np.zeros_like(piece.error), anti_windup=np.zeros_like(piece.error))
 
 
 def stacked(pieces, axes, terms):
     """Return the regressors, with a constant and a linear trend for each stretch, and the commands of the pieces."""
-    sign = {"velocity": -1.0, "displacement": -1.0, "unwinding": -1.0}
+    sign = {"velocity": -1.0, "displacement": -1.0, "anti_windup": -1.0}
     values = {"position": "error", "displacement": "travel"}
     found, commands, free = [], [], []
     for axis in axes:
@@ -209,7 +209,7 @@ def test_columns_are_the_terms_of_the_law():
         "reference_acceleration": piece.reference_acceleration[:, 1],
         "displacement": -piece.travel[:, 1],
         "deviation": piece.deviation[:, 1],
-        "unwinding": -piece.unwinding[:, 1],
+        "anti_windup": -piece.anti_windup[:, 1],
         "integral": integral(error),
         "double_integral": integral(integral(error)),
     }
@@ -317,7 +317,7 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(
 
 
 def test_of_two_laws_without_any_remaining_error_the_simpler_one_is_taken(monkeypatch):
-    """A command that is constant leaves nothing to explain."""
+    """A constant command leaves no variance to explain."""
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
     simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
     assert regression._better_fit([], (0,), simple, rich) is simple
@@ -339,10 +339,10 @@ def rule_bias(named):
 @pytest.mark.parametrize("integral", [0.5, 1.5])
 @pytest.mark.parametrize("with_deviation", [False, True])
 def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rules(with_deviation, integral):
-    """Each of fifteen blocks is left out by one Gauss-Newton step.
+    """The jackknife leaves out each of fifteen blocks by one Gauss-Newton step.
 
-    An error of the logged position is in the position error and in the deviation. With k_p = 4 and k_v = 3, the
-    gains of a cascade are real up to the integral gain 4 / 3.
+    Errors of the logged position affect the regressors of the position error and of the deviation. With k_p = 4 and k_v
+    = 3, a cascade has real gains for integral gains up to 4 / 3.
     """
     terms, shape, free = (*BASIC[:3], *BASIC[4:]), Shape(0.02, 0.05), ("delay",)
     pieces = [flown(terms, shape, noise=0.2), flown(terms, shape, noise=0.2, begin=20.0, seconds=6.0)]

@@ -329,7 +329,7 @@ def test_several_noises_are_linearised_together(scenario, log, values, outputs, 
 
 
 @pytest.mark.slow
-def test_the_likeliest_noise_is_the_noise_of_the_log(scenario, values):
+def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
     """The search starts with noise that is wrong by a factor of two. The log of a few seconds limits the accuracy."""
     random = np.random.default_rng(8)
     true = PredictionNoise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))

@@ -169,10 +169,10 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signal
         "thrust": ({"thrust_command": 40.0 * fractions}, 40.0 * fractions),
         "share of hover": (
             # The thrust share is used, and not the thrust factor of the data sheet.
-            {"thrust_share": fractions, "hover_share": np.full(50, 0.4), "thrust_command": np.ones(50)},
+            {"thrust_fraction": fractions, "hover_thrust_fraction": np.full(50, 0.4), "thrust_command": np.ones(50)},
             vehicle.mass * vehicle.gravity * fractions / 0.4,
         ),
-        "share of full thrust": ({"thrust_share": fractions}, 4.0 * (k_0 + k_1 * fractions + k_2 * fractions**2)),
+        "share of full thrust": ({"thrust_fraction": fractions}, 4.0 * (k_0 + k_1 * fractions + k_2 * fractions**2)),
     }[kind]
     found = prepared_logs._with_specific_force(replace(pushed, **signals), attitudes).specific_force
     assert found is not None
@@ -186,12 +186,12 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record
 
-    fraction = replace(pushed, thrust_share=np.full(50, 0.4))
+    fraction = replace(pushed, thrust_fraction=np.full(50, 0.4))
     nominal = attitudes.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
     assert converted(fraction)
     assert not converted(fraction, attitudes.model_copy(update={"nominal": nominal}))
     assert not converted(pushed)
-    assert not converted(replace(pushed, hover_share=np.full(50, 0.4)))
+    assert not converted(replace(pushed, hover_thrust_fraction=np.full(50, 0.4)))
     # A logged specific force has priority, and without an attitude, the axes of the force are unknown.
     assert not converted(replace(fraction, specific_force=np.zeros((50, 3))))
     assert not converted(replace(fraction, attitude=None))
@@ -199,7 +199,7 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
 
 
 def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
-    """Estimates are written to the given scenario."""
+    """The model has a level vehicle, but the returned scenario, to which estimates are written, is the given one."""
     logs, scenario = prepare([log_of(3.0, "position")], rotors)
     assert scenario is rotors
     assert logs.scenario.laboratory.autopilot.models_vehicle
@@ -211,7 +211,11 @@ def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: S
     # The response of an autopilot includes the time constants of the rotors.
     update = {"rotor_time_constant_down": 0.09}
     own = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update=update)})
-    command = {"attitude_command": np.zeros((300, 3)), "thrust_share": np.full(300, 0.4), "rotor_speed_command": None}
+    command = {
+        "attitude_command": np.zeros((300, 3)),
+        "thrust_fraction": np.full(300, 0.4),
+        "rotor_speed_command": None,
+    }
     logs, scenario = prepare([log_of(3.0, "attitude", **command)], own)  # type: ignore[arg-type]
     assert logs.scenario is scenario
     assert scenario.vehicle.rotor_time_constant_down is None

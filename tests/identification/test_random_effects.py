@@ -81,11 +81,11 @@ def test_each_stretch_is_fitted_separately() -> None:
 @pytest.mark.parametrize("windows", [20, 23, 37])
 @pytest.mark.parametrize("noise", [0.2, 3.0])
 def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noise) -> None:
-    """If all windows are equally informative, their scores scatter by the sample variance within a stretch.
+    """All windows have the same information h.
 
-    If model and noise are right, this variance is the information h of a window, and the error of a stretch of n
-    windows has the variance 1 / (n h). If the scores scatter more, on average over all windows, the variance of the
-    error is larger by the same factor.
+    If model and noise are right, the scores of the windows have the variance h, and the error of a stretch of n windows
+    has the variance 1 / (n h). If the mean variance of the scores is larger than h, the variance of the error is larger
+    by the same factor.
     """
     rng = np.random.default_rng(11)
     scores = noise * rng.normal(size=(windows, 1))

@@ -56,7 +56,7 @@ def shifts_of(record):
 
 @pytest.mark.parametrize("shift", [0.0, 0.03])
 def test_a_constant_shift_is_the_same_in_all_parts(shift):
-    """Body rates that lag the attitude have a positive shift, and here the attitude lags the body rates."""
+    """The shift is positive if the body rates lag the attitude. In this log, the attitude lags the body rates."""
     found = shifts_of(rolling(np.full(20, shift)))
     assert len(found) >= 18
     np.testing.assert_allclose(found, -shift, atol=1e-3)
@@ -210,7 +210,8 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
 
 
 def test_a_rotor_lag_has_the_error_of_a_ramp_that_is_averaged_and_held():
-    """The ramp is simulated, and the error is added as a variance; correlations and other parameters stay."""
+    """The expected error is found by simulating the ramp. It increases the variance of the lag; correlations and other
+    parameters are unchanged."""
     lag, period = 0.05, 0.02
     decay, response = np.exp(-period / lag), 0.0
     for sample in range(400):

@@ -70,7 +70,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
         thrust, angles, _ = np.split(target, [1, 4], axis=1)
         np.testing.assert_array_equal(record.attitude_command, angles)
         # Each of the four rotors gives 14.27 N at full throttle.
-        np.testing.assert_allclose(record.thrust_share[:, None], thrust / 57.08)
+        np.testing.assert_allclose(record.thrust_fraction[:, None], thrust / 57.08)
         assert record.rotor_speed_command is None
     elif kind == "battery":
         np.testing.assert_array_equal(record.motor_command, flight["throttle_command"])
@@ -79,7 +79,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
         assert record.rotor_speed_command is None
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
-        assert record.thrust_share is None
+        assert record.thrust_fraction is None
     # By default, a log has a row for each recorded sample.
     np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from joint_normals import joint_normal
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
@@ -15,7 +16,6 @@ from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import nominal_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
-from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.paths import distributions_in
@@ -113,7 +113,7 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
 
 
 def test_each_distribution_is_on_one_line(written):
-    """Without their indentation, comments have at most 100 characters."""
+    """Lines of comments have at most 100 characters after their indentation."""
     lines = written.read_text(encoding="utf-8").splitlines()
     shared = [line for line in lines if "shared: {" in line]
     assert max(map(len, shared)) > 150
@@ -298,7 +298,7 @@ def test_distributions_are_limited_to_valid_vehicles(vehicle):
 
 
 def test_limits_contain_a_mean_that_is_known_very_well(base, tmp_path):
-    """Limits have four digits. Here, rounding lowers the upper limit and raises the lower one."""
+    """Limits have four digits. In this example, rounding would move both limits towards the mean."""
     found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
     drawn = distributions_in(
         load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
@@ -488,7 +488,7 @@ def test_given_fields_are_inserted_unless_they_were_identified():
             vehicle_file._add_override(tree, wrong)
 
 
-def test_what_was_given_is_in_the_file_and_the_full_thrust_that_is_believed_follows_from_it(root, tmp_path):
+def test_given_values_are_in_the_file_and_determine_the_nominal_full_thrust(root, tmp_path):
     given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
@@ -544,7 +544,7 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
     assert found == plain
 
 
-def test_the_believed_estimates_of_a_vehicle_are_listed(vehicle, nominal):
+def test_estimates_that_nominal_can_contain_are_listed(vehicle, nominal):
     """Only these estimates have a place in `nominal`."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(nominal_estimates(nominal)) == sorted(names)

@@ -42,7 +42,7 @@ def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
     assert np.all(np.diff(flying) == 1)
 
 
-def test_a_short_cut_of_the_throttle_is_still_flight() -> None:
+def test_a_quarter_of_a_second_without_throttle_counts_as_flight() -> None:
     """A quarter of a second without thrust counts as a manoeuvre."""
     command = np.full((2000, 4), 0.5)
     command[1000:1025] = 0.0
@@ -125,7 +125,7 @@ def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_a
     [
         ("motor_command", 4, 0.55, 0.45),
         ("thrust_command", None, 0.55, 0.45),
-        ("thrust_share", None, 0.55, 0.45),
+        ("thrust_fraction", None, 0.55, 0.45),
         # The thrust of a rotor is proportional to the square of its speed.
         ("rotor_speed_command", 4, 0.75, 0.65),
     ],
@@ -154,7 +154,7 @@ def test_motor_commands_have_priority_in_detecting_flight() -> None:
     assert not airborne_mask(record(motor_command=0.0 * four, thrust_command=hover, rotor_speed_command=four)).any()
     speeds = {"motor_command": None, "rotor_speed_command": four, "thrust_command": still}
     assert airborne_mask(record(**speeds)).all()
-    thrust = {"motor_command": None, "thrust_command": hover, "thrust_share": still}
+    thrust = {"motor_command": None, "thrust_command": hover, "thrust_fraction": still}
     assert airborne_mask(record(**thrust)).all()
     # Without a logged command, the whole log counts as flight.
     assert airborne_mask(FlightRecord("log", PERIOD * np.arange(50), position=np.zeros((50, 3)))).all()

@@ -78,7 +78,7 @@ def expected_metrics(tape, ticks):
     return {
         "rmse": math.sqrt(np.mean(np.sum(error**2, axis=1))),
         "peak_error": np.linalg.norm(error, axis=1).max(),
-        "saturation_share": np.mean(np.any(tape["shortfall"][ticks] != 0.0, axis=1)),
+        "saturated_fraction": np.mean(np.any(tape["shortfall"][ticks] != 0.0, axis=1)),
         **{
             f"{name}_{axis}": value
             for name, values in metrics_of_axes.items()
@@ -170,7 +170,7 @@ def test_any_shortfall_of_the_wrench_counts_as_saturation(component):
     tape = random_tape()
     tape["shortfall"][:] = 0.0
     tape["shortfall"][[3, 7, 8], component] = 0.1, -0.2, 1e-9
-    assert metrics_of_tape(tape)[0].saturation_share[0] == pytest.approx(3.0 / 40.0)
+    assert metrics_of_tape(tape)[0].saturated_fraction[0] == pytest.approx(3.0 / 40.0)
 
 
 def test_a_single_tick_has_an_error_but_no_variation():
@@ -185,7 +185,7 @@ def test_a_single_tick_has_an_error_but_no_variation():
             metrics_without_ticks.rmse[0],
             metrics_without_ticks.peak_error[0],
             metrics_without_ticks.effort_x[0],
-            metrics_without_ticks.saturation_share[0],
+            metrics_without_ticks.saturated_fraction[0],
         ]
     ).all()
 
@@ -204,7 +204,7 @@ def test_metrics_of_ports_that_are_not_connected_are_nan():
     tape = random_tape()
     metrics, _ = metrics_of_tape({name: tape[name] for name in ("state", "reference")})
     assert math.isfinite(metrics.rmse[0])
-    assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturation_share[0]]).all()
+    assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturated_fraction[0]]).all()
 
 
 SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1.0, 1.0))

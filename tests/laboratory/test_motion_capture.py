@@ -94,8 +94,9 @@ def test_the_velocity_noise_has_the_spectrum_of_the_filter(bandwidth):
         assert density.mean(axis=0)[band].mean() == pytest.approx(theory[band].mean(), rel=0.05)
 
 
-def test_velocity_at_every_second_frame_has_no_noise_at_zero_frequency():
-    """The noise of the mean over 4 s is the position noise divided by 4 s, not the velocity noise divided by √200."""
+def test_the_velocity_noise_of_every_second_frame_averages_out():
+    """The mean velocity over 4 s is a difference of two positions divided by 4 s, so its noise is smaller than the mean
+    of 200 independent velocity errors."""
     n, sigma = 200, 1e-3
     parameters = CameraParameters(sigma, derivative_bandwidth=100.0)
     camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, parameters=parameters)

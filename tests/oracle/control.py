@@ -9,7 +9,7 @@ from oracle.vehicle import cross, euler_to_body, rotation
 
 
 class LaggedResponse:
-    """Response of the acceleration to two summands of a command, each with its own lag, after a delay.
+    """Delayed response of the acceleration to the two summands of a command, each of which has its own lag.
 
     Args:
         ticks: number of ticks of delay.
@@ -460,7 +460,8 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return the body rates and angular accelerations for which F z_B follows jerk and snap, and the yaw its rate.
+    """Return the body rates and angular accelerations with which F z_B has the given jerk and snap, and the yaw the
+    given rate.
 
     p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
     derivative follow from the yaw rate by eq (2) and its derivative.

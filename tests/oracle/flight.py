@@ -84,7 +84,7 @@ def fly(scenario, plan):
             command, shortfall = allocate(autopilot.wrench(link.out), scenario.nominal, laboratory.allocation.priority)
         if k > 0:
             air = wind.sample(k, state[0:3])
-        # The first frame is measured again, but only its velocity drift changes.
+        # At time zero, the cameras measure again only if they have a velocity drift, which then takes its first value.
         if k % steps_per_frame == 0 and (k > 0 or cameras.drifts):
             cameras.measure(k // steps_per_frame, vehicle.output_state(state))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, monitor.metrics(period)
@@ -129,7 +129,7 @@ class Monitor:
         metrics = {
             "rmse": math.sqrt(np.mean(np.sum(errors**2, axis=1))),
             "peak_error": np.linalg.norm(errors, axis=1).max(),
-            "saturation_share": np.mean(self.saturated),
+            "saturated_fraction": np.mean(self.saturated),
             "crash_time": self.crash_time,
         }
         for i, axis in enumerate("xyz"):

@@ -164,10 +164,10 @@ def test_a_plan_keeps_a_fraction_of_the_predicted_tracking_error(room):
     """The predicted error, and therefore the plan, depends on wind and control."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
-    calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
+    calm, windy = (planned(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,)))
     predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
     # The fraction affects the plan, but not the detection of collisions.
-    assert room("space.tracking=0.5").room().clearance == pytest.approx(0.27)
+    assert room("space.tracking_error_factor=0.5").room().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01
     distances = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
@@ -181,11 +181,11 @@ def test_a_path_through_the_shipped_forest_is_found():
     assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 
-def test_a_share_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
-    scenario = room("space.tracking=3")
+def test_a_fraction_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
+    scenario = room("space.tracking_error_factor=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
-    with pytest.raises(InputError, match="space.tracking multiplies a predicted tracking error"):
+    with pytest.raises(InputError, match="space.tracking_error_factor multiplies a predicted tracking error"):
         plan_route(mission)
     gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
-    with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):
-        plan_route(room("space.tracking=3", gust))
+    with pytest.raises(InputError, match=r"space\.tracking_error_factor: laboratory\.wind\.0 is a gust"):
+        plan_route(room("space.tracking_error_factor=3", gust))

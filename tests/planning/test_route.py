@@ -118,8 +118,8 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("route.times={kind: given, times: [0, 1, 2, 3, 4, 5, 6]}", "the .* limit of .* cannot be kept on segment"),
-        ("route.times={kind: least_snap, duration: 8}", "times slower, it is feasible|cannot be kept"),
+        ("route.times={kind: fixed, times: [0, 1, 2, 3, 4, 5, 6]}", "the .* limit of .* cannot be kept on segment"),
+        ("route.times={kind: minimum_snap, duration: 8}", "times slower, it is feasible|cannot be kept"),
         ("route.top_acceleration={uniform: {min: 1, max: 2}}", "route.top_acceleration is a distribution"),
         ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
     ],

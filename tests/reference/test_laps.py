@@ -168,7 +168,7 @@ def test_circles_and_lissajous_figures_have_laps_and_other_routes_have_one(diagr
             f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {SQUARE}",
             "space .*must be left out: it cannot be",
         ),
-        (f"laps: 2, times: {{kind: least_snap, duration: 9}}, {SQUARE}", "must be given, heuristic or shortest"),
+        (f"laps: 2, times: {{kind: minimum_snap, duration: 9}}, {SQUARE}", "must be fixed, heuristic or minimum_time"),
         (f"laps: 2, {SQUARE.replace('[1, 0, 1.2]', '{point: [1, 0, 1], velocity: [1, 0, 0]}')}", "velocity .*left out"),
         (f"laps: 2, times: [0, 1, 2, 3], {SQUARE}", "the (path|segment|times|limits)|too"),
         (f"laps: 0, {SQUARE}", "laps is 0"),

@@ -191,7 +191,7 @@ def test_the_quadratic_form_has_integers_and_no_cost_for_rest():
     assert BOUNDARY_FORM[0, 0] == 100_800.0
 
 
-def test_the_unit_of_time_of_a_waypoint_is_its_shorter_segment():
+def test_the_unit_of_time_at_a_waypoint_is_the_duration_of_its_shorter_segment():
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 

@@ -71,6 +71,11 @@ def test_separate_regions_have_no_intersection():
     assert TRIANGLE.intersection(TRIANGLE).equals(TRIANGLE)
 
 
+def test_an_intersection_is_computed_once():
+    other = Box([0.0, 0.0], [2.0, 1.0])
+    assert TRIANGLE.intersection(other) is TRIANGLE.intersection(other)
+
+
 def test_touching_polytopes_have_a_flat_intersection():
     joint = TRIANGLE.intersection(Polytope([[-4, -3]], [-12]))
     assert joint.is_flat

@@ -223,8 +223,8 @@ def test_claims_about_peaks_pd_output_and_effort(found):
     )
     assert fading.evidence == (
         "without wind, the RMS of the PD's output in the last quarter of a flight is"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise; in the 1 s after a change of"
-        f" segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
+        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of its value in the quarter after the rise; in the 1 s after a"
+        f" change of segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of its value in the 1 s before"
     )
     listed = [
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in fractions.items())

@@ -7,6 +7,7 @@ import pytest
 import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from joint_normals import joint_normal
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
@@ -17,7 +18,6 @@ from drake_quad.scenario.correlation import (
     correlated_normals,
     correlated_pairs,
     correlation_matrix,
-    joint_normal,
     shared_names,
 )
 from drake_quad.scenario.distributions import Normal

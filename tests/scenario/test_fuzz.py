@@ -75,7 +75,7 @@ ROUTES = [
     {
         "kind": "waypoints",
         "waypoints": [[0.0, 0.0, 1.0], {"point": [1.0, 0.0, 1.0], "velocity": [0.5, 0.0, 0.0]}, [2.0, 0.0, 1.0]],
-        "times": {"kind": "least_snap", "duration": 8.0},
+        "times": {"kind": "minimum_snap", "duration": 8.0},
         "top_acceleration": None,
     },
     {
@@ -108,7 +108,7 @@ SPACE = {
     },
     "margin": 0.1,
     "radius": 0.2,
-    "tracking": 2.0,
+    "tracking_error_factor": 2.0,
 }
 
 
@@ -197,7 +197,7 @@ odd_numbers = st.one_of(
     st.integers(-(10**400), 10**400),
 )
 odd_texts = st.one_of(
-    st.sampled_from(["", "pd", "x", "shortest", "a\nb", "\x1b[31m", "1e3", "nan", "x" * 2000]), st.text()
+    st.sampled_from(["", "pd", "x", "minimum_time", "a\nb", "\x1b[31m", "1e3", "nan", "x" * 2000]), st.text()
 )
 distributions = st.one_of(
     st.tuples(odd_numbers, odd_numbers).map(lambda ends: {"uniform": {"min": ends[0], "max": ends[1]}}),

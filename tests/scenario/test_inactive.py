@@ -55,8 +55,8 @@ CASES = [
      [0.1, 0.2, 0.3], "laboratory.autopilot.rate_terms.k_i is [0, 0, 0]"),
     ("onboard", {"laboratory.autopilot.rate_terms": TERMS}, "laboratory.autopilot.rate_terms.derivative_bandwidth",
      [9.0, 9.0, 9.0], "laboratory.autopilot.rate_terms.k_d is not given"),
-    ("onboard", {}, "laboratory.autopilot.neglected_drag", {"lean": 0.0, "time": 1.0},
-     "laboratory.autopilot.neglected_drag.lean is 0"),
+    ("onboard", {}, "laboratory.autopilot.neglected_drag", {"tilt_per_speed": 0.0, "time": 1.0},
+     "laboratory.autopilot.neglected_drag.tilt_per_speed is 0"),
     (("onboard", "controllers/lqg:lqg_onboard"), {}, "control.max_snap", 30.0, "laboratory.autopilot.kind is attitude"),
     ("neural_fly:wind_8", {"metrics.start": 0.0}, "laboratory.allocation.priority", "thrust",
      "laboratory.autopilot.kind is response"),
@@ -144,10 +144,10 @@ def test_the_named_strength_fields_of_every_kind_exist():
     assert not can_act(load_scenario("hover", {"laboratory.wind": [STILL]}).laboratory.wind)
 
 
-# The racer has no drag, and attitudes of the other two follow an identified response.
+# The attitudes of these vehicles follow an identified response.
 # Planning the whole route through the forest takes several seconds.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
-REMARKED = {"bad_day:racer", "bad_day:crazyflie_onboard", "bad_day:neural_fly"}
+REMARKED = {"bad_day:crazyflie_onboard", "bad_day:neural_fly"}
 
 
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each])

@@ -105,8 +105,9 @@ def test_the_paper_s_vehicle_has_exactly_the_distributions_of_robustness():
 
 def test_effects_that_a_vehicle_lacks_have_no_distribution(load):
     racer = load("vehicles/racer", "robustness", undesigned=True).vehicle
-    assert racer.body_drag is None
+    assert racer.rotor_aerodynamics is None
     assert racer.rotor_time_constant_down is None
+    assert load("vehicles/paper_with_drag", "robustness", undesigned=True).vehicle.body_drag is None
     assert (racer.linear_drag, racer.quadratic_drag) == (0.0, 0.0)
 
 

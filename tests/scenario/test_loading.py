@@ -447,10 +447,10 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: fastest}}",
-            r"2: route.times.kind is 'fastest', but must be one of 'given', 'heuristic'",
+            r"2: route.times.kind is 'fastest', but must be one of 'fixed', 'heuristic'",
         ),
         (
-            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: least_snap, duration: 0}}",
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: minimum_snap, duration: 0}}",
             r"2: route.times.duration is 0, but must be greater than or equal to 0.0001",
         ),
         (

@@ -835,8 +835,8 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
             "control.attitude .*must be left out, or null, since actions of kind rotor_speeds do not use it",
         ),
         (
-            {"action": "{kind: rotor_speeds, least: 300}", "more": ["control.attitude=null"]},
-            "control.action.least is 300, but must be smaller than max_rotor_speed in nominal, 300.0",
+            {"action": "{kind: rotor_speeds, min_rotor_speed: 300}", "more": ["control.attitude=null"]},
+            "control.action.min_rotor_speed is 300, but must be smaller than max_rotor_speed in nominal, 300.0",
         ),
         (
             {"observation": "{signals: [velocity, clearance]}"},

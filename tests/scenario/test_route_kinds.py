@@ -20,7 +20,7 @@ FIELDS = {
     "lissajous": [{"amplitude": (1.0, 0.5, 0.2), "period": 8.0}],
     "waypoints": [
         {"waypoints": [(0.0, 0.0, 1.0), (1.0, 0.5, 1.0), (0.0, 1.0, 1.5)], "times": times}
-        for times in ([1.0, 5.0, 9.0], "heuristic", "shortest", {"kind": "least_snap", "duration": 8.0})
+        for times in ([1.0, 5.0, 9.0], "heuristic", "minimum_time", {"kind": "minimum_snap", "duration": 8.0})
     ],
     "trajectory": [
         {"knots": [{"time": 0.0, "position": (0.0, 0.0, 1.0)}, {"time": 3.0, "position": (1.0, 0.0, 1.0)}]},

@@ -68,6 +68,7 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_a_shipped_scenario(tmp_
             "is neither a file nor a shipped scenario; `drake-quad scenarios` lists the shipped scenarios",
         ),
         ("../diagrams/hover", "is neither a file nor a shipped scenario"),
+        ("mine.py:Mine", "is neither .*; a controller in Python is given by --controller mine.py:Mine"),
         ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml, which contains nominal, low_wind, high_wind"),
         ("laboratory", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
         ("laboratory:", "laboratory.yaml contains several scenarios; choose one as laboratory:NAME from nominal"),
@@ -85,3 +86,10 @@ def test_a_missing_scenario_in_extends_is_explained(tmp_path, base):
     path.write_text(f"a: {{extends: '{base}'}}\n")
     with pytest.raises(InputError, match=rf"mine.yaml:1: .*{base.split(':')[-1]}"):
         load_scenario(path)
+
+
+def test_the_missing_suffix_of_a_python_file_is_suggested(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("")
+    with pytest.raises(InputError, match=r"'mine:SlidingMode' is neither .*; did you mean mine\.py:SlidingMode\?"):
+        load_scenario("mine:SlidingMode")

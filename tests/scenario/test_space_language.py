@@ -76,7 +76,7 @@ def test_a_space_has_the_given_obstacles(folder):
 
 
 def test_the_predicted_error_is_multiplied_by_tracking(folder):
-    space = load_scenario(folder / "rooms.yaml:room", "space.tracking=3").space
+    space = load_scenario(folder / "rooms.yaml:room", "space.tracking_error_factor=3").space
     assert space.room(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
 
 

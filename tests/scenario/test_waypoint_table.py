@@ -24,7 +24,7 @@ def test_three_columns_need_no_names(write):
     mission = load_mission(write("0,0,1\n\n# a comment\n 1.5 , -2 ,1e0\n"))
     assert mission.name == "course"
     assert points(mission) == [(0.0, 0.0, 1.0), (1.5, -2.0, 1.0)]
-    assert mission.route.times.kind == "shortest"
+    assert mission.route.times.kind == "minimum_time"
 
 
 def test_columns_have_any_order_and_may_contain_times_and_yaws(write):

@@ -171,7 +171,7 @@ def test_random_passages_are_feasible(places):
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
-    """Both routes around a square have the same length. If one becomes longer, only the other one is drawn."""
+    """Both routes around a square have the same length. If one of them becomes longer, only the other one is drawn."""
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}

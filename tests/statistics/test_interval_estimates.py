@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.statistics.estimates import _binomial_quantile, _ranks, two_sided_sign_test
+from drake_quad.statistics.estimates import (
+    _binomial_quantile,
+    _ranks,
+    partial_rank_correlation,
+    rank_correlation,
+    two_sided_sign_test,
+)
 
 
 @pytest.mark.parametrize("total", [1, 2, 3, 32, 1000, 20_000])
@@ -21,7 +27,7 @@ def test_quantiles_of_binomial_distributions_agree_with_scipy(total, probability
 
 @pytest.mark.parametrize("total", [1, 2, 3, 10])
 def test_a_count_is_the_quantile_of_its_cumulative_probability(total):
-    """At a probability of one half, cumulative probabilities are exact in floating point."""
+    """The tested probability is one half, for which the cumulative probabilities have no rounding errors."""
     fractions = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
     assert [_binomial_quantile(fraction, total, 0.5) for fraction in fractions] == [*range(total)]
 
@@ -38,3 +44,12 @@ def test_the_sign_test_agrees_with_scipy():
         for count in range(total + 1):
             expected = scipy.stats.binomtest(count, total).pvalue
             assert two_sided_sign_test(count, total) == pytest.approx(expected, rel=1e-12)
+
+
+def test_infinite_values_have_ranks_and_equal_ones_no_correlation():
+    """Settling times are infinite for vehicles that do not settle."""
+    x = np.arange(6.0)
+    some = np.array([1.0, 2.0, 3.0, 4.0, math.inf, math.inf])
+    assert rank_correlation(x, some) == rank_correlation(x, np.minimum(some, 5.0))
+    assert math.isnan(rank_correlation(x, np.full(6, math.inf)).value)
+    assert math.isnan(partial_rank_correlation(x, np.full(6, math.inf), np.array([x[::-1] ** 2])).value)

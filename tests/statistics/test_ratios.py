@@ -70,6 +70,11 @@ def test_the_ratio_of_a_metric_to_itself_is_exactly_one():
     assert ratio_of_means(values, values) == (1.0, 1.0, 1.0)
 
 
+@pytest.mark.parametrize(("values", "baseline"), [([1.0, math.inf], [1.0, 2.0]), ([1.0, 2.0], [1.0, math.inf])])
+def test_infinite_values_such_as_settling_times_have_no_ratio(values, baseline):
+    assert all(map(math.isnan, ratio_of_means(np.array(values), np.array(baseline))))
+
+
 def test_a_ratio_is_unbounded_if_the_baseline_may_be_zero():
     """Student's interval of the baseline contains zero. A significantly large ratio still has a lower end."""
     baseline = np.array([0.0, 0.0, 0.0, 1.0])

@@ -12,7 +12,9 @@ from drake_quad.statistics.subset_simulation import (
     MIN_RUNS,
     probability_of_runs,
     relative_half_width,
+    run_together,
     subset_simulation,
+    subset_steps,
 )
 
 DIMENSION, NUM_NOISE = 20, 10
@@ -125,3 +127,22 @@ def test_the_same_seed_gives_the_same_run():
     first, second = (runs_of(two_sides(1e-3), 5, number=1, size=200)[0] for _ in range(2))
     assert first.probability == second.probability
     np.testing.assert_array_equal(first.noise, second.noise)
+
+
+def test_runs_together_are_the_runs_alone_with_fewer_evaluations():
+    """Runs that reach the event earlier end earlier, and do not change the others."""
+    sizes, event = [], half_space(0.02)
+
+    def performance(points, noise):
+        sizes.append(len(points))
+        return event(points, noise)
+
+    steps = [subset_steps(DIMENSION, NUM_NOISE, np.random.default_rng([3, i]), size=200) for i in range(4)]
+    together = run_together(performance, steps)
+    alone = runs_of(event, 3, 4, size=200)
+    for found, expected in zip(together, alone, strict=True):
+        assert (found.probability, found.levels) == (expected.probability, expected.levels)
+        np.testing.assert_array_equal(found.points, expected.points)
+    assert sizes[0] == 4 * 200
+    assert sum(sizes) == sum(run.num_evaluations for run in alone)
+    assert len(sizes) == max(run.num_evaluations - 200 for run in alone) // 20 + 1

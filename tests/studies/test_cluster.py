@@ -21,6 +21,7 @@ import pytest
 from drake_quad import load_scenario, read_study, run_monte_carlo
 from drake_quad.studies import cluster as cluster_module
 from drake_quad.studies.cluster import DaskPool
+from drake_quad.studies.sobol_indices import sobol_indices
 from drake_quad.studies.worker_pool import Outcome
 
 # The package is looked up and not imported, since the import takes a second in every pytest process.
@@ -70,8 +71,8 @@ def cluster(tmp_path_factory):
     found.end()
 
 
-def monte_carlo(address, folder, *options):
-    script = [sys.executable, "-m", "drake_quad", "study", ROOT / "diagrams" / "robustness.yaml"]
+def monte_carlo(address, folder, *options, command="study"):
+    script = [sys.executable, "-m", "drake_quad", command, ROOT / "diagrams" / "robustness.yaml"]
     overrides = [word for override in OVERRIDES for word in ("--set", override)]
     command = [*script, *overrides, "--cluster", address, "--output", folder, *options]
     return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -145,6 +146,18 @@ def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
     assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
     run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 300, folder=tmp_path / "here")
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+
+
+@pytest.mark.slow
+def test_a_search_on_a_cluster_has_the_flights_of_a_local_search(cluster, tmp_path):
+    searched = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
+    stdout, stderr = searched.communicate()
+    assert (searched.returncode, stderr) == (0, "")
+    assert "fractions of the variance of rmse" in stdout
+    scenario = load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES)
+    sobol_indices(scenario, "rmse", num_points=8, folder=tmp_path / "here")
+    there, here = (tmp_path / name / "flights.csv" for name in ("there", "here"))
+    assert there.read_bytes() == here.read_bytes()
 
 
 @pytest.mark.slow

@@ -19,12 +19,12 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
 from drake_quad.studies.flying import BatchJob, build_fleet, fly_batch, fly_trial
-from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
+from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
 from drake_quad.studies.study import columns_of, format_of, read_record, read_study
-from drake_quad.studies.study_folder import open_study
-from drake_quad.studies.worker_pool import Outcome, WorkerPool
+from drake_quad.studies.study_folder import StudyInterrupted, open_study
+from drake_quad.studies.worker_pool import Outcome, WorkerPool, size_of_batches
 
 pytestmark = pytest.mark.usefixtures("package_functions")
 
@@ -482,7 +482,7 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
     ],
 )
 def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers, batch_size, sizes):
-    size = run_module._size_of_batches(count, num_workers, batch_size, 1024)
+    size = size_of_batches(count, num_workers, batch_size, 1024)
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 
@@ -499,7 +499,7 @@ def test_memory_is_used_only_for_flown_samples(tmp_path):
     scenario = load_scenario("hover", ["duration=0.05"])
     tracemalloc.start()
     try:
-        with ThreadPoolExecutor(1) as executor, pytest.raises(run_module.StudyInterrupted, match="4 of 2000000000"):
+        with ThreadPoolExecutor(1) as executor, pytest.raises(StudyInterrupted, match="4 of 2000000000"):
             run_monte_carlo(scenario, count, folder=tmp_path, executor=executor, batch_size=2, progress=stop)
         _, peak = tracemalloc.get_traced_memory()
     finally:
@@ -550,7 +550,7 @@ def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False
 
 @pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
 def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
-    """The metrics differ by less than 1e-6."""
+    """The three flights of sample 0 agree within 1e-6, so the system is accepted."""
     ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
     assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
     assert (job.num_vehicles, job.key) == (size, "key, trial")
@@ -598,7 +598,7 @@ def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, 
         build_fleet(job)
         assert list(fleets["fleets"]) == [5]
 
-    monkeypatch.setattr(run_module, "build_fleet", prepare_and_tell)
+    monkeypatch.setattr(flying, "build_fleet", prepare_and_tell)
     run(tmp_path, num_samples=7)
     assert prepared == [5]
     assert fleets == {}
@@ -657,3 +657,50 @@ def test_a_study_without_any_flown_sample_states_the_reason(tmp_path):
 
 def broken(num_vehicles):
     raise ArithmeticError("broken")
+
+
+@pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
+def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
+    options = {"num_samples": 40, "draws": kind}
+    found = run(tmp_path, **options)
+    assert found.scenario.draws.size == 2
+    assert len({*found.replicates.indices}) == 20
+    content = (tmp_path / "results.csv").read_bytes()
+    with ThreadPoolExecutor(1) as executor:
+        other = run(executor=executor, num_workers=1, batch_size=3, **options)
+    np.testing.assert_array_equal(other.metrics, found.metrics)
+    (tmp_path / "results.csv").write_bytes(b"".join(content.splitlines(keepends=True)[:12]))
+    resumed = run(tmp_path, resume=True, **options)
+    assert (tmp_path / "results.csv").read_bytes() == content
+    assert 0.0 < resumed.simulated_time < found.simulated_time
+    # The scenario of the folder flies the same sample.
+    alone = simulate(load_scenario(tmp_path / "scenario.yaml"), sample=33)
+    assert alone.metrics.rmse == pytest.approx(found.metrics.rmse[33], rel=1e-9)
+    assert read_study(tmp_path).replicates.indices.tolist() == found.replicates.indices.tolist()
+
+
+def test_wind_and_noise_of_designed_draws_are_those_of_independent_samples():
+    """With fields that have no effect, the flights are those of independent draws."""
+    harmless = load_scenario(
+        "laboratory:low_wind", ["duration=0.3", "vehicle.gravity={uniform: {min: 9.81, max: 9.8100001}}"]
+    )
+    designed, independent = (
+        run_monte_carlo(harmless, 32, num_workers=1, draws=kind).metrics.rmse for kind in ("sobol", "random")
+    )
+    np.testing.assert_allclose(designed, independent, rtol=1e-5)
+    assert np.ptp(designed) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"draws": "halton"}, "there is no kind of draws called .halton.; there are random, latin_hypercube, sobol"),
+        ({"draws": "sobol", "num_samples": 31}, "sobol draws need at least 32 samples: 16 replicates of two samples"),
+        ({"draws": "sobol", "num_samples": 64, "until": ["rmse ± 1 %"]}, "a study with sobol draws cannot end early"),
+    ],
+)
+def test_impossible_draws_are_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        run(**options)
+    with pytest.raises(InputError, match="hover contains no distribution, so sobol draws have no effect"):
+        run_monte_carlo(load_scenario("hover"), 100, draws="sobol")

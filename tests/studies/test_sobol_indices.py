@@ -29,8 +29,9 @@ def evaluated(monkeypatch):
             def __init__(self, scenario, **options):
                 pass
 
-            def __call__(self, points, noise):
-                return SimpleNamespace(rmse=function(points, noise / 2**31), crashed=crashed(points))
+            def batches(self, points, noise):
+                metrics = SimpleNamespace(rmse=function(points, noise[:, 0] / 2**31), crashed=crashed(points))
+                yield np.arange(len(points)), metrics
 
         monkeypatch.setattr(module, "Evaluator", Evaluator)
 

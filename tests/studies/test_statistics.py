@@ -1,13 +1,15 @@
 """Tests of the coverage of intervals, and comparisons with other programs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.statistics.estimates import (
     mean_interval,
     proportion_interval,
@@ -15,16 +17,19 @@ from drake_quad.statistics.estimates import (
     rank_correlation,
     running_mean,
 )
+from drake_quad.statistics.ratios import ratio_of_means
 from drake_quad.studies.statistics import (
     compare,
     compare_studies,
     crash_probability,
     influences,
+    metric_mean,
     values_with_crashes,
     values_without_crashes,
     worst,
 )
 from drake_quad.studies.study import Study
+from drake_quad.studies.summary import crash_text, metric_table
 
 
 def study(rmse, crash_time=None, samples=None, **parameters):
@@ -77,7 +82,7 @@ def test_a_crash_is_worse_than_any_error():
     assert crash_probability(metrics).value == 0.05
 
 
-def test_the_interval_of_a_share_is_exact():
+def test_the_interval_of_a_fraction_is_exact():
     """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert proportion_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = proportion_interval(7, 50)
@@ -262,3 +267,34 @@ def test_samples_without_a_metric_are_the_last_of_the_worst():
     found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
     assert worst(found) == [6, 5, 4]
     assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]
+
+
+def test_the_statistics_of_designed_draws_follow_from_their_replicates():
+    """If the samples of each replicate are equal, they count once."""
+    rng = np.random.default_rng(3)
+    rmse, baseline, crashed = rng.gamma(3.0, 0.02, 20), rng.gamma(3.0, 0.02, 20), rng.random(20) < 0.3
+
+    def repeated(values, crash_time=None):
+        found = study(np.repeat(values, 5), crash_time)
+        return replace(found, scenario=found.scenario.model_copy(update={"draws": DesignedDraws(kind="sobol", size=4)}))
+
+    first, second = (replace(repeated(each), samples=np.arange(100) // 5 * 4) for each in (rmse, baseline))
+    assert metric_mean(first.metrics, "rmse", first.replicates) == pytest.approx(mean_interval(rmse))
+    found = compare(first.metrics, second.metrics, "rmse", first.replicates)
+    assert found.ratio == pytest.approx(ratio_of_means(rmse, baseline))
+    assert found.difference == pytest.approx(mean_interval(rmse - baseline))
+    assert found.better == pytest.approx(proportion_interval(int(np.sum(rmse < baseline)), 20), abs=0.06)
+    crashing = replace(repeated(rmse, np.where(np.repeat(crashed, 5), 1.0, math.inf)), samples=first.samples)
+    expected = proportion_interval(int(crashed.sum()), 20)
+    assert crash_probability(crashing.metrics, crashing.replicates) == pytest.approx(expected, abs=0.06)
+    (row,) = [row for row in metric_table(crashing).rows if row[0] == "RMSE"]
+    assert row[1] == mean_interval(rmse[~crashed]).text(size=0.01)
+    assert crash_text(crashing).endswith(crash_probability(crashing.metrics, crashing.replicates).percent())
+
+
+def test_studies_with_different_draws_are_not_compared():
+    first = study(np.arange(4.0))
+    draws = DesignedDraws(kind="latin_hypercube", size=2)
+    second = replace(first, scenario=first.scenario.model_copy(update={"draws": draws}))
+    with pytest.raises(InputError, match="have different draws, so their samples cannot be compared in pairs"):
+        compare_studies(second, first)

@@ -17,7 +17,7 @@ from drake_quad.statistics.estimates import (
 )
 from drake_quad.studies.statistics import crash_bins, metric_mean, most_influential_path
 from drake_quad.studies.study import Study
-from drake_quad.studies.summary import comparison_table, crash_text, metric_table
+from drake_quad.studies.summary import comparison_table, crash_text, metric_table, overview_table
 from drake_quad.visualization.study_plots import plot_crash_probability
 
 
@@ -27,7 +27,7 @@ def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **paramet
     errors = rng.gamma(3.0, 0.02, count)
     crash_time = np.where(np.arange(count) < crashed, 3.0, math.inf)
     saturated = np.where(rng.random(count) < 0.2, 0.01, 0.0)
-    numbers = dict.fromkeys(Metrics._fields, errors) | {"saturation_share": saturated, "crash_time": crash_time}
+    numbers = dict.fromkeys(Metrics._fields, errors) | {"saturated_fraction": saturated, "crash_time": crash_time}
     return Study(load_scenario(scenario), 10.0, np.arange(count), parameters, Metrics(**numbers))
 
 
@@ -80,7 +80,7 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
     found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
     errors = {name for name, metric in METRICS.items() if metric.unit == "m"}
     names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
-    assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
+    assert {*errors, "effort_x", "saturated_fraction"} <= {*names.values()}
     summary = metric_table(found)
     assert [row[0] for row in summary.rows] == [*names]
     assert summary.headings == ("", "mean", "std. dev.", "5 % quantile", "median", "95 % quantile", "")
@@ -108,6 +108,36 @@ def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count
     assert "-" not in fraction + better
     assert len(summary.remarks) == (crashed > 0)
     assert (difference == "–") == (count == crashed)
+
+
+def thrown(settling_time, recovers, crashed):
+    """Return a study of thrown vehicles, given settling times (s), robustness (m) and the number of crashes."""
+    scenario, count = load_scenario("upset"), len(settling_time)
+    values = dict.fromkeys(scenario.metrics_type._fields, np.ones(count))
+    crash_time = np.where(np.arange(count) < crashed, 1.0, math.inf)
+    values |= {"settling_time": np.array(settling_time), "recovers": np.array(recovers), "crash_time": crash_time}
+    return Study(scenario, 20.0, np.arange(count), {}, scenario.metrics_type(**values))
+
+
+def test_an_overview_has_crashes_requirements_and_medians_of_additional_metrics_for_each_controller():
+    late = [math.inf, math.inf, 4.0, math.inf]
+    studies = {
+        "good": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 0),
+        "late": thrown(late, [-0.1, 0.1, 0.1, -0.2], 0),
+        "crashing": thrown([2.0, 3.0, 4.0, 9.0], [0.1] * 4, 3),
+    }
+    summary = overview_table(studies)
+    assert summary.headings[:4] == ("", "crashed", "recovers", "median settling time (s)")
+    assert summary.headings[4:] == ("median overshoot (cm)", "median largest tilt (°)")
+    good, late, crashing = summary.rows
+    assert good[:4] == ("good", proportion_interval(0, 4).percent(), proportion_interval(4, 4).percent(), "3.00")
+    assert good[4:] == ("100", "57.3")
+    assert late[2:4] == (proportion_interval(2, 4).percent(), "∞")
+    assert crashing[2:4] == (proportion_interval(1, 4).percent(), "crash")
+
+
+def test_an_overview_without_requirements_and_additional_metrics_is_empty():
+    assert overview_table({"one": study(4, 0), "other": study(4, 1)}).rows == []
 
 
 def test_intervals_of_positive_means_are_student_s_cut_at_zero():
@@ -151,7 +181,7 @@ def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
 def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
-    assert metric_mean(metrics, "saturation_share") == bounded_mean_interval(metrics.saturation_share[kept])
+    assert metric_mean(metrics, "saturated_fraction") == bounded_mean_interval(metrics.saturated_fraction[kept])
     assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
 
 

@@ -23,7 +23,7 @@ PANELS = (
     ("rotor_speed", "rotor_speed_command", FOUR, "rad/s", 1.0),
     ("motor_command", None, FOUR, "%", 100.0),
     ("thrust_command", None, (), "N", 1.0),
-    ("thrust_share", "hover_share", (), "%", 100.0),
+    ("thrust_fraction", "hover_thrust_fraction", (), "%", 100.0),
     ("torque_command", None, XYZ, "mN m", 1000.0),
     ("wind", None, XYZ, "m/s", 1.0),
     ("residual_force", None, XYZ, "N", 1.0),
@@ -66,7 +66,7 @@ def test_every_panel_has_its_signals_in_its_unit():
 
 def test_a_panel_without_a_measured_signal_shows_the_command_as_a_solid_curve():
     time = 0.01 * np.arange(50)
-    figure = plot_record(record(time, "attitude_command", "hover_share"))
+    figure = plot_record(record(time, "attitude_command", "hover_thrust_fraction"))
     attitude, hover = figure.axes
     assert [line.get_linestyle() for line in attitude.lines] == ["-"] * 3
     assert [text.get_text() for text in attitude.get_legend().texts] == [*ANGLES]

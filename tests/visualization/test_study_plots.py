@@ -143,7 +143,7 @@ def test_metrics_without_a_finite_mean_are_drawn(values, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
-def test_a_tornado_has_the_means_of_the_tenths(name):
+def test_a_tornado_shows_the_means_over_the_lowest_and_the_highest_tenth(name):
     found = study()
     figure = plots.plot_influences(found, name)
     assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
@@ -253,7 +253,7 @@ def test_labels_of_metrics_have_units(name, label):
         plots.label_metric(axes.xaxis, [study()], name)
         assert axes.get_xlabel() == label
         # Values are drawn in SI units, and tick labels are in the units of the tables.
-        expected = {"RMSE": "25", "peak": "25", "share": "25 %"}.get(label.split()[0])
+        expected = {"RMSE": "25", "peak": "25", "ticks": "25 %"}.get(label.split()[0])
         assert expected is None or axes.xaxis.get_major_formatter()(0.25, 0) == expected
 
 
@@ -263,6 +263,19 @@ def test_axes_are_logarithmic_where_medians_differ_tenfold():
     twice = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(rmse=2.0 * found.metrics.rmse))
     assert plots.plot_distribution({"a": found, "b": worse}).axes[0].get_xscale() == "log"
     assert plots.plot_distribution({"a": found, "b": twice}).axes[0].get_xscale() == "linear"
+
+
+@pytest.mark.parametrize(("signal", "scale"), [("tilt", "log"), ("yaw_error", "linear")])
+def test_the_axis_of_a_metric_is_logarithmic_only_if_the_metric_cannot_be_negative(signal, scale):
+    """Samples below zero would not be drawn on a logarithmic axis, although both medians are positive."""
+    scenario = load_scenario("robustness", [{"metrics": {"additional": {"mine": {"kind": "max", "of": signal}}}}])
+    values = np.linspace(0.1, 1.0, 20)
+    studies = {}
+    for name, factor in (("a", 1.0), ("b", 20.0)):
+        fields = dict.fromkeys(scenario.metrics_type._fields, factor * values)
+        metrics = scenario.metrics_type(**{**fields, "crash_time": np.full(20, math.inf)})
+        studies[name] = Study(scenario, 10.0, np.arange(20), {}, metrics)
+    assert plots.plot_distribution(studies, "mine").axes[0].get_xscale() == scale
 
 
 def test_the_overview_of_studies_has_their_means_and_crashes():

@@ -120,10 +120,6 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
     """Yield the constraints along X and Y.
 
     Snaps are relative to the largest snap. Accelerations are in units of g, positions in m.
-
-    Args:
-        regulator: regulator of either axis.
-        horizon: preview and limits.
     """
     limits, torques, reference = horizon.parameters.thrust, horizon.parameters.torques, horizon.preview.reference
     axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)

@@ -37,12 +37,7 @@ class Response(NamedTuple):
 
 
 class Prediction:
-    """Prediction of an axis over a horizon.
-
-    Args:
-        regulator: regulator of the axis.
-        num_ticks: length of the horizon in ticks.
-    """
+    """Prediction of an axis over a horizon."""
 
     def __init__(self, regulator: Regulator, num_ticks: int) -> None:
         A, self._B, self._K = (np.array(part) for part in (regulator.A, regulator.B, regulator.K))

@@ -33,16 +33,16 @@ def saturate_velocity_sum(first: tuple[Row, Row], second: tuple[Row, Row], large
     size_2 = sqrt(x_2 * x_2 + y_2 * y_2 + TINY)
     along = (x_1 * x_2 + y_1 * y_2) / size_2
     remaining_squared = maximum(largest * largest - size_1 * size_1, 0.0)
-    share_2 = minimum((sqrt(along * along + remaining_squared + TINY) - along) / size_2, 1.0)
+    scale_2 = minimum((sqrt(along * along + remaining_squared + TINY) - along) / size_2, 1.0)
     # If the first velocity reaches the limit, the second is ignored.
     exhausted = size_1 >= largest
-    share_1 = where(exhausted, largest / size_1, 1.0)
-    share_2 = where(exhausted, 0.0, share_2)
+    scale_1 = where(exhausted, largest / size_1, 1.0)
+    scale_2 = where(exhausted, 0.0, scale_2)
     total_x, total_y = x_1 + x_2, y_1 + y_2
     fits = total_x * total_x + total_y * total_y <= largest * largest
     return (
-        where(fits, total_x, share_1 * x_1 + share_2 * x_2),
-        where(fits, total_y, share_1 * y_1 + share_2 * y_2),
+        where(fits, total_x, scale_1 * x_1 + scale_2 * x_2),
+        where(fits, total_y, scale_1 * y_1 + scale_2 * y_2),
     )
 
 

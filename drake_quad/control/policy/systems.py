@@ -159,7 +159,7 @@ def build_policy_control(
     observation: Any,
     policy: Any | None,
     actuation: Any,
-    sees: Literal["measurement", "state"] = "measurement",
+    state_source: Literal["measurement", "state"] = "measurement",
     thrust_vectoring: Any = None,
     attitude: Any = None,
 ) -> Diagram:
@@ -184,7 +184,7 @@ def build_policy_control(
         observation: an `Observation`.
         policy: a `Policy`, or a system with the same ports; None if actions are given through the input port `action`.
         actuation: a system of `drake_quad.control.policy.actuation`.
-        sees: signal that is connected to the port `measurement` of the observation.
+        state_source: signal that is connected to the port `measurement` of the observation.
         thrust_vectoring: a `ThrustVectoring` if an acceleration is commanded, else None.
         attitude: an attitude controller; None with an autopilot on board, or if no attitude is commanded.
     """
@@ -201,8 +201,8 @@ def build_policy_control(
     action = policy.get_output_port()
     builder.ExportOutput(observation.get_output_port(), "observation")
     builder.ExportOutput(action, "action")
-    if sees != "measurement":
-        builder.ExportInput(observation.GetInputPort("measurement"), sees)
+    if state_source != "measurement":
+        builder.ExportInput(observation.GetInputPort("measurement"), state_source)
     systems, sources, commanded = [observation, actuation], {"action": action}, None
     if actuation.HasOutputPort("thrust_and_attitude"):
         commanded = split_output(builder, "actuation", actuation)

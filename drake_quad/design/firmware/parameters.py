@@ -47,9 +47,6 @@ def read_parameters(path: Path) -> FirmwareParameters:
     The file is a ULog or a parameter file of QGroundControl (PX4), a YAML file of the Crazyflie's client or of cflib,
     or a text of lines with a name and a number.
 
-    Args:
-        path: path of the file.
-
     Raises:
         InputError: if the file cannot be read, or contains no parameter of either firmware.
     """

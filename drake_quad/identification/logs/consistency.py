@@ -36,9 +36,9 @@ _MAX_FAULTS = 3
 # A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
-# World and body axes hardly differ at small tilts. A wrong frame is therefore reported if the other frame fits better
-# in most parts of the log, and leaves less than this fraction of the error. In correct logs, the other frame increases
-# the error.
+# At small tilts, world and body axes hardly differ. A wrong frame is therefore reported if the other frame fits better
+# in at least `_MIN_BETTER_PARTS` of `_NUM_PARTS` parts of the log, and reduces the error below `_MAX_FRAME_REMAINDER`
+# times its value. In correct logs, the other frame increases the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
@@ -382,7 +382,8 @@ def _acceleration_in_body(grid: _Grid) -> np.ndarray:
 def _force_in_body(grid: _Grid) -> _Pair:
     expected = _acceleration_in_body(grid)[:, :2]
     measured = grid.mean(grid.signals["specific_force"], grid.samples(_TRANSLATION_WINDOW))[:, :2]
-    # The drag of the rotors is smaller than the error of the tilt, so the two are rarely equal, but never opposite.
+    # The force along x and y is only the drag of the rotors, which is smaller than the error of the tilt. Expected and
+    # measured values therefore often differ in correct logs, but never have opposite signs.
     other = "the acceleration and the tilt, in the body,"
     return _Pair(
         "specific_force", other, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
@@ -455,7 +456,7 @@ _COMPARISONS: list[tuple[Callable[[_Grid], _Pair], tuple[tuple[str, ...], ...]]]
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
-    # Consecutive windows overlap almost completely, so some of them are sufficient.
+    # Consecutive windows overlap almost completely, so the search uses one window per `_SEARCH_STRIDE`.
     grid = grid.with_stride(grid.samples(_SEARCH_STRIDE))
     pairs = _pairs(grid)
     excited = [None if pair is None else pair.excited() for pair in pairs]

@@ -19,10 +19,10 @@ from drake_quad.scenario.files.marked_tree import Mark
 
 # Signals that hold until their next sample, in addition to commands and references. All others are measurements, which
 # are interpolated linearly.
-_HELD_SIGNALS = ("motor_command", "thrust_share", "battery_voltage")
+_HELD_SIGNALS = ("motor_command", "thrust_fraction", "battery_voltage")
 _ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.
-_SLOW_SIGNALS = ("battery_voltage", "wind", "hover_share")
+_SLOW_SIGNALS = ("battery_voltage", "wind", "hover_thrust_fraction")
 # Half a turn about x converts NED to NWU, and FRD to FLU.
 _DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])

@@ -50,8 +50,8 @@ class FlightRecord:
         motor_command: (n, 4) command of each motor as a fraction of the full command, 0 to 1.
         rotor_speed_command: (n, 4) commanded rotor speeds, rad/s.
         thrust_command: (n,) commanded thrust of all rotors, N.
-        thrust_share: (n,) commanded thrust of all rotors as a fraction of full thrust or throttle, 0 to 1.
-        hover_share: (n,) controller's estimate of the fraction of full thrust at which the vehicle hovers, 0 to 1.
+        thrust_fraction: (n,) commanded thrust of all rotors as a fraction of full thrust or throttle, 0 to 1.
+        hover_thrust_fraction: (n,) fraction of full thrust at which the vehicle hovers, as estimated by the controller.
         torque_command: (n, 3) commanded torque along the axes of B, N m.
         attitude_command: (n, 3) commanded roll, pitch, yaw, rad.
         body_rate_command: (n, 3) commanded p, q, r, rad/s.
@@ -80,8 +80,8 @@ class FlightRecord:
     motor_command: Annotated[Column | None, Quantity("1"), 4] = None
     rotor_speed_command: Annotated[Column | None, Quantity("rad/s"), 4] = None
     thrust_command: Annotated[Column | None, Quantity("N", "B"), 1] = None
-    thrust_share: Annotated[Column | None, Quantity("1"), 1] = None
-    hover_share: Annotated[Column | None, Quantity("1"), 1] = None
+    thrust_fraction: Annotated[Column | None, Quantity("1"), 1] = None
+    hover_thrust_fraction: Annotated[Column | None, Quantity("1"), 1] = None
     torque_command: Annotated[Column | None, Quantity("N m", "B")] = None
     attitude_command: Annotated[Column | None, Quantity("rad")] = None
     body_rate_command: Annotated[Column | None, Quantity("rad/s", "B")] = None

@@ -22,7 +22,7 @@ import numpy as np
 from drake_quad.errors import InputError, short_repr
 from drake_quad.identification.logs.attitudes import rotations_of
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.model import thrust_of_share
+from drake_quad.identification.model import thrust_of_fraction
 from drake_quad.scenario.models import Scenario
 
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
@@ -53,18 +53,18 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
     mass, gravity = float(scenario.nominal.mass), float(scenario.nominal.gravity)
     if record.thrust_command is not None:
         return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
-    if record.thrust_share is None:
+    if record.thrust_fraction is None:
         raise InputError(
-            f"the log {short_repr(record.name)} has no thrust command (thrust_command or thrust_share), so the"
+            f"the log {short_repr(record.name)} has no thrust command (thrust_command or thrust_fraction), so the"
             " commanded acceleration is unknown"
         )
-    if record.hover_share is not None:
-        return thrust_of_share(record, mass * gravity) / mass, None
-    hover_command = float(np.median(record.thrust_share[usable]))
+    if record.hover_thrust_fraction is not None:
+        return thrust_of_fraction(record, mass * gravity) / mass, None
+    hover_command = float(np.median(record.thrust_fraction[usable]))
     if hover_command <= 0.0:
-        raise InputError(f"thrust_share of the log {short_repr(record.name)} is zero in the air; check the mapping")
+        raise InputError(f"thrust_fraction of the log {short_repr(record.name)} is zero in the air; check the mapping")
     remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is assumed to carry the weight"
-    return gravity * record.thrust_share / hover_command, remark
+    return gravity * record.thrust_fraction / hover_command, remark
 
 
 def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:

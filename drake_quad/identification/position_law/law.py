@@ -109,7 +109,7 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
 
     Args:
         records: records of flights under the same controller, with position, reference_position, attitude_command (or
-            attitude, whose lag is then part of the delay), and thrust_command or thrust_share.
+            attitude, whose lag is then part of the delay), and thrust_command or thrust_fraction.
         scenario: scenario with the `nominal` vehicle that the controller believed, for mass and gravity.
 
     Raises:

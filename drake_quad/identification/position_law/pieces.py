@@ -46,7 +46,7 @@ class Piece(NamedTuple):
         deviation: (m, 3) position error minus the integral of the velocity error, m. A controller that integrates the
             velocity error does not integrate the position noise in this difference. It is zero in forms that do not
             imply that the controller integrates the velocity error.
-        unwinding: (m, 3) integral of the output that the thrust does not produce (`unproduced_output` in
+        anti_windup: (m, 3) integral of the output that the thrust does not produce (`unproduced_output` in
             `drake_quad.identification.position_law.commands`), m/s.
         counted: (m,) mask of the samples that the regression uses.
     """
@@ -59,7 +59,7 @@ class Piece(NamedTuple):
     reference_acceleration: np.ndarray
     travel: np.ndarray
     deviation: np.ndarray
-    unwinding: np.ndarray
+    anti_windup: np.ndarray
     counted: np.ndarray
 
 

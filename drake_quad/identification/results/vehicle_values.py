@@ -35,9 +35,6 @@ def with_throttles(scenario: Scenario) -> Scenario:
 
     For a vehicle that takes rotor speeds, a thrust curve up to the full thrust is added, and the limit of the rotor
     speed is raised.
-
-    Args:
-        scenario: scenario without distributions.
     """
     vehicle = scenario.vehicle
     if vehicle.motors.take_throttles:

@@ -308,9 +308,12 @@ def _open_loop_states(
     """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
     delay, no_parameters = delay_of(scenario), np.zeros(0)
     noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
-    sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP)))
-    predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
-    at_start, *predicted = predictor.open_loop(no_parameters, predictor.gains(no_parameters, noise), noise, steps)
+    settle, warm_up = (max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP))
+    windows = [LogWindow(0, int(start) + 1) for start in starts]
+    # The filter is needed only until the starts. Its gains take most of the time, so its windows end there.
+    gains = logs.predictor_in(windows, WindowSizes(1, settle, warm_up), delay=delay).gains(no_parameters, noise)
+    predictor = logs.predictor_in(windows, WindowSizes(max(steps), settle, warm_up), delay=delay)
+    at_start, *predicted = predictor.open_loop(no_parameters, gains, noise, steps)
     for signal, row in STATE_ROWS.items():
         if signal not in logs.signals:
             rows = slice(row, row + 3)

@@ -35,7 +35,7 @@ WIND_AT_20_FEET = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0
 MIN_HEIGHT = 10.0 * FOOT
 # Smallest speed at which the turbulence moves past the vehicle, m/s. At zero speed, the turbulence would be constant.
 MIN_AIRSPEED = 1.0
-# Factors of f and g in (√3 f + (1 - √3) g) / √2.
+# Factors of the filter states f and g in the turbulence across the mean wind, which is σ (√3 f + (1 - √3) g) / √2.
 _F_FACTOR = math.sqrt(1.5)
 _G_FACTOR = math.sqrt(0.5) - math.sqrt(1.5)
 

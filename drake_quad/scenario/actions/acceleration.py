@@ -22,7 +22,7 @@ class AccelerationAction(Action):
     kind: Literal["acceleration"]
     # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
     # flights that begin off the path.
-    most: FixedPositives = Field(
+    max_acceleration: FixedPositives = Field(
         default=(5.0, 5.0, 5.0), description="acceleration that an action of 1 commands (m/s²)"
     )
     frame: LevelFrame = Field(
@@ -34,7 +34,9 @@ class AccelerationAction(Action):
 
     def recipe(self, setting: ControlSetting, *, turn: float, attitude: AttitudeControllerSettings | None) -> Recipe:
         """Return the recipe for an `AccelerationActuation`."""
-        return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
+        return Recipe(
+            AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.max_acceleration)
+        )
 
     def hovering(self, nominal: QuadrotorParameters) -> tuple[float, ...]:
         """Return the action that commands zero acceleration."""

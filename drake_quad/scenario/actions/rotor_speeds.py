@@ -22,7 +22,7 @@ class RotorSpeedsAction(Action):
     """Speeds of the rotors, from the idle speed to the top speed."""
 
     kind: Literal["rotor_speeds"]
-    least: FixedNonNegative | None = Field(
+    min_rotor_speed: FixedNonNegative | None = Field(
         default=None,
         description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
     )
@@ -59,9 +59,9 @@ class RotorSpeedsAction(Action):
         """Raise a validation error if the slowest speed is not below the top speed."""
         super().check_fits(scenario)
         top = scenario.nominal.max_rotor_speed
-        if self.least is not None and not self.least < top:
+        if self.min_rotor_speed is not None and not self.min_rotor_speed < top:
             demand = f"must be smaller than max_rotor_speed in nominal, {top}"
-            raise scenario.field_error(demand, "control", "action", "least")
+            raise scenario.field_error(demand, "control", "action", "min_rotor_speed")
 
     def _min_speed(self, nominal: QuadrotorParameters) -> float:
-        return float(nominal.min_rotor_speed if self.least is None else self.least)
+        return float(nominal.min_rotor_speed if self.min_rotor_speed is None else self.min_rotor_speed)

@@ -45,9 +45,11 @@ _PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 class NeglectedDragSettings(Model):
     """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
 
-    lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over weight")
+    tilt_per_speed: Number = field_of(
+        NeglectedDrag, "tilt_per_speed", "tilt error over velocity: drag coefficient over weight"
+    )
     time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
-    strength_fields: ClassVar = ("lean",)
+    strength_fields: ClassVar = ("tilt_per_speed",)
 
 
 @AUTOPILOTS.member
@@ -144,7 +146,7 @@ class AttitudeAutopilotSettings(Autopilot):
             None if bandwidth is None else butterworth(bandwidth, self.period),
             None if self.max_rates is None else BodyRates(*self.max_rates),
             self.yaw_weight if follows_attitude else None,
-            None if drag is None else NeglectedDrag(drag.lean, drag.time),
+            None if drag is None else NeglectedDrag(drag.tilt_per_speed, drag.time),
         )
         return {"autopilot": Recipe(autopilot.AttitudeAutopilot, structure, parameters)}
 

@@ -26,7 +26,7 @@ from drake_quad.scenario.quantities import Gains, NonNegative, Period, Positive,
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import ForceB
 
-# Largest difference, due to rounding, between the quotient of two periods and a whole number.
+# Tolerance for rounding errors on the quotient of two periods, which must be a whole number.
 _ROUNDING = 1e-9
 
 

@@ -97,7 +97,7 @@ class PolicyControl(Control):
             observation=systems["observation"],
             policy=systems.get("policy", user_systems.get("policy")),
             actuation=systems["actuation"],
-            sees=self.observation.sees,
+            state_source=self.observation.state_source,
             thrust_vectoring=systems.get("thrust_vectoring"),
             attitude=systems.get("attitude"),
         )

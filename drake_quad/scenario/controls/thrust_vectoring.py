@@ -15,7 +15,7 @@ from drake_quad.scenario.quantities import Number, Tilt, bounds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 MinThrust = Annotated[Number, bounds(gt=0.0, lt=1.0, is_fraction=True)]
-# Racing quadrotors reach 15 times their weight.
+# Racing quadrotors produce up to 15 times their weight.
 MaxThrust = Annotated[Number, bounds(gt=1.0), not_in_percent(upper=30.0)]
 
 

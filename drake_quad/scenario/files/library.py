@@ -111,7 +111,8 @@ class Library:
         if name is None:
             if len(scenarios) > 1:
                 origin = "" if asked_by == file else f"{asked_by}: "
-                called = file if stack else str(asked_by).removesuffix(":")  # the short name of a shipped scenario
+                # `asked_by` may be the short name of a shipped scenario.
+                called = file if stack else str(asked_by).removesuffix(":")
                 names = join_names([*scenarios])
                 raise InputError(f"{origin}{file} contains several scenarios; choose one as {called}:NAME from {names}")
             name = next(iter(scenarios))

@@ -342,7 +342,8 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     if depth == len(path):
         complaint = _complaint(problem, short_repr(node.to_python()), path, model)
     else:  # the value is a default, which no file contains
-        complaint = _complaint(problem, f"{short_repr(context.get('value', problem['input']))} by default", path, model)
+        default = context.get("value", context.get("tag", problem["input"]))
+        complaint = _complaint(problem, f"{short_repr(default)} by default", path, model)
     return f"{node.mark}: {_path_text(path)} {complaint}{more}"
 
 
@@ -388,7 +389,9 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
             hint = "; only `drake-quad plan` needs no control" if path == ("control",) else ""
             return f"is missing{hint}"
         case "union_tag_invalid":
-            return f"is {value}, but must be one of {context['expected_tags']}{_nearest(problem)}"
+            is_metric = path[:2] == ("metrics", "additional")
+            hint = "; `--import FILE.py` registers a metric in Python" if is_metric else ""
+            return f"is {value}, but must be one of {context['expected_tags']}{hint}{_nearest(problem)}"
         case "model_type" | "model_attributes_type":
             return f"is {value}, but must be a mapping of fields"
         case "path":
@@ -431,8 +434,8 @@ def _document_path(problem: Any, data: Any) -> tuple[Any, ...]:
     for i, key in enumerate(location):
         is_last = i == len(location) - 1
         kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else _DEFAULT_KINDS
-        # "normal" is either the tag of a normal distribution or a field of a half-space. It is a tag if the input of
-        # the problem is the mapping itself.
+        # "normal" is the tag of a normal distribution, but also a field of a half-space. It is a tag if pydantic
+        # reports the whole mapping as the input of the problem.
         is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data

@@ -30,10 +30,6 @@ def parse_piece_table(text: str, path: Path) -> Tree:
     allowed. The columns duration, x^0, y^0 and z^0 are required, and other missing columns are zero. Without a row of
     names, the table must have all 33 columns in this order.
 
-    Args:
-        text: text of the file.
-        path: path of the file.
-
     Raises:
         InputError: if the text is not such a table, or has no rows or too many.
     """

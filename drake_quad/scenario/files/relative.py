@@ -241,12 +241,7 @@ def refuse_outside_vehicle(tree: Tree) -> None:
 
 
 def _refuse(tree: Tree, path: str) -> None:
-    """Raise InputError if a part of a scenario contains a relative distribution.
-
-    Args:
-        tree: part of the scenario.
-        path: path of the part in the scenario.
-    """
+    """Raise InputError if a part of a scenario contains a relative distribution."""
     if is_relative(tree):
         raise InputError(
             f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` can be relative, since"

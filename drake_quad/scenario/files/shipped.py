@@ -5,6 +5,7 @@ Their names do not depend on the working directory. `laboratory:high_wind` is th
 """
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from drake_quad.errors import did_you_mean, short_repr, shortest_path
@@ -49,6 +50,12 @@ def shipped_scenarios() -> list[str]:
 
 def unknown_name_message(name: str) -> str:
     """Return the error message for a name that is neither a file nor a shipped scenario."""
-    question = did_you_mean(name.partition(":")[0], shipped_names(), 1)
+    file, _, member = name.partition(":")
+    question = did_you_mean(file, shipped_names(), 1)
+    with suppress(OSError, ValueError):  # the text may be too long for a path, or contain a null character
+        if member and Path(f"{file}.py").is_file():
+            question = f"did you mean {file}.py:{member}?"
+    if file.endswith(".py"):
+        question = f"a controller in Python is given by --controller {name}"
     hint = question or "`drake-quad scenarios` lists the shipped scenarios"
     return f"{short_repr(name)} is neither a file nor a shipped scenario; {hint}"

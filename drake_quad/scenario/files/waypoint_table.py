@@ -18,10 +18,6 @@ def parse_waypoint_table(text: str, path: Path) -> Tree:
     The first row names the columns. x, y and z (m) are required, time (s) and yaw (rad) are optional, and the cell of a
     free yaw is empty. Without a row of names, the table must have the three columns x, y and z.
 
-    Args:
-        text: text of the file.
-        path: path of the file.
-
     Returns:
         A document with one scenario that has the name of the file and a route of kind `waypoints`.
 

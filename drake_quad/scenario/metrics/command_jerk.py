@@ -22,7 +22,7 @@ def _rms(sums: JerkSums, ticks: Any, period: float) -> Any:
     return np.sqrt(sums.squares / np.where(ticks > 1.0, ticks - 1.0, np.nan)) / period
 
 
-@metric("m/s³", initial=JerkSums(), value=_rms, label="RMS jerk of the command")
+@metric("m/s³", initial=JerkSums(), value=_rms, label="RMS jerk of the command", value_range="nonnegative")
 def command_jerk(sums: JerkSums, acceleration_command: Acceleration, ticks: Row) -> JerkSums:
     """Root mean square of the rate of change of the commanded acceleration."""
     started, squares = minimum(ticks, 1.0), sums.squares

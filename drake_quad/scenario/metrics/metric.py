@@ -33,14 +33,14 @@ import inspect
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from pydantic import create_model
 
 from drake_quad.errors import join_names
 from drake_quad.framework.elementary import maximum, minimum
-from drake_quad.laboratory.metrics import CENTIMETRES, Accumulator, Display, Metric, argument_names
+from drake_quad.laboratory.metrics import CENTIMETRES, Accumulator, Display, Metric, ValueRange, argument_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.unions import OpenUnion
 from drake_quad.signals import Row
@@ -79,12 +79,22 @@ class Reduction(NamedTuple):
             duration of a tick, s.
         value: function that computes the metric from the final result and the number of ticks.
         differentiable: True if the metric is a differentiable function of the values.
+        is_nonnegative: True if the metric cannot be negative, whatever the values are.
+        can_exceed_values: True if the metric can be larger than all values.
     """
 
     initial: float
     add: Callable[[Row, Row, float], Row]
     value: Callable[[Any, Any], Any]
     differentiable: bool = True
+    is_nonnegative: bool = False
+    can_exceed_values: bool = False
+
+    def value_range_of(self, values: ValueRange) -> ValueRange:
+        """Return the range of the metric, given the range of the values."""
+        if (self.is_nonnegative and values == "real") or (self.can_exceed_values and values == "fraction"):
+            return "nonnegative"
+        return values
 
 
 def _if_any(result: Any, ticks: Any) -> Any:
@@ -95,12 +105,15 @@ def _if_any(result: Any, ticks: Any) -> Any:
 REDUCTIONS = {
     "mean": Reduction(0.0, lambda result, value, _: result + value, lambda result, ticks: result / ticks),
     "rms": Reduction(
-        0.0, lambda result, value, _: result + value * value, lambda result, ticks: np.sqrt(result / ticks)
+        0.0,
+        lambda result, value, _: result + value * value,
+        lambda result, ticks: np.sqrt(result / ticks),
+        is_nonnegative=True,
     ),
     "max": Reduction(-math.inf, lambda result, value, _: maximum(result, value), _if_any, differentiable=False),
     "min": Reduction(math.inf, lambda result, value, _: minimum(result, value), _if_any, differentiable=False),
     "last": Reduction(0.0, lambda _, value, __: value + 0.0, _if_any),
-    "integral": Reduction(0.0, lambda result, value, period: result + value * period, _if_any),
+    "integral": Reduction(0.0, lambda result, value, period: result + value * period, _if_any, can_exceed_values=True),
 }
 """Rules that combine the values at the ticks of a flight."""
 
@@ -145,12 +158,14 @@ class Appearance(NamedTuple):
         display: format in tables; by default in cm, degrees or per cent for a length, an angle or a fraction, else with
             three digits.
         larger_is_better: True if a larger metric is better.
+        value_range: range of the metric.
     """
 
     unit: str
     label: str = ""
     display: Display | None = None
     larger_is_better: bool = False
+    value_range: ValueRange = "real"
 
     def metric(
         self,
@@ -168,8 +183,8 @@ class Appearance(NamedTuple):
             value,
             self.display or _DISPLAYS.get(self.unit, Display(self.unit, 1.0, 3)),
             differentiable=differentiable,
-            signed=True,
             larger_is_better=self.larger_is_better,
+            value_range=self.value_range,
         )
 
 
@@ -193,6 +208,7 @@ def reduced_metric(
     """
     constants = ("formula", formula), ("rule", rule), ("settings", settings)
     reduction = REDUCTIONS[rule]
+    appearance = appearance._replace(value_range=reduction.value_range_of(appearance.value_range))
     accumulator = Accumulator(ValueSums(reduction.initial), add_reduced, ("period", *arguments), constants)
     return appearance.metric(name, accumulator, _VALUES[rule], differentiable=reduction.differentiable)
 
@@ -206,6 +222,7 @@ def metric(
     label: str = "",
     display: Display | None = None,
     larger_is_better: bool = False,
+    value_range: ValueRange = "real",
 ) -> Callable[[_Function], _Function]:
     """Return a decorator that registers a formula as a kind of metric, under the name of the function.
 
@@ -219,15 +236,18 @@ def metric(
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
+        value_range: range of the metric: "nonnegative" or "fraction" (between 0 and 1) if it cannot be any number.
+            Intervals do not extend beyond the range, and comparisons give ratios of metrics that cannot be negative.
 
     Raises:
-        TypeError: if neither a rule nor sums are given, or an argument of the function cannot be used.
+        TypeError: if neither a rule nor sums are given, the range is unknown, or an argument of the function cannot be
+            used.
     """
     if (over_time is None) == (initial is None) or (initial is None) != (value is None):
         raise TypeError("a metric needs either over_time, or initial and value")
     if over_time is not None and over_time not in REDUCTIONS:
         raise TypeError(f"over_time is {over_time!r}, but must be one of {join_names([*REDUCTIONS])}")
-    appearance = Appearance(unit, label, display, larger_is_better)
+    appearance = _checked_appearance(unit, label, display, larger_is_better, value_range)
 
     def register(function: _Function) -> _Function:
         names = argument_names(function, after_sums=over_time is None)
@@ -245,7 +265,12 @@ def metric(
 
 
 def flight_metric(
-    unit: str, *, label: str = "", display: Display | None = None, larger_is_better: bool = False
+    unit: str,
+    *,
+    label: str = "",
+    display: Display | None = None,
+    larger_is_better: bool = False,
+    value_range: ValueRange = "real",
 ) -> Callable[[_Function], _Function]:
     """Return a decorator that registers a function of a recorded flight as a kind of metric.
 
@@ -257,8 +282,12 @@ def flight_metric(
         label: label in tables and plots; by default the name of the metric in the scenario.
         display: format in tables; see `Appearance`.
         larger_is_better: True if a larger metric is better.
+        value_range: range of the metric; see `metric`.
+
+    Raises:
+        TypeError: if the range is unknown, or an argument of the function cannot be used.
     """
-    appearance = Appearance(unit, label, display, larger_is_better)
+    appearance = _checked_appearance(unit, label, display, larger_is_better, value_range)
 
     def register(function: _Function) -> _Function:
         def definition(self: MetricSettings, name: str, _scenario: Any) -> Metric:
@@ -268,6 +297,19 @@ def flight_metric(
         return _registered(function, definition)
 
     return register
+
+
+def _checked_appearance(
+    unit: str, label: str, display: Display | None, larger_is_better: bool, value_range: ValueRange
+) -> Appearance:
+    """Return the properties of a metric.
+
+    Raises:
+        TypeError: if the range is unknown.
+    """
+    if value_range not in get_args(ValueRange):
+        raise TypeError(f"value_range is {value_range!r}, but must be one of {join_names([*get_args(ValueRange)])}")
+    return Appearance(unit, label, display, larger_is_better, value_range)
 
 
 class FlightFunction(NamedTuple):

@@ -39,7 +39,9 @@ class SignalMetric(MetricSettings):
         """Return the definition of the metric, given its name in a scenario."""
         signal = scalar_signal(self.of)
         unit = f"{signal.unit} s" if self.kind == "integral" else signal.unit
-        return reduced_metric(name, self.kind, signal.formula, signal.arguments, Appearance(unit))
+        return reduced_metric(
+            name, self.kind, signal.formula, signal.arguments, Appearance(unit, value_range=signal.value_range)
+        )
 
 
 for _rule, _description in _DESCRIPTIONS.items():

@@ -30,7 +30,7 @@ def _opposite(sums: OvershootSums, ticks: Any, _: float) -> Any:
     return np.where(ticks > 0.0, sums.opposite, np.nan)
 
 
-@metric("m", initial=OvershootSums(), value=_opposite)
+@metric("m", initial=OvershootSums(), value=_opposite, value_range="nonnegative")
 def overshoot(sums: OvershootSums, state: State, reference: Reference, ticks: Row) -> OvershootSums:
     """Largest position error in the direction opposite to the error at the start of the window."""
     x, y, z = state.x - reference.x, state.y - reference.y, state.z - reference.z

@@ -30,7 +30,7 @@ def _settled(sums: SettlingSums, ticks: Any, period: float) -> Any:
     return np.where(sums.outside >= sums.elapsed, math.inf, settled) * np.where(ticks > 0.0, 1.0, np.nan)
 
 
-@metric("s", initial=SettlingSums(), value=_settled, label="settling time")
+@metric("s", initial=SettlingSums(), value=_settled, label="settling time", value_range="nonnegative")
 def settling_time(
     sums: SettlingSums,
     state: State,

@@ -10,7 +10,7 @@ from drake_quad.scenario.quantities import FixedPositive
 from drake_quad.signals import Reference, Row, State
 
 
-@metric("s", over_time="integral", label="time within the tube", larger_is_better=True)
+@metric("s", over_time="integral", label="time within the tube", larger_is_better=True, value_range="nonnegative")
 def time_in_tube(
     state: State,
     reference: Reference,

@@ -21,7 +21,7 @@ class ObservationSettings(Model):
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
         description="observed signals in the order of the rows; the page of systems lists their rows and units",
     )
-    sees: Literal["measurement", "state"] = Field(
+    state_source: Literal["measurement", "state"] = Field(
         default="measurement",
         description="source of position, velocity, attitude and body rates: the `measurement` of the cameras, with"
         " noise and delay, or the true `state` of the vehicle",

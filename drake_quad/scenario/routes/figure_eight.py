@@ -48,7 +48,7 @@ class FigureEightRoute(MovingRoute):
         return Planned(self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
 
     def _in_laps(self, geometry: Route) -> Plan:
-        """Return a plan with laps after the climb from the ground, with the times of a plan through three laps."""
+        """Return a plan of a climb and several laps. The durations follow from a speed profile over three laps."""
         lap = geometry.waypoints[1:]
         ride = np.vstack([geometry.waypoints, lap[1:], lap[1:]])
         times = trapezoid_times(ride, speed=self.cruise_speed, acceleration=self.top_acceleration)

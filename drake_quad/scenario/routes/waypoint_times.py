@@ -35,7 +35,7 @@ class WaypointTimes(Model):
 class FixedWaypointTimes(WaypointTimes):
     """Given times of all waypoints. A plain list of times is short for this mapping."""
 
-    kind: Literal["given"]
+    kind: Literal["fixed"]
     times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(
         description="time of each waypoint, increasing (s)"
     )
@@ -77,7 +77,7 @@ class HeuristicTimes(WaypointTimes):
 class MinimumSnapTimes(WaypointTimes):
     """Times that minimise the snap of the path for a given total time."""
 
-    kind: Literal["least_snap"]
+    kind: Literal["minimum_snap"]
     duration: FixedSpan = Field(description="total time (s)")
 
     def known_end(self, laps: int) -> KnownEnd | None:
@@ -93,7 +93,7 @@ class MinimumTimes(WaypointTimes):
     """Times with the shortest total for which the minimum-snap path satisfies the limits, a local optimum."""
 
     chooses_total: ClassVar = True
-    kind: Literal["shortest"]
+    kind: Literal["minimum_time"]
 
     def timing(self) -> Timing:
         """Return the method as a record of the planner."""

@@ -85,7 +85,7 @@ class WaypointRoute(MovingRoute):
         description="points or regions to pass, in order; segment i leads from waypoint i to waypoint i + 1, from 0 on"
     )
     times: Times = Field(
-        default=MinimumTimes(kind="shortest"),
+        default=MinimumTimes(kind="minimum_time"),
         description="times at which the waypoints are passed, or the method to choose them",
     )
     corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
@@ -115,7 +115,7 @@ class WaypointRoute(MovingRoute):
     def _short_form(cls, times: Any) -> Any:
         if isinstance(times, str):
             return {"kind": times}
-        return {"kind": "given", "times": times} if isinstance(times, list | tuple) else times
+        return {"kind": "fixed", "times": times} if isinstance(times, list | tuple) else times
 
     @model_validator(mode="after")
     def _consistent(self) -> "WaypointRoute":
@@ -170,7 +170,7 @@ class WaypointRoute(MovingRoute):
             if getattr(self, name) is not None:
                 raise self.field_error("must be left out: it cannot be combined with laps", name)
         if isinstance(self.times, MinimumSnapTimes):
-            raise self.field_error("must be given, heuristic or shortest if there are laps", "times", "kind")
+            raise self.field_error("must be fixed, heuristic or minimum_time if there are laps", "times", "kind")
         return self
 
     @model_validator(mode="after")

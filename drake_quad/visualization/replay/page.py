@@ -63,10 +63,6 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
     """Draw flights of the same reference in a Meshcat scene, with an animation that can be played and scrubbed.
 
-    Args:
-        meshcat: server that shows the scene.
-        flights: flights by name.
-
     Returns:
         The room that is drawn around the flights.
     """

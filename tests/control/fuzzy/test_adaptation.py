@@ -114,7 +114,7 @@ def test_only_the_selected_parts_learn(part):
         "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
     }
     assert [name for name, has_changed in changed.items() if has_changed] == [part]
-    # The step is too small to reach a bound, so each part moves at its own rate.
+    # The step is too small to reach a bound, so each part changes by its rate times the gradient.
     layout = layout_of(Antecedents, INITIAL)
     before, slopes, final = (np.array(layout.flatten(record)) for record in (INITIAL, gradient, after))
     is_moved = final != before

@@ -29,7 +29,7 @@ def test_inputs_are_signals_on_the_axis_of_the_network_coordinates_or_the_phase(
         assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
 
 
-def test_only_signals_of_the_inputs_are_required():
+def test_a_network_requires_only_the_signals_of_its_inputs():
     assert signals_of(("phase", "v_z", "x")) == ("measurement",)
     assert signals_of(("phase", "error_rate")) == ("error_rate",)
 

@@ -194,7 +194,7 @@ def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
     # Without firing, the covariance grows back to its initial value and stays there.
     learner = Learner(CovarianceLaw(1.0, 5.0, 0.99))
     learner.memory = 1e-3 * learner.memory[:, 0]
-    for _ in range(5000):
+    for _ in range(2500):
         learner.learn(np.full(9, 1e-9), np.zeros(1))
     assert np.trace(learner.P[0]) == pytest.approx(45.0, rel=1e-6)
 
@@ -246,7 +246,7 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
     A = np.array([[1.0, h], [0.0, 1.0]])
     B = np.array([0.5 * h * h, h])
     x, times, errors = np.zeros(2), [], []
-    for tick in range(round(600.0 / h)):
+    for tick in range(round(300.0 / h)):
         e, rate = -x
         command = k_p * e + k_d * rate - learner.weights[0, 0]
         learner.learn(one, np.array([rate + slope * e]))

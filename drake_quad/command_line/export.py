@@ -1,0 +1,77 @@
+"""Write the controller of a scenario as C code, for a flight controller or any other computer.
+
+The code computes the command over the link, a wrench or an attitude target, from the measurement and the reference. It
+is C99 without memory allocation, global variables, or libraries other than math.h. In double precision, it computes
+exactly the numbers of the simulation.
+"""
+
+import argparse
+from pathlib import Path
+
+from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.output import print_files, print_table
+from drake_quad.control.exported.description import ExportDescription
+from drake_quad.control.exported.machines import CORES, code_size, has_cross_compiler
+from drake_quad.export.controller import PRECISIONS, export_controller
+from drake_quad.export.projects import PROJECTS
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the argument parser of the command."""
+    result = parser(
+        __doc__,
+        "drake-quad export robustness --controller controllers/lqg:lqg_robustness --precision single",
+        output="out/export",
+    )
+    add_controller(result)
+    result.add_argument(
+        "--precision",
+        choices=[*PRECISIONS],
+        default="double",
+        help="floating-point format; elementary functions in single precision are those of math.h (default: double)",
+    )
+    result.add_argument(
+        "--name", default="controller", help="name of the files, and prefix of all names in C (default: %(default)s)"
+    )
+    result.add_argument("--mixer", action="store_true", help="also compute rotor commands from the wrench")
+    result.add_argument(
+        "--project",
+        choices=PROJECTS,
+        help="also write a project for the firmware of a vehicle, such as the Crazyflie's out-of-tree controllers",
+    )
+    result.add_argument("--reference", action="store_true", help="add a function that evaluates the planned reference")
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    scenario = scenario_of(arguments)
+    folder = folder_of(arguments, scenario)
+    export = export_controller(
+        scenario,
+        folder,
+        name=arguments.name,
+        precision=arguments.precision,
+        mixer=arguments.mixer,
+        reference=arguments.reference,
+        project=arguments.project,
+    )
+    print_table(summary(export.description, folder))
+    print_files(export.files)
+    print(f"fly the exported code\n  drake-quad fly {arguments.scenario} --controller {folder}")
+
+
+def summary(description: ExportDescription, folder: Path) -> list[tuple[str, str, str]]:
+    """Return the rows of a table that describes exported code: name, value and unit."""
+    number = description.number_type().itemsize
+    rows = [
+        ("period", f"{1000.0 * description.period:g}", "ms"),
+        ("inputs", ", ".join(description.inputs), ""),
+        ("outputs", ", ".join(description.outputs), ""),
+        ("operations per step", f"{description.num_operations:,}", "at most"),
+        ("state", f"{number * description.num_states + 4:,}", "bytes"),
+        ("parameters", f"{number * description.num_parameters:,}", "bytes"),
+    ]
+    if has_cross_compiler():
+        rows += [(f"code on {core}", f"{code_size(folder, core) / 1000.0:.1f}", "kB") for core in CORES]
+    return rows

@@ -1,0 +1,1 @@
+"""Export of controllers as C code."""

@@ -1,0 +1,184 @@
+"""Export of the controller of a scenario as C code."""
+
+import hashlib
+import io
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.assembly.control import build_control, control_recipes
+from drake_quad.assembly.laboratory import laboratory_recipes
+from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription
+from drake_quad.errors import InputError, join_names
+from drake_quad.export.diagram_code import DiagramCode, diagram_code
+from drake_quad.export.projects import project_files
+from drake_quad.export.reference_code import reference_code
+from drake_quad.files import output_folder, write_text
+from drake_quad.flight.mission import plan_route
+from drake_quad.framework.c_code import DOUBLE, SINGLE, identifier, wrapped
+from drake_quad.framework.wiring import build, split_output
+from drake_quad.planning.duration import flight_duration
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, refuse_distributions
+
+PRECISIONS = {"double": DOUBLE, "single": SINGLE}
+"""Floating-point formats of exported code, by name."""
+# Port of the rotor commands that each kind of allocation computes.
+_ROTOR_COMMANDS = ("rotor_speed_command", "throttle_command")
+
+
+class Export(NamedTuple):
+    """Result of an export.
+
+    Attributes:
+        files: files that were written.
+        description: description of the exported code.
+    """
+
+    files: list[Path]
+    description: ExportDescription
+
+
+def export_controller(
+    scenario: Scenario,
+    output: Path,
+    *,
+    name: str = "controller",
+    precision: str = "double",
+    mixer: bool = False,
+    reference: bool = False,
+    project: str | None = None,
+) -> Export:
+    """Write the controller of a scenario as C99, and return what was written.
+
+    The code contains everything between the inputs `measurement` and `reference` and the command over the link:
+    `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
+
+    The folder contains the header NAME.h and the source NAME.c, the description NAME.json with which
+    `--controller FOLDER` flies the code, and the scenario as YAML.
+
+    Args:
+        scenario: scenario with the controller. Other parts may contain distributions.
+        output: folder for the files.
+        name: name of the files, and prefix of all names in C.
+        precision: "double" or "single". In double precision, every command is equal to that of a simulation, to the
+            last bit.
+        mixer: True to compute rotor commands from the wrench as well.
+        reference: True to add a function that evaluates the planned reference.
+        project: name of a project around the code, one of `drake_quad.export.projects.PROJECTS`, which is written to a
+            folder of this name.
+
+    Raises:
+        InputError: if the controller contains distributions or is not a formula, or the name is not an identifier.
+    """
+    if precision not in PRECISIONS:
+        raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")
+    if identifier(name) != name:
+        raise InputError(f"name is {name!r}; it must be an identifier of C, such as controller")
+    refuse_distributions([path for path in distributions_in(scenario) if path.startswith("control.")])
+    plan = plan_route(scenario)
+    diagram, outputs = _diagram(scenario, plan, mixer=mixer)
+    period = scenario.laboratory.command_link.period
+    code = diagram_code(diagram, name=name, outputs=outputs, output_period=period, precision=PRECISIONS[precision])
+    if reference:
+        declaration, definition = reference_code(
+            plan, name=name, inputs=[*code.inputs], precision=PRECISIONS[precision]
+        )
+        code = code._replace(
+            header=code.header.replace("\n#endif\n", f"\n{declaration}\n#endif\n"),
+            source=f"{code.source}\n{definition}",
+        )
+    stream = io.StringIO()
+    save_scenario(scenario, stream)
+    description = _description(scenario, code, name, precision, stream.getvalue())
+    project_texts = {} if project is None else project_files(project, description)
+    header, source = (f"{_opening(description)}\n{text}" for text in (code.header, code.source))
+    folder = output_folder(output)
+    files = [
+        write_text(folder / f"{name}.h", header),
+        write_text(folder / f"{name}.c", source),
+        write_text(folder / DESCRIPTION_FILE, json.dumps(description._asdict(), indent=2) + "\n"),
+        write_text(folder / "scenario.yaml", stream.getvalue()),
+    ]
+    if project is not None:
+        sources = {f"src/{name}.h": header, f"src/{name}.c": source}
+        for path, text in {**project_texts, **sources}.items():
+            file = folder / project / path
+            output_folder(file.parent)
+            files.append(write_text(file, text))
+    return Export(files, description)
+
+
+def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, list[str]]:
+    """Return the diagram to export, and the names of its outputs.
+
+    Raises:
+        InputError: if a mixer is requested, but an autopilot on board computes the wrench.
+    """
+    batch = Batch.draw(scenario, [scenario.sample or 0])
+    control = build_control(batch.scenario, control_recipes(batch, plan), 1)
+    command = scenario.laboratory.autopilot.command
+    if not mixer:
+        return control, [command]
+    if command != "wrench":
+        raise InputError(
+            f"mixer: the controller of {scenario.name} commands an attitude, from which the autopilot of the vehicle"
+            " computes the rotor commands"
+        )
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("control", control)
+    recipe = laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan))["allocation"]
+    allocation = recipe.build(1)
+    parts = split_output(builder, "allocation", allocation)
+    builder.Connect(control.GetOutputPort(command), allocation.GetInputPort(command))
+    for index in range(control.num_input_ports()):
+        port = control.get_input_port(index)
+        builder.ExportInput(port, port.get_name())
+    builder.ExportOutput(control.GetOutputPort(command), command)
+    rotors = next(port for port in _ROTOR_COMMANDS if port in parts)
+    builder.ExportOutput(parts[rotors], rotors)
+    return build(builder, "controller"), [command, rotors]
+
+
+def _description(
+    scenario: Scenario, code: DiagramCode, name: str, precision: str, scenario_text: str
+) -> ExportDescription:
+    return ExportDescription(
+        name=name,
+        precision=precision,
+        period=code.period,
+        output_divisor=code.output_divisor,
+        inputs=code.inputs,
+        outputs=code.outputs,
+        num_states=code.num_states,
+        num_parameters=code.num_parameters,
+        num_operations=code.num_operations,
+        scenario=scenario.name,
+        scenario_sha256=hashlib.sha256(scenario_text.encode()).hexdigest(),
+        version=version("drake_quad"),
+    )
+
+
+def _opening(description: ExportDescription) -> str:
+    """Return the comment at the beginning of both files."""
+    number = PRECISIONS[description.precision].num_bytes
+    lines = [
+        f"Controller of the scenario {description.scenario}, exported by drake_quad {description.version}.",
+        f"SHA-256 of the scenario: {description.scenario_sha256}",
+        "",
+        f"Call {description.name}_init once, then {description.name}_step every {description.period:g} s.",
+        f"A step takes at most {description.num_operations} arithmetic operations and calls of math.h. The state takes"
+        f" {number * description.num_states + 4} bytes, the parameters {number * description.num_parameters} bytes.",
+        "",
+        "Compile as C99 without -ffast-math and with -ffp-contract=off. In double precision, each result is then equal",
+        "to the result in simulation, to the last bit.",
+        "",
+        "This code may be used under the BSD 3-Clause License of drake_quad.",
+    ]
+    return "\n".join(["/*", *(f" * {each}".rstrip() for line in lines for each in wrapped(line)), " */", ""])

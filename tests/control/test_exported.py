@@ -1,0 +1,100 @@
+"""Tests of the Drake system that runs exported code."""
+
+import json
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import Context
+
+from drake_quad import InputError, load_scenario, register_controller
+from drake_quad.control.exported.description import DESCRIPTION_FILE, read_description
+from drake_quad.control.exported.machines import HostMachine
+from drake_quad.control.exported.system import exported_controller
+from drake_quad.export.controller import export_controller
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    result = tmp_path_factory.mktemp("exported")
+    scenario = load_scenario("hover", ["control.position={kind: pid, k_p: [6, 6, 9], k_d: [4, 4, 6], k_i: [1, 1, 2]}"])
+    export_controller(scenario, result)
+    return result
+
+
+def evaluated(system, measurement, reference):
+    context = system.CreateDefaultContext()
+    system.GetInputPort("measurement").FixValue(context, measurement)
+    system.GetInputPort("reference").FixValue(context, reference)
+    return system.GetOutputPort("wrench").Eval(context)
+
+
+def test_vehicles_of_a_fleet_do_not_influence_each_other(folder):
+    kind = exported_controller(folder)
+    rng = np.random.default_rng(3)
+    measurements, references = rng.normal(scale=0.1, size=(12, 2)), rng.normal(scale=0.1, size=(11, 2))
+    fleet = evaluated(kind(num_vehicles=2), measurements.ravel(), references.ravel()).reshape(4, 2)
+    for vehicle in range(2):
+        alone = evaluated(kind(), measurements[:, vehicle], references[:, vehicle])
+        np.testing.assert_array_equal(fleet[:, vehicle], alone)
+
+
+def test_reading_the_output_does_not_change_the_state(folder):
+    system = exported_controller(folder)()
+    context: Context = system.CreateDefaultContext()
+    system.GetInputPort("measurement").FixValue(context, np.full(12, 0.1))
+    system.GetInputPort("reference").FixValue(context, np.zeros(11))
+    before = context.get_discrete_state_vector().CopyToVector()
+    system.GetOutputPort("wrench").Eval(context)
+    np.testing.assert_array_equal(context.get_discrete_state_vector().CopyToVector(), before)
+
+
+def test_the_kind_survives_pickling(folder):
+    kind = register_controller(exported_controller(folder))
+    scenario = load_scenario("hover", [f"control={{kind: {kind}}}"])
+    restored = pickle.loads(pickle.dumps(scenario))
+    assert restored.control.kind == kind
+    assert restored.control.registration_option().startswith("--controller ")
+
+
+def test_changed_structs_are_noticed(folder, tmp_path):
+    for file in folder.iterdir():
+        shutil.copy(file, tmp_path)
+    description = json.loads((tmp_path / DESCRIPTION_FILE).read_text())
+    (tmp_path / DESCRIPTION_FILE).write_text(json.dumps(description | {"num_states": description["num_states"] + 1}))
+    with pytest.raises(InputError, match="structs of controller.h differ from export.json"):
+        HostMachine(tmp_path)
+
+
+def test_code_that_does_not_compile_is_reported(folder, tmp_path):
+    for file in folder.iterdir():
+        shutil.copy(file, tmp_path)
+    (tmp_path / "controller.c").write_text('#include "controller.h"\nint broken(')
+    with pytest.raises(InputError, match="cannot compile .*controller.c"):
+        exported_controller(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"name": "x"}'])
+def test_a_damaged_description_is_reported(text, tmp_path):
+    (tmp_path / DESCRIPTION_FILE).write_text(text)
+    with pytest.raises(InputError, match="export"):
+        read_description(tmp_path)
+
+
+def test_a_folder_without_exported_code_is_reported(tmp_path):
+    with pytest.raises(InputError, match="contains no exported controller"):
+        exported_controller(tmp_path)
+
+
+def test_an_unknown_computer_is_reported(folder):
+    with pytest.raises(InputError, match="machine 'abacus' does not exist; use host, qemu-cortex-m4f"):
+        exported_controller(folder, "abacus")
+
+
+def test_a_missing_compiler_is_reported(folder, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match="needs a C compiler"):
+        HostMachine(folder)

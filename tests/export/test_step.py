@@ -1,0 +1,73 @@
+"""Tests of the C function that advances a diagram, on diagrams of Drake's systems."""
+
+import ctypes
+import itertools
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Adder, Gain, ZeroOrderHold
+
+from drake_quad import InputError
+from drake_quad.export.diagram_code import diagram_code
+from drake_quad.framework.c_code import DOUBLE
+from drake_quad.framework.wiring import append, build
+
+
+def holds(*periods):
+    """Return a diagram of holds in series, whose output is the sum of all held values, the second one negated."""
+    builder = DiagramBuilder()
+    systems = [builder.AddNamedSystem(f"hold_{i}", ZeroOrderHold(period, 2)) for i, period in enumerate(periods)]
+    builder.ExportInput(systems[0].get_input_port(), "command")
+    for before, after in itertools.pairwise(systems):
+        builder.Connect(before.get_output_port(), after.get_input_port())
+    ports = [system.get_output_port() for system in systems]
+    ports[1] = append(builder, "negated", Gain(-1.0, 2), ports[1])
+    builder.ExportOutput(append(builder, "total", Adder(len(ports), 2), *ports), "total")
+    return build(builder, "holds")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("periods", [(0.01, 0.02, 0.04), (0.04, 0.02, 0.01), (0.01, 0.03, 0.02)])
+def test_systems_with_several_periods_advance_as_in_drake(periods, tmp_path):
+    diagram = holds(*periods)
+    code = diagram_code(diagram, name="holds", outputs=["total"], output_period=0.02, precision=DOUBLE)
+    (tmp_path / "holds.h").write_text(code.header)
+    (tmp_path / "holds.c").write_text(code.source)
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", "holds.so", "holds.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "holds.so"))
+    state = ctypes.create_string_buffer(8 * code.num_states + 8)
+    library.holds_init(state)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    rng = np.random.default_rng(8)
+    outputs = np.full(2, np.nan)
+    for step in range(13):
+        command = rng.normal(size=2)
+        diagram.get_input_port().FixValue(context, command)
+        expected = diagram.get_output_port().Eval(context).copy()
+        before = outputs.copy()
+        library.holds_step(
+            state, None, command.ctypes.data_as(ctypes.c_void_p), outputs.ctypes.data_as(ctypes.c_void_p)
+        )
+        np.testing.assert_array_equal(outputs, expected if step % 2 == 0 else before)
+        simulator.AdvanceTo((step + 1) * code.period)
+
+
+def test_periods_that_are_no_multiples_of_each_other_are_refused():
+    with pytest.raises(InputError, match=r"hold_1 cannot be exported: 0.025 s is not a multiple of 0.01 s"):
+        diagram_code(holds(0.01, 0.025), name="holds", outputs=["total"], output_period=0.02, precision=DOUBLE)
+
+
+def test_a_system_with_own_callbacks_is_refused():
+    builder = DiagramBuilder()
+    mine = LeafSystem()
+    builder.AddNamedSystem("mine", mine)
+    mine.DeclareVectorOutputPort("total", 1, lambda context, output: None)
+    builder.ExportOutput(mine.get_output_port(), "total")
+    with pytest.raises(InputError, match="mine .* cannot be exported: only systems that declare formulas"):
+        diagram_code(build(builder, "own"), name="own", outputs=["total"], output_period=0.02, precision=DOUBLE)

@@ -1,0 +1,53 @@
+"""Maps of flights show which flights crash, violate a requirement or satisfy all of them."""
+
+import math
+
+import numpy as np
+
+from drake_quad import load_scenario
+from drake_quad.design.field_map import FieldMap
+from drake_quad.visualization.field_map_plots import plot_field_maps
+
+# One cell has crashed, one violates the requirement, one has not settled, and one has settled.
+CRASH_TIME = np.array([[1.0, math.inf], [math.inf, math.inf]])
+RECOVERS = np.array([[0.5, -0.1], [0.2, 0.3]])
+SETTLING_TIME = np.array([[2.0, 3.0], [math.inf, 4.0]])
+
+
+def made():
+    kind = load_scenario("upset").metrics_type
+    values = dict.fromkeys(kind._fields, np.ones((2, 2)))
+    values |= {"crash_time": CRASH_TIME, "recovers": RECOVERS, "settling_time": SETTLING_TIME}
+    return FieldMap(np.array([-1.5, 1.5]), np.array([-5.0, 5.0]), kind(**values), ("recovers",))
+
+
+def drawn(count=1):
+    maps = {f"controller {i}": made() for i in range(count)}
+    labels = ("initial.attitude.0", "initial.body_rates.0")
+    return plot_field_maps(maps, "settling_time", labels=labels, units=("rad", "rad/s"))
+
+
+def test_cells_are_dark_grey_light_grey_or_coloured():
+    background, metric = drawn().axes[0].images
+    np.testing.assert_array_equal(background.get_array(), [[1.0, 0.0], [0.0, 0.0]])
+    crashed, other = (background.cmap(value)[0] for value in (1.0, 0.0))
+    assert crashed < 0.5 < other
+    np.testing.assert_array_equal(metric.get_array().mask, [[True, True], [True, False]])
+    assert metric.get_array()[1, 1] == 4.0
+
+
+def test_titles_state_the_share_of_satisfactory_flights_and_angles_are_in_degrees():
+    figure = drawn(5)
+    panels = [axes for axes in figure.axes if axes.images]
+    assert [axes.get_title() for axes in panels] == [f"controller {i}: 50 %" for i in range(5)]
+    np.testing.assert_allclose(panels[0].get_xlim(), np.degrees([-3.0, 3.0]))
+    np.testing.assert_allclose(panels[0].get_ylim(), [-10.0, 10.0])
+    assert figure.get_supxlabel() == "initial.attitude.0 (°)"
+    assert figure.get_supylabel() == "initial.body_rates.0 (rad/s)"
+
+
+def test_a_map_without_a_recovered_flight_is_drawn():
+    worst = made()
+    worst = worst._replace(metrics=worst.metrics._replace(crash_time=np.ones((2, 2))))
+    figure = plot_field_maps({"a": worst}, "settling_time", labels=("x", "y"), units=("m", "m"))
+    assert figure.axes[0].get_title() == "a: 0 %"
