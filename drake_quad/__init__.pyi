@@ -1,11 +1,11 @@
 """Public names of the package, each with the module that defines it."""
 
 from .assembly.registered_controllers import register_controller as register_controller
-from .control.exported.system import exported_controller as exported_controller
 from .design.cascade import design_cascade as design_cascade
 from .design.cascade import with_gains as with_gains
 from .errors import InputError as InputError
 from .export.controller import export_controller as export_controller
+from .exported.system import exported_controller as exported_controller
 from .fleets.study_fleet import StudyFleet as StudyFleet
 from .flight.flight import Flight as Flight
 from .flight.flight import read_flight as read_flight

@@ -18,8 +18,8 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.command_line.parser import Parser
-from drake_quad.control.exported.machines import EMULATOR
 from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS
+from drake_quad.exported.machines import EMULATOR
 from drake_quad.framework.records import layout_of
 from drake_quad.reports.page import as_html
 from drake_quad.scenario.files.loading import load_undesigned

@@ -19,9 +19,9 @@ from pydantic import Field
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
-from drake_quad.control.exported.system import ExportedController, exported_controller
 from drake_quad.control.position import FeedForward
 from drake_quad.errors import InputError, did_you_mean, shortest_path
+from drake_quad.exported.system import ExportedController, exported_controller
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control

@@ -25,7 +25,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import check_pairs
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import plus_minus
-from drake_quad.statistics.replicates import INDEPENDENT, Replicates
+from drake_quad.statistics.replicates import Replicates
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, values_without_crashes
 from drake_quad.studies.study import replicates_of
@@ -106,18 +106,18 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]
     return scenarios_by_laboratory
 
 
-def print_comparison(flights: Mapping[str, Mapping[str, Metrics]], replicates: Mapping[str, Replicates] = {}) -> None:
+def print_comparison(flights: Mapping[str, Mapping[str, Metrics]], replicates: Mapping[str, Replicates]) -> None:
     """Print a row for each laboratory and controller.
 
     Args:
         flights: metrics of each controller, by laboratory and controller.
-        replicates: replicates of the samples, by laboratory; independent samples if a laboratory is missing.
+        replicates: replicates of the samples, by laboratory.
     """
     rows = []
     for laboratory, metrics_by_controller in flights.items():
         first = next(iter(metrics_by_controller.values()))
         for name, metrics in metrics_by_controller.items():
-            ratio = compare(metrics, first, replicates=replicates.get(laboratory, INDEPENDENT)).ratio
+            ratio = compare(metrics, first, replicates=replicates[laboratory]).ratio
             rows.append(
                 (
                     laboratory,

@@ -10,14 +10,13 @@ from pathlib import Path
 
 from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files, print_table
-from drake_quad.control.exported.description import ExportDescription
-from drake_quad.control.exported.machines import CORES, code_size, has_cross_compiler
 from drake_quad.export.controller import PRECISIONS, export_controller
 from drake_quad.export.projects import PROJECTS
+from drake_quad.exported.description import ExportDescription
+from drake_quad.exported.machines import CORES, code_size, has_cross_compiler
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad export robustness --controller controllers/lqg:lqg_robustness --precision single",
@@ -44,7 +43,6 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Run the command."""
     scenario = scenario_of(arguments)
     folder = folder_of(arguments, scenario)
     export = export_controller(

@@ -24,7 +24,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
-from drake_quad.control.exported.machines import CORES
+from drake_quad.exported.machines import MACHINES
 from drake_quad.files import output_folder
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.flight.mission import plan_route
@@ -38,7 +38,7 @@ def options() -> argparse.ArgumentParser:
     add_controller(result)
     result.add_argument(
         "--on",
-        choices=["host", *(f"qemu-{core}" for core in CORES)],
+        choices=[*MACHINES],
         default="host",
         help="computer that runs exported C code: this one, or a microcontroller that QEMU emulates (default: host)",
     )

@@ -275,7 +275,7 @@ def controller_of(spec: str, scenario: str, machine: str = "host") -> NamedContr
         spec: value of the option: FILE:NAME, FILE.py:CLASS or a folder with exported code, and optionally assignments
             of fields.
         scenario: scenario that will use the controller. Its feed-forward is kept for a position controller in Python.
-        machine: computer that runs exported code, a key of `drake_quad.control.exported.machines.MACHINES`.
+        machine: computer that runs exported code, a key of `drake_quad.exported.machines.MACHINES`.
 
     Raises:
         InputError: if the file or the class does not exist, or is not a controller.
@@ -332,7 +332,7 @@ def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedContro
 def _exported_controller(folder: str, machine: str) -> NamedController:
     """Return the controller with the exported code in a folder."""
     from drake_quad.assembly.registered_controllers import register_controller
-    from drake_quad.control.exported.system import exported_controller
+    from drake_quad.exported.system import exported_controller
 
     option = f"--controller {folder}"
     try:

@@ -1,5 +1,6 @@
 """Export of the controller of a scenario as C code."""
 
+import dataclasses
 import hashlib
 import io
 import json
@@ -11,11 +12,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import laboratory_recipes
-from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.errors import InputError, join_names
-from drake_quad.export.diagram_code import DiagramCode, diagram_code
+from drake_quad.export.diagram_code import diagram_code
 from drake_quad.export.projects import project_files
 from drake_quad.export.reference_code import reference_code
+from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.c_code import DOUBLE, SINGLE, identifier, wrapped
@@ -25,7 +26,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, refuse_distributions
+from drake_quad.scenario.paths import distributions_in
 
 PRECISIONS = {"double": DOUBLE, "single": SINGLE}
 """Floating-point formats of exported code, by name."""
@@ -60,7 +61,7 @@ def export_controller(
     The code contains everything between the inputs `measurement` and `reference` and the command over the link:
     `wrench` or `attitude_target`. It needs no library but `math.h`, no memory allocation and no global variables.
 
-    The folder contains the header NAME.h and the source NAME.c, the description NAME.json with which
+    The folder contains the header NAME.h and the source NAME.c, the description `export.json` with which
     `--controller FOLDER` flies the code, and the scenario as YAML.
 
     Args:
@@ -81,14 +82,16 @@ def export_controller(
         raise InputError(f"precision is {precision!r}; it must be one of {join_names([*PRECISIONS])}")
     if identifier(name) != name:
         raise InputError(f"name is {name!r}; it must be an identifier of C, such as controller")
-    refuse_distributions([path for path in distributions_in(scenario) if path.startswith("control.")])
+    for path in distributions_in(scenario):
+        if path.startswith("control."):
+            raise InputError(f"{path} is a distribution, but exported code contains a number; set it to a number")
     plan = plan_route(scenario)
     diagram, outputs = _diagram(scenario, plan, mixer=mixer)
     period = scenario.laboratory.command_link.period
     code = diagram_code(diagram, name=name, outputs=outputs, output_period=period, precision=PRECISIONS[precision])
     if reference:
         declaration, definition = reference_code(
-            plan, name=name, inputs=[*code.inputs], precision=PRECISIONS[precision]
+            plan, name=name, inputs=[*code.interface.inputs], precision=PRECISIONS[precision]
         )
         code = code._replace(
             header=code.header.replace("\n#endif\n", f"\n{declaration}\n#endif\n"),
@@ -96,14 +99,21 @@ def export_controller(
         )
     stream = io.StringIO()
     save_scenario(scenario, stream)
-    description = _description(scenario, code, name, precision, stream.getvalue())
+    description = ExportDescription(
+        name=name,
+        precision=precision,
+        scenario=scenario.name,
+        scenario_sha256=hashlib.sha256(stream.getvalue().encode()).hexdigest(),
+        version=version("drake_quad"),
+        **dataclasses.asdict(code.interface),
+    )
     project_texts = {} if project is None else project_files(project, description)
     header, source = (f"{_opening(description)}\n{text}" for text in (code.header, code.source))
     folder = output_folder(output)
     files = [
         write_text(folder / f"{name}.h", header),
         write_text(folder / f"{name}.c", source),
-        write_text(folder / DESCRIPTION_FILE, json.dumps(description._asdict(), indent=2) + "\n"),
+        write_text(folder / DESCRIPTION_FILE, json.dumps(dataclasses.asdict(description), indent=2) + "\n"),
         write_text(folder / "scenario.yaml", stream.getvalue()),
     ]
     if project is not None:
@@ -144,25 +154,6 @@ def _diagram(scenario: Scenario, plan: Plan, *, mixer: bool) -> tuple[Diagram, l
     rotors = next(port for port in _ROTOR_COMMANDS if port in parts)
     builder.ExportOutput(parts[rotors], rotors)
     return build(builder, "controller"), [command, rotors]
-
-
-def _description(
-    scenario: Scenario, code: DiagramCode, name: str, precision: str, scenario_text: str
-) -> ExportDescription:
-    return ExportDescription(
-        name=name,
-        precision=precision,
-        period=code.period,
-        output_divisor=code.output_divisor,
-        inputs=code.inputs,
-        outputs=code.outputs,
-        num_states=code.num_states,
-        num_parameters=code.num_parameters,
-        num_operations=code.num_operations,
-        scenario=scenario.name,
-        scenario_sha256=hashlib.sha256(scenario_text.encode()).hexdigest(),
-        version=version("drake_quad"),
-    )
 
 
 def _opening(description: ExportDescription) -> str:

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.export.step import Member, Step
 from drake_quad.export.structs import Structs, initializer, struct_text, summary
+from drake_quad.exported.description import CodeInterface
 from drake_quad.framework.c_code import (
     MULTIPLY_ADD_FUNCTION,
     WORD_FUNCTIONS,
@@ -16,6 +17,7 @@ from drake_quad.framework.c_code import (
     function_text,
     wrapped,
 )
+from drake_quad.framework.wiring import subsystem
 
 # C has no structs without members.
 _NO_MEMBERS = ("    char unused;",)
@@ -27,24 +29,12 @@ class DiagramCode(NamedTuple):
     Attributes:
         header: text of the header, without its opening comment.
         source: text of the source file, without its opening comment.
-        period: time between two steps, s.
-        output_divisor: number of steps between two steps that write outputs.
-        inputs: numbers of rows of the inputs, by name.
-        outputs: numbers of rows of the outputs, by name.
-        num_states: number of rows of the state.
-        num_parameters: number of rows of the parameters.
-        num_operations: largest number of operations of a step.
+        interface: interface and size of the code.
     """
 
     header: str
     source: str
-    period: float
-    output_divisor: int
-    inputs: dict[str, int]
-    outputs: dict[str, int]
-    num_states: int
-    num_parameters: int
-    num_operations: int
+    interface: CodeInterface
 
 
 def diagram_code(
@@ -64,17 +54,16 @@ def diagram_code(
     """
     structs, functions = Structs(name, precision.real), Functions(precision)
     step = Step(diagram, outputs, output_period, structs, functions)
-    return DiagramCode(
-        _header(name, step, structs, diagram),
-        _source(name, step, functions),
-        step.period,
-        step.output_divisor,
-        {key: layout.num_rows for key, layout in step.inputs.items()},
-        {key: layout.num_rows for key, layout in step.outputs.items()},
-        sum(member.layout.num_rows for member in step.states.values()),
-        sum(member.layout.num_rows for member in step.parameters.values()),
-        step.num_operations,
+    interface = CodeInterface(
+        period=step.period,
+        output_divisor=step.output_divisor,
+        inputs={key: layout.num_rows for key, layout in step.inputs.items()},
+        outputs={key: layout.num_rows for key, layout in step.outputs.items()},
+        num_states=sum(member.layout.num_rows for member in step.states.values()),
+        num_parameters=sum(member.layout.num_rows for member in step.parameters.values()),
+        num_operations=step.num_operations,
     )
+    return DiagramCode(_header(name, step, structs, diagram), _source(name, step, functions), interface)
 
 
 def _step_head(name: str) -> str:
@@ -114,10 +103,7 @@ def _header(name: str, step: Step, structs: Structs, diagram: Diagram) -> str:
 
 def _origin(member: Member, diagram: Diagram) -> str:
     """Return a comment on a parameter: the path of its system, and what the system is."""
-    system = diagram
-    for part in member.path.split("."):
-        system = system.GetSubsystemByName(part)
-    return f"{member.path}: {summary(type(system))}"
+    return f"{member.path}: {summary(type(subsystem(diagram, member.path.split('.'))))}"
 
 
 def _source(name: str, step: Step, functions: Functions) -> str:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from drake_quad.control.exported.description import ExportDescription
 from drake_quad.errors import InputError
+from drake_quad.exported.description import ExportDescription
 
 _TEMPLATES = Path(__file__).parent / "templates"
 PROJECTS = ("crazyflie",)

@@ -6,36 +6,28 @@ that are required at this instant, then all updates of the state, which read onl
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram
-from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
-    Demultiplexer,
-    Gain,
-    Multiplexer,
-    PassThrough,
-    ZeroOrderHold,
-)
 
-from drake_quad.compilation.blocks import block_of, reason_not_compilable
+from drake_quad.compilation.blocks import Block, BlockUpdate, block_of, reason_not_compilable
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError
 from drake_quad.export.formula_functions import FormulaFunction, FormulaFunctions
 from drake_quad.export.structs import Structs, accessors, initializer, summary
-from drake_quad.framework.broadcast import Broadcast
-from drake_quad.framework.c_code import Functions, constant_text, identifier
+from drake_quad.framework.c_code import Functions, Precision, constant_text, identifier
 from drake_quad.framework.elementary import identity
-from drake_quad.framework.fleet_system import Computation, Input, Parameter, StateGroup
+from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.records import ROW, Layout, layout_of, rows_layout
 from drake_quad.signals import SIGNALS
 
 # Prefix of paths that names in C omit.
 _CONTROL = "control."
+# Name of the state of a system of Drake.
+_HELD_VALUE = "value"
 
 
 class Member(NamedTuple):
@@ -57,13 +49,62 @@ class _Update(NamedTuple):
 
     Attributes:
         path: path of the system.
-        computation: computation of the update; None for a hold.
+        declared: computation of a FleetSystem, or update of a system of Drake.
         divisor: number of steps in the period.
     """
 
     path: str
-    computation: Computation | None
+    declared: Computation | BlockUpdate
     divisor: int
+
+
+class _Row(NamedTuple):
+    """C expression of a row, which the blocks of Drake's systems add and scale.
+
+    Attributes:
+        text: text of the expression.
+        precision: floating-point format.
+        num_operations: number of operations of the expression.
+    """
+
+    text: str
+    precision: Precision
+    num_operations: int = 0
+
+    def __add__(self, other: Any) -> "_Row":
+        return _Row(f"{self.text} + {other.text}", self.precision, self.num_operations + other.num_operations + 1)
+
+    def __rmul__(self, factor: Any) -> "_Row":
+        return _Row(f"{constant_text(factor, self.precision)} * {self.text}", self.precision, self.num_operations + 1)
+
+
+class _BlockView(NamedTuple):
+    """View of a step for the block of one of Drake's systems, as `drake_quad.compilation.trace.BlockView`.
+
+    Attributes:
+        step: statements of the function.
+        path: path of the block.
+    """
+
+    step: "Step"
+    path: str
+
+    def required_input(self, index: int) -> list[_Row]:
+        """Return the rows at an input port."""
+        return self.step.as_rows(self.step.input_rows(self.path, index))
+
+    def parameter(self, index: int) -> list[_Row]:
+        """Return the values of a parameter, which is a constant in the code."""
+        values = self.step.context_of(self.path).get_numeric_parameter(index).value()
+        return self.step.as_rows([constant_text(value, self.step.precision) for value in values])
+
+    def state(self, group: int) -> list[_Row]:
+        """Return the rows of the only state group."""
+        return self.step.as_rows(self.step.held_rows(self.path))
+
+    def source(self, output: int, element: int) -> Any:
+        """Refuse an output port that depends only on time."""
+        raise InputError(f"{self.path} cannot be exported: it is a trajectory over time")
 
 
 class Step:
@@ -77,6 +118,7 @@ class Step:
         functions: static functions of the C file.
 
     Attributes:
+        precision: floating-point format.
         formulas: C functions of all formulas.
         period: time between two steps, s.
         output_divisor: number of steps between two steps that write outputs.
@@ -93,11 +135,10 @@ class Step:
     def __init__(
         self, diagram: Diagram, outputs: Sequence[str], output_period: float, structs: Structs, functions: Functions
     ) -> None:
-        self._diagram, self._precision = diagram, functions.precision
+        self._diagram, self.precision = diagram, functions.precision
         self._topology = Topology(diagram)
         self._leaves = self._topology.leaves
-        for path, system in self._leaves.items():
-            _check(path, system)
+        self._blocks = {path: _block(path, system) for path, system in self._leaves.items()}
         self._context = diagram.CreateDefaultContext()
         self._structs, self.formulas = structs, FormulaFunctions(structs, functions)
         # C type of each expression that is a struct, by the expression.
@@ -106,14 +147,11 @@ class Step:
         self._input_layouts = {port: self._input_layout(port) for port in self._exported_inputs()}
         self.inputs = {port.name: layout for port, layout in self._input_layouts.items()}
         output_ports = {output: self._topology.outputs[output] for output in outputs}
-        periods = {update.period for path in self._leaves for update in self._declared_updates(path)}
+        declared = [(path, *each) for path in self._leaves for each in self._declared_updates(path)]
+        periods = {period for _, _, period in declared}
         self.period = min(periods | {output_period})
         self.output_divisor = self._divisor("outputs", output_period)
-        self._updates = [
-            _Update(path, getattr(update, "computation", None), self._divisor(path, update.period))
-            for path in self._leaves
-            for update in self._declared_updates(path)
-        ]
+        self._updates = [_Update(path, update, self._divisor(path, period)) for path, update, period in declared]
         self._divisors: dict[Port, int] = {}
         self._reads_time = False
         self._statements: dict[int, list[str]] = defaultdict(list)
@@ -141,7 +179,7 @@ class Step:
             if not any(f"{argument}->" in line for line in body)
         ]
         if self._reads_time:
-            real, period = self._precision.real, constant_text(self.period, self._precision)
+            real, period = self.precision.real, constant_text(self.period, self.precision)
             lines.append(f"const {real} time = ({real})controller->step * {period};")
         for member in self._changed:
             lines.append(f"{self._structs.type_of(self.states[member].layout)} next_{member} = controller->{member};")
@@ -175,11 +213,12 @@ class Step:
                     return read.layout
         return signal_layout(port.name, port.size)
 
-    def _declared_updates(self, path: str) -> Sequence[Any]:
+    def _declared_updates(self, path: str) -> list[tuple[Computation | BlockUpdate, float]]:
+        """Return the updates of a system with their periods, s."""
         system = self._leaves[path]
-        if isinstance(system, ZeroOrderHold):
-            return [_HoldUpdate(system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec())]
-        return getattr(system, "updates", ())
+        if isinstance(system, FleetSystem):
+            return [(update.computation, update.period) for update in system.updates]
+        return [(update, update.period) for update in self._blocks[path].updates if update.period is not None]
 
     def _divisor(self, label: str, period: float) -> int:
         """Return the number of steps in a period (s).
@@ -192,37 +231,23 @@ class Step:
             raise InputError(f"{label} cannot be exported: {period:g} s is not a multiple of {self.period:g} s")
         return steps
 
-    def _computation(self, port: Port) -> Computation | None:
-        """Return the computation of an output port; None for a system of Drake."""
-        system = self._leaves[port.path]
-        outputs = getattr(system, "outputs", None)
-        return None if outputs is None else outputs[system.get_output_port(port.number).get_name()]
-
-    def _sources(self, port: Port) -> list[Port]:
-        """Return the output ports that an output port reads directly."""
-        computation, system = self._computation(port), self._leaves[port.path]
-        if computation is not None:
-            indices = [int(read.index) for read in computation.reads if isinstance(read, Input)]
-        else:
-            indices = [] if isinstance(system, ZeroOrderHold) else [*range(system.num_input_ports())]
-        return self._source_ports(port.path, indices)
-
-    def _source_ports(self, path: str, indices: Sequence[int]) -> list[Port]:
+    def _sources(self, path: str, indices: Iterable[int]) -> list[Port]:
+        """Return the output ports that are connected to input ports of a system."""
         sources = [self._topology.source(Port(path, index)) for index in indices]
         return [source for source in sources if isinstance(source, Port)]
 
     def _update_sources(self, update: _Update) -> list[Port]:
-        if update.computation is None:
-            return self._source_ports(update.path, [0])
-        reads = update.computation.reads
-        return self._source_ports(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
+        if isinstance(update.declared, BlockUpdate):
+            return self._sources(update.path, range(self._leaves[update.path].num_input_ports()))
+        reads = update.declared.reads
+        return self._sources(update.path, [int(read.index) for read in reads if isinstance(read, Input)])
 
     def _require(self, port: Port, divisor: int) -> None:
         """Require the value of an output port at every multiple of `divisor` steps."""
         common = math.gcd(self._divisors.get(port, divisor), divisor)
         if self._divisors.get(port) != common:
             self._divisors[port] = common
-            for source in self._sources(port):
+            for source in self._sources(port.path, self._blocks[port.path].feedthrough(port.number)):
                 self._require(source, common)
 
     # Values of ports
@@ -232,16 +257,23 @@ class Step:
         if isinstance(port, ExportedPort):
             return self._struct_rows(f"inputs->{identifier(port.name)}", self._input_layouts[port])
         if port not in self._rows_of:
-            computation = self._computation(port)
-            if computation is None:
-                self._rows_of[port] = self._primitive_rows(port)
-            elif computation.formula is identity and isinstance(computation.reads[0], StateGroup):
-                self._rows_of[port] = self._state_rows(port.path, computation.reads[0])
+            system = self._leaves[port.path]
+            if not isinstance(system, FleetSystem):
+                self._rows_of[port] = self._rows_of_block(port)
             else:
-                self._rows_of[port] = self._call(port, computation)
+                computation = system.outputs[system.get_output_port(port.number).get_name()]
+                if computation.formula is identity and isinstance(computation.reads[0], StateGroup):
+                    self._rows_of[port] = self._state_rows(port.path, computation.reads[0])
+                else:
+                    self._rows_of[port] = self._call(port, computation)
         return self._rows_of[port]
 
-    def _input_rows(self, path: str, index: int) -> list[str]:
+    def input_rows(self, path: str, index: int) -> list[str]:
+        """Return the C expression of each row at an input port of a system.
+
+        Raises:
+            InputError: if the port is not connected.
+        """
         source = self._topology.source(Port(path, index))
         if source is None:
             raise InputError(f"{path} cannot be exported: its input port {index} is not connected")
@@ -261,41 +293,29 @@ class Step:
     def _state_rows(self, path: str, group: StateGroup) -> list[str]:
         return self._struct_rows(f"controller->{_member(path, group.name)}", group.layout)
 
-    def _primitive_rows(self, port: Port) -> list[str]:
-        """Return the rows of an output port of a system of Drake."""
-        path, system = port.path, self._leaves[port.path]
-        match system:
-            case ConstantVectorSource():
-                value = system.get_source_value(system.GetMyContextFromRoot(self._context)).value()
-                return [constant_text(each, self._precision) for each in value]
-            case Demultiplexer():
-                sizes = [system.get_output_port(index).size() for index in range(port.number + 1)]
-                return self._input_rows(path, 0)[sum(sizes[:-1]) : sum(sizes)]
-            case Multiplexer():
-                return [row for index in range(system.num_input_ports()) for row in self._input_rows(path, index)]
-            case PassThrough() | Broadcast():
-                return self._input_rows(path, 0)
-            case ZeroOrderHold():
-                layout = rows_layout(system.get_output_port().size())
-                return self._struct_rows(f"controller->{_member(path, 'value')}", layout)
-            case Adder():
-                inputs = [self._input_rows(path, index) for index in range(system.num_input_ports())]
-                return self._variable(port, [" + ".join(terms) for terms in zip(*inputs, strict=True)], len(inputs) - 1)
-            case Gain():
-                context = system.CreateDefaultContext()
-                system.get_input_port().FixValue(context, np.ones(system.get_input_port().size()))
-                factors = [constant_text(factor, self._precision) for factor in system.get_output_port().Eval(context)]
-                rows = self._input_rows(path, 0)
-                return self._variable(port, [f"{factor} * {row}" for factor, row in zip(factors, rows, strict=True)], 1)
-        raise AssertionError(f"{path} should have been refused")
+    def as_rows(self, texts: Sequence[str]) -> list[_Row]:
+        """Return rows with the given texts."""
+        return [_Row(text, self.precision) for text in texts]
 
-    def _variable(self, port: Port, texts: list[str], operations_per_row: int) -> list[str]:
-        """Append a variable with a value for each row, and return its rows."""
-        name, divisor = _system(port.path), self._divisors[port]
-        layout = signal_layout(port.path.split(".")[-1], len(texts))
-        self.num_operations += operations_per_row * len(texts)
+    def context_of(self, path: str) -> Any:
+        """Return the default context of a system."""
+        return self._leaves[path].GetMyContextFromRoot(self._context)
+
+    def held_rows(self, path: str) -> list[str]:
+        """Return the rows of the state of a system of Drake, which has a single group."""
+        layout = rows_layout(self.context_of(path).get_discrete_state(0).size())
+        return self._struct_rows(f"controller->{_member(path, _HELD_VALUE)}", layout)
+
+    def _rows_of_block(self, port: Port) -> list[str]:
+        """Return the rows of an output port of a system of Drake; computed rows are stored in a variable."""
+        rows = self._blocks[port.path].output(port.number, _BlockView(self, port.path))  # type: ignore[arg-type]
+        texts, num_operations = [row.text for row in rows], sum(row.num_operations for row in rows)
+        if not num_operations:
+            return texts
+        name, layout = _system(port.path), signal_layout(port.path.split(".")[-1], len(texts))
+        self.num_operations += num_operations
         kind = self._structs.type_of(layout)
-        self._statements[divisor].append(f"const {kind} {name} = {initializer(layout, texts)};")
+        self._statements[self._divisors[port]].append(f"const {kind} {name} = {initializer(layout, texts)};")
         return self._struct_rows(name, layout)
 
     def _call(self, port: Port, computation: Computation) -> list[str]:
@@ -305,7 +325,7 @@ class Step:
         name = label or _system(port.path)
         (layout,) = computation.results
         function = self._function(port.path, name, computation)
-        arguments = self._arguments(port, function)
+        arguments = self._arguments(port.path, self._divisors[port], function)
         lines = self._statements[self._divisors[port]]
         lines.append(f"/* {port.path}: {summary(type(system))} */")
         kind = self._structs.type_of(layout)
@@ -322,39 +342,39 @@ class Step:
         absent = {index for index in indices if self._topology.source(Port(path, index)) is None}
         return self.formulas.function(path, label, computation, absent)
 
-    def _arguments(self, port: Port, function: FormulaFunction) -> list[str]:
-        """Return the C expressions of the arguments of a call."""
+    def _arguments(self, path: str, divisor: int, function: FormulaFunction) -> list[str]:
+        """Return the C expressions of the arguments of a call by a system at every multiple of `divisor` steps."""
         texts = []
         for read, _, layout in function.arguments:
             match read:
                 case Input():
-                    rows = self._input_rows(port.path, int(read.index))
+                    rows = self.input_rows(path, int(read.index))
                 case Parameter():
-                    expression = f"parameters->{self._parameter_member(port.path, read)}"
-                    rows = self._struct_rows(expression, layout)
+                    rows = self._struct_rows(f"parameters->{self._parameter_member(path, read)}", layout)
                 case StateGroup():
-                    rows = self._state_rows(port.path, read)
+                    rows = self._state_rows(path, read)
                 case _:
                     self._reads_time = True
                     texts.append("time")
                     continue
-            texts.append(self._argument(port, rows, layout))
+            texts.append(rows[0] if layout is ROW else f"&{self._struct_of(path, divisor, rows, layout)}")
         return texts
 
-    def _argument(self, port: Port, rows: list[str], layout: Layout) -> str:
-        """Return the argument for the rows of a record: a pointer to a struct that contains exactly these rows."""
-        if layout is ROW:
-            return rows[0]
-        suffix = accessors(layout)[0]
-        base = rows[0].removesuffix(suffix) if suffix else rows[0]
-        if self._types.get(base) == layout and rows == [base + accessor for accessor in accessors(layout)]:
-            return f"&{base}"
-        name = f"{_system(port.path)}_input_{len(self._types)}"
+    def _struct_of(self, path: str, divisor: int, rows: Sequence[str], layout: Layout) -> str:
+        """Return a struct with exactly these rows; rows of several structs are copied to a new one."""
+        if struct := self._whole_struct(rows, layout):
+            return struct
+        name = f"{_system(path)}_input_{len(self._types)}"
         kind = self._structs.type_of(layout)
-        lines = self._statements[self._divisors.get(port, port.number)]
-        lines.append(f"const {kind} {name} = {initializer(layout, rows)};")
+        self._statements[divisor].append(f"const {kind} {name} = {initializer(layout, rows)};")
         self._remember(name, layout)
-        return f"&{name}"
+        return name
+
+    def _whole_struct(self, rows: Sequence[str], layout: Layout) -> str:
+        """Return the expression of the struct whose rows these are, in order; empty if there is no such struct."""
+        suffixes = accessors(layout)
+        base = rows[0].removesuffix(suffixes[0])
+        return base if self._types.get(base) == layout and [*rows] == [base + each for each in suffixes] else ""
 
     # State, parameters and updates
 
@@ -362,13 +382,14 @@ class Step:
         """Return all state groups, by the name of the struct member."""
         states: dict[str, Member] = {}
         for path, system in self._leaves.items():
-            context = system.GetMyContextFromRoot(self._context)
-            if isinstance(system, ZeroOrderHold):
+            context = self.context_of(path)
+            if isinstance(system, FleetSystem):
+                for group in system.states.values():
+                    value = context.get_discrete_state(group.index).value()
+                    states[_member(path, group.name)] = Member(path, group.layout, value)
+            elif context.num_discrete_state_groups():
                 value = context.get_discrete_state(0).value()
-                states[_member(path, "value")] = Member(path, rows_layout(len(value)), value)
-            for group in getattr(system, "states", {}).values():
-                value = context.get_discrete_state(group.index).value()
-                states[_member(path, group.name)] = Member(path, group.layout, value)
+                states[_member(path, _HELD_VALUE)] = Member(path, rows_layout(len(value)), value)
         return states
 
     def _parameters(self) -> dict[str, Member]:
@@ -377,10 +398,11 @@ class Step:
             self._parameter_member(path, parameter): Member(
                 path,
                 parameter.layout,
-                system.GetMyContextFromRoot(self._context).get_numeric_parameter(parameter.index).value(),
+                self.context_of(path).get_numeric_parameter(parameter.index).value(),
             )
             for path, system in self._leaves.items()
-            for parameter in getattr(system, "parameters", {}).values()
+            if isinstance(system, FleetSystem)
+            for parameter in system.parameters.values()
         }
 
     def _parameter_member(self, path: str, parameter: Parameter) -> str:
@@ -389,47 +411,46 @@ class Step:
     def _write_updates(self) -> list[str]:
         """Append the statements of all updates, and return the names of the state members that they change."""
         changed: list[str] = []
-        for update in self._updates:
-            path, statements = update.path, self._statements[update.divisor]
-            # The port number stands for the divisor of the statements that gather arguments.
-            place = Port(path, update.divisor)
-            if update.computation is None:
-                members = [_member(path, "value")]
-                layout = rows_layout(self._leaves[path].get_output_port().size())
-                statements += self._assignments(f"next_{members[0]}", layout, self._input_rows(path, 0))
+        for path, declared, divisor in self._updates:
+            statements = self._statements[divisor]
+            if isinstance(declared, BlockUpdate):
+                member = _member(path, _HELD_VALUE)
+                (rows,) = declared.compute(_BlockView(self, path)).values()  # type: ignore[arg-type]
+                statements += self._assignments(f"next_{member}", rows_layout(len(rows)), [row.text for row in rows])
+                changed.append(member)
             else:
-                members = [_member(path, group.name) for group in update.computation.writes]
-                function = self._function(path, f"{_system(path)}_update", update.computation)
-                arguments = [*self._arguments(place, function), *(f"&next_{member}" for member in members)]
+                members = [_member(path, group.name) for group in declared.writes]
+                function = self._function(path, f"{_system(path)}_update", declared)
+                arguments = self._arguments(path, divisor, function)
+                arguments += [f"&next_{member}" for member in members]
                 statements.append(f"{function.name}({', '.join(arguments)});")
                 self.num_operations += function.num_operations
-            changed += members
+                changed += members
         return changed
 
     def _assignments(self, target: str, layout: Layout, rows: Sequence[str]) -> list[str]:
         """Return the statements that assign rows to a struct; a whole struct is copied at once."""
-        suffix = accessors(layout)[0]
-        base = rows[0].removesuffix(suffix) if suffix else rows[0]
-        if self._types.get(base) == layout and [*rows] == [base + accessor for accessor in accessors(layout)]:
-            return [f"{target} = {base};"]
+        if struct := self._whole_struct(rows, layout):
+            return [f"{target} = {struct};"]
         return [f"{target}{accessor} = {row};" for accessor, row in zip(accessors(layout), rows, strict=True)]
 
 
-class _HoldUpdate(NamedTuple):
-    """Update of a hold, given its period, s."""
+def _block(path: str, system: Any) -> Block:
+    """Return the block of a leaf system.
 
-    period: float
-
-
-def _check(path: str, system: Any) -> None:
-    """Raise InputError if a leaf system cannot be exported."""
-    if block_of(system) is None:
+    Raises:
+        InputError: if the system cannot be exported.
+    """
+    block = block_of(system)
+    if block is None:
         label = f"{path} ({summary(type(system)).rstrip('.')})"
         raise InputError(f"{label} cannot be exported: {reason_not_compilable(system)}")
-    if getattr(system, "initializations", ()):
-        raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
-    if any(update.unrestricted or not update.at_start for update in getattr(system, "updates", ())):
-        raise InputError(f"{path} cannot be exported: it has updates that precede the other updates of an instant")
+    for update in block.updates:
+        if update.period is None:
+            raise InputError(f"{path} cannot be exported: it computes its initial state from inputs")
+        if update.unrestricted or not update.at_start:
+            raise InputError(f"{path} cannot be exported: it has updates that precede other updates of an instant")
+    return block
 
 
 def _reads_of(system: Any) -> list[Any]:

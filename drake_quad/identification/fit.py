@@ -172,15 +172,17 @@ def fit(
             restarted = _Point.of(predictor, parameters, mean, predictor.gains(mean, small), small)
             if restarted.likelihood > point.likelihood:
                 point = restarted
-        predictor.continue_windows(point.states, point.state_jacobian, point.values, point.gains)
-        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", point.jacobian, point.jacobian) + np.diag(prior))
+        found = point.predictions
+        predictor.continue_windows(found.states, found.state_jacobian, point.values, point.gains)
+        covariance = np.linalg.inv(np.einsum("wkp,wkq->pq", found.jacobian, found.jacobian) + np.diag(prior))
         converged = np.all(np.abs(point.values - previous_values) < _PARAMETER_TOLERANCE * np.sqrt(np.diag(covariance)))
         log_change = np.max(np.abs(np.log(point.noise.disturbance / previous_disturbance)))
         if round_number > 2 and converged and log_change < _LOG_DISTURBANCE_TOLERANCE:
             break
     noise = _noise_of(predictor, point.gains, point.noise, np.arange(len(predictor.windows)))
     _check_convergence(point.values, noise)
-    return PredictionFit(point.values, noise, point.gains, point.jacobian, point.errors, prior)
+    found = point.predictions
+    return PredictionFit(point.values, noise, point.gains, found.jacobian, found.errors, prior)
 
 
 def _with_smaller_disturbance(
@@ -236,6 +238,22 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
         )
 
 
+class _Predictions(NamedTuple):
+    """Predictions with one set of parameters, and their derivatives.
+
+    Attributes:
+        errors: (W, k) whitened errors.
+        jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
+        states: (rows, W) state of each window at the sample where the next window starts.
+        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
+    """
+
+    errors: np.ndarray
+    jacobian: np.ndarray
+    states: np.ndarray
+    state_jacobian: np.ndarray
+
+
 class _Point(NamedTuple):
     """Best parameters for a given noise, and the predictions with these parameters.
 
@@ -243,20 +261,14 @@ class _Point(NamedTuple):
         values: (p,) parameters.
         noise: noise of the measurements and of the disturbance.
         gains: gains of the filter.
-        errors: (W, k) whitened errors.
-        jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
-        states: (rows, W) state of each window at the sample where the next window starts.
-        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
+        predictions: predictions with the parameters.
         likelihood: log-likelihood of the measurements.
     """
 
     values: np.ndarray
     noise: PredictionNoise
     gains: Gains
-    errors: np.ndarray
-    jacobian: np.ndarray
-    states: np.ndarray
-    state_jacobian: np.ndarray
+    predictions: _Predictions
     likelihood: float
 
     @classmethod
@@ -275,23 +287,7 @@ class _Point(NamedTuple):
         The parameters are not fitted if the fit would certainly have a smaller log-likelihood than `min_likelihood`.
         """
         values, predictions = _least_squares(predictor, parameters, start, gains, noise, min_likelihood=min_likelihood)
-        return cls(values, noise, gains, *predictions, _likelihood(predictor, gains, predictions.errors))
-
-
-class _Predictions(NamedTuple):
-    """Predictions with one set of parameters, and their derivatives.
-
-    Attributes:
-        errors: (W, k) whitened errors.
-        jacobian: (W, k, p) derivatives of the errors with respect to the parameters.
-        states: (rows, W) state of each window at the sample where the next window starts.
-        state_jacobian: (rows, p, W) derivatives of the states with respect to the parameters.
-    """
-
-    errors: np.ndarray
-    jacobian: np.ndarray
-    states: np.ndarray
-    state_jacobian: np.ndarray
+        return cls(values, noise, gains, predictions, _likelihood(predictor, gains, predictions.errors))
 
 
 class _Evaluation(NamedTuple):

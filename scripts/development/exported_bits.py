@@ -17,8 +17,8 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError, draw_sample, export_controller, exported_controller, load_scenario, simulate
 from drake_quad.command_line.options import bare_parser
-from drake_quad.control.exported.description import read_description
-from drake_quad.control.exported.machines import COMPILER_FLAGS, HostMachine
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import COMPILER_FLAGS, HostMachine
 from drake_quad.scenario.files.shipped import shipped_folder
 
 # Laboratories in which the controllers of each file are designed to fly.

@@ -49,6 +49,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.published import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
 from drake_quad.statistics.interval import Interval, plus_minus, spread_text
+from drake_quad.statistics.replicates import INDEPENDENT
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
@@ -120,7 +121,7 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
     one, other = metrics_of(first), metrics_of(second, crashed=[2])
     alone = metrics_of([0.2])
     flights = {"calm": {"pd": one, "pid": other}, "windy": {"pd": alone}}
-    compare.print_comparison(flights)
+    compare.print_comparison(flights, dict.fromkeys(flights, INDEPENDENT))
     header, *rows = cells(capsys.readouterr().out)
     assert header == [
         "scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y (m²/s⁴)", "relative RMSE",

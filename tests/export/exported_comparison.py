@@ -4,9 +4,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.assembly.control import build_control, control_recipes
-from drake_quad.control.exported.description import read_description
-from drake_quad.control.exported.machines import MACHINES, HostMachine
 from drake_quad.export.controller import export_controller
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import MACHINES, HostMachine
 from drake_quad.flight.mission import plan_route
 from drake_quad.scenario.batch import Batch
 

@@ -11,10 +11,10 @@ from exported_comparison import commands
 from random_scenarios import scenario_of, structures
 
 from drake_quad import InputError, draw_sample, load_scenario, simulate
-from drake_quad.control.exported.description import read_description
-from drake_quad.control.exported.machines import CORES, CROSS_COMPILER, EMULATOR, HostMachine, code_size
-from drake_quad.control.exported.system import exported_controller
 from drake_quad.export.controller import export_controller
+from drake_quad.exported.description import read_description
+from drake_quad.exported.machines import CORES, CROSS_COMPILER, EMULATOR, HostMachine, code_size
+from drake_quad.exported.system import exported_controller
 from drake_quad.scenario.layouts import rotors_of
 
 ROOT = Path(__file__).parents[2]
@@ -171,7 +171,9 @@ def test_a_controller_that_is_no_formula_is_refused_with_the_reason(tmp_path):
 
 def test_a_random_gain_is_refused(tmp_path):
     scenario = load_scenario("hover", ["control.position.k_p=[6, 6, {uniform: {min: 5, max: 7}}]"])
-    with pytest.raises(InputError, match=r"control\.position\.k_p.* is a distribution"):
+    with pytest.raises(
+        InputError, match=r"control\.position\.k_p.* is a distribution, but exported code contains a number"
+    ):
         export_controller(scenario, tmp_path)
 
 

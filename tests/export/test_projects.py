@@ -1,6 +1,7 @@
 """Tests of the projects around exported code, compiled against declarations of the published interfaces."""
 
 import ctypes
+import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,8 +12,8 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, export_controller, exported_controller, load_scenario, simulate
-from drake_quad.control.exported.machines import CROSS_COMPILER
 from drake_quad.export.projects import project_files
+from drake_quad.exported.machines import CROSS_COMPILER
 
 STUBS = Path(__file__).parent / "crazyflie_stubs"
 STRICT = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion")
@@ -150,6 +151,6 @@ def test_the_crazyflie_project_compiles_for_its_microcontroller(tmp_path):
 def test_code_that_does_not_fit_the_crazyflie_is_refused(changes, message, tmp_path):
     export = export_controller(load_scenario("hover"), tmp_path, precision="single", name="mine")
     with pytest.raises(InputError, match=message):
-        project_files("crazyflie", export.description._replace(**changes))
+        project_files("crazyflie", dataclasses.replace(export.description, **changes))
     with pytest.raises(InputError, match="project is 'kite'; it must be one of crazyflie"):
         project_files("kite", export.description)

@@ -40,7 +40,7 @@ def test_systems_with_several_periods_advance_as_in_drake(periods, tmp_path):
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", "holds.so", "holds.c"]
     subprocess.run(command, cwd=tmp_path, check=True)
     library = ctypes.CDLL(str(tmp_path / "holds.so"))
-    state = ctypes.create_string_buffer(8 * code.num_states + 8)
+    state = ctypes.create_string_buffer(8 * code.interface.num_states + 8)
     library.holds_init(state)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
@@ -55,7 +55,7 @@ def test_systems_with_several_periods_advance_as_in_drake(periods, tmp_path):
             state, None, command.ctypes.data_as(ctypes.c_void_p), outputs.ctypes.data_as(ctypes.c_void_p)
         )
         np.testing.assert_array_equal(outputs, expected if step % 2 == 0 else before)
-        simulator.AdvanceTo((step + 1) * code.period)
+        simulator.AdvanceTo((step + 1) * code.interface.period)
 
 
 def test_periods_that_are_no_multiples_of_each_other_are_refused():

@@ -445,7 +445,7 @@ def test_a_search_evaluates_its_result_once() -> None:
     assert points.count(found.values.tobytes()) == 1
     assert points[-1] != found.values.tobytes()
     errors, _ = predictor.errors(np.array([found.values]))
-    np.testing.assert_allclose(found.errors, errors[:, 0, 0].T)
+    np.testing.assert_allclose(found.predictions.errors, errors[:, 0, 0].T)
 
 
 @pytest.mark.parametrize(("mean", "far"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])

@@ -182,7 +182,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
         (f"{SMALL_FILE}  vehicle: !!int ''\n", "loop.yaml:6: '' is not a valid number"),
         (
             f"{SMALL_FILE}  {'y' * 900}: 1\n",
-            "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 7 more",
+            "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 8 more",
         ),
         (
             f"{SMALL_FILE}  seed: 1\0\n",

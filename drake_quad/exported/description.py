@@ -1,8 +1,9 @@
 """Description of exported code, which is stored beside it."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,11 @@ DESCRIPTION_FILE = "export.json"
 _NUMBER_TYPES = {"double": np.float64, "single": np.float32}
 
 
-class ExportDescription(NamedTuple):
-    """Description of exported code.
+@dataclass(frozen=True, kw_only=True)
+class CodeInterface:
+    """Interface and size of exported code.
 
     Attributes:
-        name: name of the files, and prefix of the names in C.
-        precision: "double" or "single".
         period: time between two steps, s.
         output_divisor: number of steps between two steps that write outputs.
         inputs: number of rows of each input.
@@ -26,13 +26,8 @@ class ExportDescription(NamedTuple):
         num_states: number of rows of the state.
         num_parameters: number of rows of the parameters.
         num_operations: largest number of arithmetic operations and calls of `math.h` in a step.
-        scenario: name of the scenario.
-        scenario_sha256: digest of the scenario's file.
-        version: version of drake_quad.
     """
 
-    name: str
-    precision: str
     period: float
     output_divisor: int
     inputs: dict[str, int]
@@ -40,6 +35,22 @@ class ExportDescription(NamedTuple):
     num_states: int
     num_parameters: int
     num_operations: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportDescription(CodeInterface):
+    """Description of exported code.
+
+    Attributes:
+        name: name of the files, and prefix of the names in C.
+        precision: "double" or "single".
+        scenario: name of the scenario.
+        scenario_sha256: digest of the scenario's file.
+        version: version of drake_quad.
+    """
+
+    name: str
+    precision: str
     scenario: str
     scenario_sha256: str
     version: str

@@ -9,10 +9,10 @@ import pytest
 from pydrake.systems.framework import Context
 
 from drake_quad import InputError, load_scenario, register_controller
-from drake_quad.control.exported.description import DESCRIPTION_FILE, read_description
-from drake_quad.control.exported.machines import HostMachine
-from drake_quad.control.exported.system import exported_controller
 from drake_quad.export.controller import export_controller
+from drake_quad.exported.description import DESCRIPTION_FILE, read_description
+from drake_quad.exported.machines import HostMachine
+from drake_quad.exported.system import exported_controller
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 

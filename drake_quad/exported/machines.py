@@ -18,8 +18,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.control.exported.description import DESCRIPTION_FILE, ExportDescription, read_description
 from drake_quad.errors import InputError, shorten_text
+from drake_quad.exported.description import DESCRIPTION_FILE, ExportDescription, read_description
 
 COMPILER_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """Options with which a C compiler keeps the order and rounding of all operations."""
@@ -68,10 +68,8 @@ class HostMachine:
 
     def step(self, state: bytes, inputs: bytes) -> tuple[bytes, bytes]:
         """Return the next state and the outputs of a step."""
-        memory, outputs = (
-            ctypes.create_string_buffer(state, len(state)),
-            ctypes.create_string_buffer(self._num_output_bytes),
-        )
+        memory = ctypes.create_string_buffer(state, len(state))
+        outputs = ctypes.create_string_buffer(self._num_output_bytes)
         self._step(memory, ctypes.c_void_p(self._parameters), inputs, outputs)
         return memory.raw, outputs.raw
 
@@ -165,7 +163,7 @@ class EmulatedBoard:
     """
 
     def __init__(self, folder: Path, core: str) -> None:
-        for program, package in ((CROSS_COMPILER, "gcc-arm-none-eabi"), (EMULATOR, "qemu-system-arm")):
+        for program, package in ((CROSS_COMPILER, "gcc-arm-none-eabi"), (EMULATOR, EMULATOR)):
             if shutil.which(program) is None:
                 raise InputError(
                     f"the emulated {core} needs {program}, which is not on PATH; Debian has it in the package {package}"
@@ -177,7 +175,6 @@ class EmulatedBoard:
         self._num_state_bytes = description.state_type.itemsize
         directory = tempfile.TemporaryDirectory()
         work = Path(directory.name)
-        self._folder = directory
         compile_for_board(folder, core, work / "program.elf")
         for name in ("requests", "responses"):
             os.mkfifo(work / name)

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from drake_quad.control.exported.description import ExportDescription, read_description
-from drake_quad.control.exported.machines import MACHINES, HostMachine
 from drake_quad.errors import InputError
+from drake_quad.exported.description import ExportDescription, read_description
+from drake_quad.exported.machines import MACHINES, HostMachine
 
 
 class ExportedController(LeafSystem):

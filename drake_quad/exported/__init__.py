@@ -1,0 +1,1 @@
+"""Exported controllers in the loop: compilation of their C code, emulated boards, and a Drake system."""
