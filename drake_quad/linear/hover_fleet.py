@@ -27,7 +27,6 @@ _MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
 _MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
 _STEP = 1e-3  # step of the differences, relative to a state that is larger than 1 in SI units
 _MAX_STEP = 1e4  # larger steps, in SI units, follow from a nearly singular matrix
-_MIN_SINGULAR_VALUE = 1e-9  # smallest singular value of such a matrix that counts, relative to the largest one
 _REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
 
 
@@ -84,8 +83,8 @@ class HoverFleet:
 def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
     """Return the equilibria (n, N) near hover, and the mask (N,) of the loops in which none is found."""
     x = period_map.start
-    inverse: np.ndarray | None = None
-    largest = np.full(x.shape[1], np.inf)
+    inverse = np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))).copy()
+    largest = np.full(x.shape[1], 0.0)
     for _ in range(_MAX_NEWTON_STEPS):
         change = period_map(x) - x
         before, largest = largest, np.abs(change).max(axis=0)
@@ -94,15 +93,20 @@ def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
         if not active.any():
             break
         # The derivatives are computed again only where the steps with the old ones converge slowly.
-        if inverse is None or (largest > _MIN_CONTRACTION * before)[active].any():
+        if (largest > _MIN_CONTRACTION * before)[active].any():
             matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
             matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
-            inverse = np.linalg.inv(matrix)
-            # A saturated command makes the matrix nearly singular; the shortest step then leads back from saturation.
-            singular = ~(np.abs(inverse @ change.T[:, :, np.newaxis]).max(axis=(1, 2)) < _MAX_STEP)
-            inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_MIN_SINGULAR_VALUE)
-        x[:, active] += (inverse[active] @ change[:, active].T[:, :, np.newaxis])[:, :, 0].T
+            new = np.linalg.inv(matrix)
+            # A saturated command does not depend on the state. The derivatives at the previous point then lead back.
+            regular = np.abs(_times(new, change)).max(axis=0) < _MAX_STEP
+            inverse[regular] = new[regular]
+        x[:, active] += _times(inverse, change)[:, active]
     return x, unsettled
+
+
+def _times(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the products (n, N) of N matrices (N, n, n) and as many columns (n, N)."""
+    return (matrices @ columns.T[:, :, np.newaxis])[:, :, 0].T
 
 
 class _PeriodMap:
@@ -111,13 +115,15 @@ class _PeriodMap:
     def __init__(self, diagram: Diagram, num_vehicles: int, period: float) -> None:
         self._diagram, self._context = diagram, diagram.CreateDefaultContext()
         self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+        # A settled state may saturate the command, so the search for the equilibrium starts at the initial state.
+        initial = self._context.Clone()
         at_tick(diagram, _NUM_SETTLING_TICKS * period, self._context)
         self._next = tick_after(self._context.get_time(), period)
         self._simulator, self._saved = Simulator(diagram, self._context), self._context.Clone()
         self._order = self._layout.vehicle_rows(num_vehicles)
         names = self._layout.names if num_vehicles == 1 else [each.rpartition(".")[0] for each in self._layout.names]
         self.states = tuple(names[first] for first in self._order[:, 0])
-        self.start = self._read(diagram, self._context)
+        self.start = self._read(diagram, initial)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return the states (n, N) after a period."""
