@@ -7,11 +7,10 @@ constant as exp(-t/τ). A linear fractional model
 
 has the structure that bounds of the structured singular value need. For each parameter, L, R and the diagonal block of
 N are a realisation of a polynomial of second degree (B. Ho and R. Kalman, 1966). The other blocks of N contain the
-products of parameters. Powers and singular values that are left out are an error of the model, which
-`FractionalModel.scale_error` measures by its effect on stability.
+products of parameters. Powers and singular values that are left out are an error of the model. It is represented by an
+unknown matrix with the largest error of the exact loops, as if it were another uncertain block.
 """
 
-import math
 from itertools import combinations, pairwise, product
 from typing import NamedTuple
 
@@ -20,17 +19,20 @@ import scipy
 
 from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_mu_bound
 
-_RANK_TOLERANCE = 5e-3  # smallest singular value of a realisation, relative to the largest one of all parameters
+_RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
 _RIDGE = 1e-3  # regularisation of mixed terms, relative
-_MIN_RADIUS_ERROR = 1e-6  # largest error of a spectral radius that counts as a rounding error
-_SCALES = np.linspace(0.5, 1.5, 101)  # distances along a ray, relative to the distance of the exact loop
+_ERROR_TOLERANCE = 1e-2  # smallest singular value of all errors that is modelled, relative to the largest one
+_MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
+_ERROR_FACTOR = 1.5  # allowance for larger errors between the points
 _MAX_CORNERS = 64  # largest number of corners of the box in a fit
 STEPS = (-1.0, -0.5, 0.5, 1.0)
 """Points on the axis of each parameter to which a model is fitted."""
 
 
 class FractionalModel(NamedTuple):
-    """Linear fractional model of a loop.
+    """Linear fractional model of a loop, with an error matrix.
+
+    The exact loop is A(ζ) + U E V with an unknown matrix E, whose largest singular value is at most 1.
 
     Attributes:
         A: (n, n) system matrix at the centre.
@@ -38,6 +40,8 @@ class FractionalModel(NamedTuple):
         N: (r, r) matrix.
         R: (r, n) matrix.
         sizes: numbers of rows of Z for each parameter, which sum to r.
+        U: (n, e) matrix.
+        V: (e, n) matrix.
     """
 
     A: np.ndarray
@@ -45,6 +49,8 @@ class FractionalModel(NamedTuple):
     N: np.ndarray
     R: np.ndarray
     sizes: tuple[int, ...]
+    U: np.ndarray
+    V: np.ndarray
 
     def loops(self, points: np.ndarray) -> np.ndarray:
         """Return the system matrices (K, n, n) at parameters (K, k)."""
@@ -54,44 +60,34 @@ class FractionalModel(NamedTuple):
     def bound(self, *, tolerance: float = 0.01, stop: float = 0.0) -> PeakBound:
         """Return the upper bound of the structured singular value on the unit circle.
 
-        If it is β, the model is stable for all parameters with |ζ_i| < 1/β.
+        If it is β ≥ 1, the loop is stable for all parameters with |ζ_i| < 1/β.
 
         Args:
             tolerance: relative accuracy.
             stop: bound that is good enough.
+
+        Raises:
+            ArithmeticError: no bound can be proved.
         """
         blocks = [Block(size, is_real=True) for size in self.sizes if size]
-        return peak_mu_bound(self.A, self.L, self.R, self.N, blocks, tolerance=tolerance, stop=stop)
+        num_errors = len(self.V)
+        if num_errors:
+            blocks.append(Block(num_errors, is_real=False))
+        D = scipy.linalg.block_diag(self.N, np.zeros((num_errors, num_errors)))
+        B, C = np.hstack([self.L, self.U]), np.vstack([self.R, self.V])
+        return peak_mu_bound(self.A, B, C, D, blocks, tolerance=tolerance, stop=stop)
 
-    def scale_error(self, points: np.ndarray, loops: np.ndarray) -> float:
-        """Return the relative error of the scale at which loops become unstable.
-
-        Along the ray to each parameter at which the exact loop or the model is unstable, the model has the spectral
-        radius of the exact loop at another distance from the centre. The result is the largest relative difference of
-        the distances; infinite if the model never has this spectral radius.
-
-        Args:
-            points: (K, k) parameters.
-            loops: (K, n, n) exact system matrices.
-        """
-        exact, fitted = spectral_radii(loops), spectral_radii(self.loops(points))
-        checked = (np.maximum(exact, fitted) >= 1.0) & (np.abs(exact - fitted) > _MIN_RADIUS_ERROR)
-        largest = 0.0
-        for point, radius in zip(points[checked], exact[checked], strict=True):
-            radii = spectral_radii(self.loops(_SCALES[:, np.newaxis] * point))
-            crossings = np.flatnonzero((radii[1:] >= radius) != (radii[:-1] >= radius))
-            if not len(crossings):
-                return math.inf
-            low, high = radii[crossings], radii[crossings + 1]
-            scales = _SCALES[crossings] + (radius - low) / (high - low) * np.diff(_SCALES)[crossings]
-            largest = max(largest, float(np.abs(scales - 1.0).min()))
-        return largest
+    def strengths(self, omega: float) -> np.ndarray:
+        """Return the norms (k,) of the frequency responses from each parameter to itself, at ω (rad per sample)."""
+        response = self.R @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(self.A)) - self.A, self.L) + self.N
+        ends = np.cumsum([0, *self.sizes])
+        return np.array([np.linalg.norm(response[low:high, low:high]) for low, high in pairwise(ends)])
 
 
 def spectral_radii(loops: np.ndarray) -> np.ndarray:
-    """Return the spectral radii (K,) of system matrices (K, n, n); infinite for NaN."""
+    """Return the spectral radii (K,) of system matrices (K, n, n); NaN for a matrix with NaN."""
     finite = np.isfinite(loops).all(axis=(1, 2))
-    radii = np.full(len(loops), np.inf)
+    radii = np.full(len(loops), np.nan)
     if finite.any():
         radii[finite] = np.abs(np.linalg.eigvals(loops[finite])).max(axis=1, initial=0.0)
     return radii
@@ -156,9 +152,28 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
                 mixed, (lefts[i], rights[i]), (lefts[j], rights[j])
             )
     L, R = np.hstack([np.zeros((n, 0)), *lefts]), np.vstack([np.zeros((0, n)), *rights])
+    model = FractionalModel(centre, L, N, R, tuple(sizes), np.zeros((n, 0)), np.zeros((0, n)))
+    U, V = _error_matrices(loops - model.loops(points))
+    column = scales[:, np.newaxis]
     return FractionalModel(
-        centre * scales[:, np.newaxis] / scales, L * scales[:, np.newaxis], N, R / scales, tuple(sizes)
+        centre * column / scales, L * column, N, R / scales, tuple(sizes), U * column, V / scales
     )
+
+
+def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrices U (n, e) and V (e, n), so that each of the errors (K, n, n) is U E V with |E| at most 1."""
+    n = errors.shape[1]
+    # Eigenvalues of the sums of E Eᵀ and Eᵀ E are the squares of the singular values of all errors side by side.
+    squares, left = np.linalg.eigh(np.einsum("kij,klj->il", errors, errors))
+    other_squares, right = np.linalg.eigh(np.einsum("kji,kjl->il", errors, errors))
+    s, t = (np.sqrt(np.maximum(each[::-1], 0.0)) for each in (squares, other_squares))
+    rank = int((s > _ERROR_TOLERANCE * max(s[0], _MIN_ERROR)).sum())
+    if not rank:
+        return np.zeros((n, 0)), np.zeros((0, n))
+    U, V = left[:, : -rank - 1 : -1] * np.sqrt(s[:rank]), (right[:, : -rank - 1 : -1] * np.sqrt(t[:rank])).T
+    sizes = np.linalg.norm(np.linalg.pinv(U) @ errors @ np.linalg.pinv(V), 2, axis=(1, 2))
+    root = np.sqrt(_ERROR_FACTOR * sizes.max())
+    return U * root, V * root
 
 
 def _mixed_blocks(
