@@ -2,15 +2,14 @@
 
 The ranges of all distributions are multiplied by a scale about their centres. Below the first printed scale, every
 combination of parameters is stable, by the structured singular value of the exact sampled loop. At the second one, the
-command has found an unstable loop.
+command has found an unstable loop. Combinations without an equilibrium, at which the rotors cannot hold the vehicle in
+hover, are reported separately.
 """
 
 import argparse
 import math
 import time
 from pathlib import Path
-
-import numpy as np
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
@@ -34,6 +33,8 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at
 from drake_quad.scenario.paths import distributions_in, map_leaves
+
+_MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
 
 
 def options() -> argparse.ArgumentParser:
@@ -76,13 +77,13 @@ def main(arguments: argparse.Namespace) -> None:
         print_joint_disk_margin(joint_disk_margin(median))
     print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
     files = [write_values(folder / "certificate.csv", median, found)]
-    if found.values:
-        file = folder / "unstable.yaml"
-        unstable = map_leaves(median, lambda path, value: found.values.get(path, value))
-        save_scenario(unstable, file)
-        files.append(file)
-        print("fly with the unstable parameters")
-        print(f"  {flying_command('fly', unstable, file)}")
+    for name, failure in (("unstable", found.unstable), ("no_equilibrium", found.lost)):
+        if failure.values:
+            files.append(folder / f"{name}.yaml")
+            failing = map_leaves(median, lambda path, value, values=failure.values: values.get(path, value))
+            save_scenario(failing, files[-1])
+            print(f"fly with the parameters of {files[-1].name}")
+            print(f"  {flying_command('fly', failing, files[-1])}")
     print_files(files)
 
 
@@ -116,33 +117,49 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
-    """Print the bounds of the scale, the unstable loop, and what the certificate leaves out."""
+    """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
     print(f"{scenario.name}: hover in still air, with the ranges of {len(found.parameters)} parameters scaled at once")
-    print(f"  stable up to scale {found.stable_scale:.3g}" if found.stable_scale else "  no stable scale is certified")
-    if math.isfinite(found.unstable_scale):
-        print(f"  unstable at scale  {found.unstable_scale:.3g}")
-        median = median_scenario(scenario)
-        rows = []
-        for path, value in found.values.items():
-            unit = unit_at(median, path)
-            rows.append((path, f"{number_at(median, path):.4g}", f"{value:.4g}", "" if unit == "1" else unit))
-        print_columns(("parameter", "median", "unstable", "unit"), rows)
-    else:
-        print(f"  no unstable loop up to scale {MAX_SCALE:g}")
-    if found.stable_scale < 0.9 * found.unstable_scale:
-        remark("the bounds are far apart, since the model does not follow how the loop depends on the parameters")
+    print(f"  stable up to scale       {found.stable_scale:.3g}")
+    failures = {"unstable": found.unstable, "no equilibrium": found.lost}
+    for name, failure in failures.items():
+        if failure.values:
+            print(f"  {f'{name} at scale':24s} {failure.scale:.3g}")
+        elif name == "unstable":
+            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
+    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
+    median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
+    rows = []
+    for path in (*found.parameters, *found.choices) if columns else ():
+        unit = unit_at(median, path)
+        numbers = [number_at(median, path), *(each.values[path] for each in columns.values())]
+        rows.append((path, *(f"{number:.4g}" for number in numbers), "" if unit == "1" else unit))
+    print_columns(("parameter", "median", *columns, "unit"), rows)
+    if found.lost.values:
+        remark(
+            "a combination without an equilibrium saturates a command or the rotors, so the vehicle cannot hover there;"
+            " its loop is neither stable nor unstable"
+        )
+    if found.gap > _MAX_GAP:
+        remark(
+            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is neither proved nor"
+            " disproved to be stable"
+        )
     if found.left_out:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
 
 
 def write_values(path: Path, median: Scenario, found: Certificate) -> Path:
-    """Write a table with the bounds of the scale, and with the values of the parameters in the unstable loop."""
-    values = np.array([number_at(median, each) for each in found.values])
+    """Write a table with the bounds of the scale, and with the values of the parameters at which hover fails."""
+    paths = (*found.parameters, *found.choices)
+    failures = {"unstable": found.unstable, "no_equilibrium": found.lost}
     return write_table(
         path,
         {
-            "parameter": ["stable_scale", "unstable_scale", *found.values],
-            "median": ["", "", *values],
-            "unstable": [found.stable_scale, found.unstable_scale, *found.values.values()],
+            "parameter": ["stable_scale", "failing_scale", *paths],
+            "median": ["", "", *(number_at(median, each) for each in paths)],
+            **{
+                name: [found.stable_scale, each.scale, *(each.values.get(path, math.nan) for path in paths)]
+                for name, each in failures.items()
+            },
         },
     )

@@ -68,7 +68,8 @@ class Certificate:
     @property
     def gap(self) -> float:
         """Difference between the smallest scale of a failure, or `MAX_SCALE`, and the stable scale, relative to it."""
-        return 1.0 - self.stable_scale / min(self.unstable.scale, self.lost.scale, MAX_SCALE)
+        failing = min(self.unstable.scale, self.lost.scale, MAX_SCALE)
+        return 1.0 - self.stable_scale / failing if failing > 0.0 else 0.0
 
 
 def certify_hover(

@@ -82,7 +82,16 @@ class HoverFleet:
 
 def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
     """Return the equilibria (n, N) near hover, and the mask (N,) of the loops in which none is found."""
-    x = period_map.start
+    x, unsettled = _newton(period_map, period_map.settled)
+    if unsettled.any():
+        other, lost = _newton(period_map, np.where(unsettled, period_map.initial, x))
+        x, unsettled = np.where(unsettled, other, x), lost
+    return x, unsettled
+
+
+def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (n, N) to which Newton's method leads from (n, N), and the mask (N,) of those that change."""
+    x = start.copy()
     inverse = np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))).copy()
     largest = np.full(x.shape[1], 0.0)
     for _ in range(_MAX_NEWTON_STEPS):
@@ -115,15 +124,14 @@ class _PeriodMap:
     def __init__(self, diagram: Diagram, num_vehicles: int, period: float) -> None:
         self._diagram, self._context = diagram, diagram.CreateDefaultContext()
         self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
-        # A settled state may saturate the command, so the search for the equilibrium starts at the initial state.
-        initial = self._context.Clone()
+        self._order = self._layout.vehicle_rows(num_vehicles)
+        self.initial = self._read(diagram, self._context)
         at_tick(diagram, _NUM_SETTLING_TICKS * period, self._context)
         self._next = tick_after(self._context.get_time(), period)
         self._simulator, self._saved = Simulator(diagram, self._context), self._context.Clone()
-        self._order = self._layout.vehicle_rows(num_vehicles)
         names = self._layout.names if num_vehicles == 1 else [each.rpartition(".")[0] for each in self._layout.names]
         self.states = tuple(names[first] for first in self._order[:, 0])
-        self.start = self._read(diagram, initial)
+        self.settled = self._read(diagram, self._context)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return the states (n, N) after a period."""

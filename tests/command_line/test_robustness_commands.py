@@ -81,10 +81,12 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
 
 @pytest.mark.slow
 def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
-    result = run("certify", "hover", "--vary", "vehicle.rotor_time_constant=30%", "--output", tmp_path)
+    late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
+    result = run("certify", "hover", *late, "--output", tmp_path)
     assert result.returncode == 0
     assert "stable up to scale" in result.stdout
     assert "unstable at scale" in result.stdout
+    assert "gap between the bounds" in result.stdout
     assert "all loops at the command link at once: disk margin" in result.stdout
     assert files(result) == ["certificate.csv", "unstable.yaml"]
     assert load_scenario(tmp_path / "unstable.yaml").vehicle.rotor_time_constant > 0.065

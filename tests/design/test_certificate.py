@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.design.certificate import Range, certify_hover, parameters_in_hover
+from drake_quad.design.certificate import certify_hover
+from drake_quad.design.uncertain_hover import Range, parameters_in_hover
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.fractional_model import spectral_radii
 from drake_quad.linear.hover_fleet import HoverFleet
@@ -35,21 +36,25 @@ def poles_at(numbers):
 
 @pytest.mark.slow
 def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
-    assert 0.9 * certificate.unstable_scale < certificate.stable_scale < certificate.unstable_scale < math.inf
+    assert 0.9 * certificate.unstable.scale < certificate.stable_scale < certificate.unstable.scale < math.inf
+    assert certificate.gap < 0.1
     assert certificate.parameters == tuple(FIELDS)
+    assert certificate.lost.scale == math.inf
 
 
 @pytest.mark.slow
 def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
-    assert 1.0 <= poles_at(certificate.values).max() < 1.01
+    assert 1.0 < poles_at(certificate.unstable.values).max() < 1.01
     for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
-        assert abs(certificate.values[path] / centre - 1.0) <= spread * certificate.unstable_scale + 1e-9
+        distance = abs(certificate.unstable.values[path] / centre - 1.0)
+        assert distance <= spread * certificate.unstable.scale + 1e-9
 
 
 @pytest.mark.slow
-def test_no_sampled_loop_within_the_certified_scale_is_unstable(certificate):
+def test_no_loop_of_a_grid_within_the_certified_scale_is_unstable(certificate):
     resting = symmetric_hover(at_rest(late()))
-    fractions = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2)) * SPREADS * certificate.stable_scale
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
+    fractions = grid * SPREADS * certificate.stable_scale
     loops = HoverFleet(resting, [*FIELDS])(np.array([*FIELDS.values()]) * (1.0 + fractions))
     assert spectral_radii(loops).max() < 1.0
 
@@ -58,13 +63,25 @@ def test_no_sampled_loop_within_the_certified_scale_is_unstable(certificate):
 def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
     found = certify_hover(late(LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
-    for _ in range(20):
+    for _ in range(12):
         middle = 0.5 * (low + high)
-        poles = poles_at({"vehicle.rotor_time_constant": middle, "laboratory.command_link.delay_ticks": 4.0})
-        low, high = (middle, high) if poles.max() < 1.0 else (low, middle)
-    assert found.stable_scale <= (low - 0.05) / 0.015 * 1.001
-    assert found.stable_scale == pytest.approx((low - 0.05) / 0.015, rel=0.1)
-    assert found.unstable_scale == pytest.approx((low - 0.05) / 0.015, rel=0.02)
+        stable = poles_at({"vehicle.rotor_time_constant": middle}).max() < 1.0
+        low, high = (middle, high) if stable else (low, middle)
+    critical = (low - 0.05) / 0.015
+    assert 0.9 * critical < found.stable_scale <= 1.001 * critical
+    assert found.unstable.scale == pytest.approx(critical, rel=0.02)
+
+
+@pytest.mark.slow
+def test_loops_without_an_equilibrium_are_not_unstable():
+    # The commanded thrust is 0.3 to 1.8 times the nominal weight. At scale 2.33 the vehicle is lighter, and all loops
+    # with an equilibrium are stable.
+    overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in FIELDS.items()]
+    found = certify_hover(load_scenario("hover", overrides))
+    assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
+    assert found.lost.values["vehicle.mass"] < 0.3 * 0.68
+    assert found.unstable.scale > found.lost.scale
+    assert found.gap < 0.1
 
 
 @pytest.mark.slow
@@ -75,9 +92,9 @@ def test_a_certificate_depends_only_on_the_seed():
 
 @pytest.mark.slow
 def test_a_loop_that_is_unstable_at_the_centre_has_no_stable_scale():
-    unstable = certify_hover(load_scenario("hover", [LAG, "laboratory.command_link.delay_ticks=20"]))
-    assert unstable.stable_scale == unstable.unstable_scale == 0.0
-    assert poles_at(unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
+    found = certify_hover(load_scenario("hover", [LAG, "laboratory.command_link.delay_ticks=20"]))
+    assert found.stable_scale == found.unstable.scale == found.gap == 0.0
+    assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
 
 
 def test_parameters_that_do_not_act_on_hover_are_left_out():
@@ -95,6 +112,13 @@ def test_a_range_is_scaled_about_its_centre_and_stays_positive():
     assert Range("", "", 0.6, 0.8, False).at(z).tolist() == pytest.approx([0.07, 0.6, 0.7, 0.8, 0.9])
     assert Range("", "", -0.1, 0.3, False).at(z).tolist() == pytest.approx([-19.9, -0.1, 0.1, 0.3, 0.5])
     assert Range("", "", 0.1, 0.4, True).at(z[1:]).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.8])
+
+
+@pytest.mark.parametrize("limits", [(0.6, 0.8, False), (-0.1, 0.3, False), (0.1, 0.4, True)])
+def test_values_have_the_scale_from_which_they_follow(limits):
+    z = np.array([-1.5, -1.0, 0.0, 0.3, 2.0])
+    each = Range("", "", *limits)
+    assert each.scaled(each.at(z)) == pytest.approx(z)
 
 
 def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():

@@ -33,3 +33,21 @@ def test_a_vehicle_that_is_too_heavy_to_hover_has_no_loop(resting):
     loops = HoverFleet(resting, ["vehicle.mass"])(np.array([[0.68], [50.0]]))
     assert np.isfinite(loops[0]).all()
     assert np.isnan(loops[1]).all()
+
+
+def test_loops_have_an_equilibrium_exactly_within_the_limits_of_the_thrust(resting):
+    # The commanded thrust is 0.3 to 1.8 times the nominal weight, so a mass of 0.204 kg to 1.224 kg can hover.
+    mass = np.array([0.203, 0.205, 0.2465, 1.223, 1.225])
+    loops = HoverFleet(resting, ["vehicle.mass", "vehicle.rotor_time_constant"])(
+        np.stack([mass, np.full(5, 0.0819)], axis=1)
+    )
+    assert np.isfinite(loops).all(axis=(1, 2)).tolist() == [False, True, True, True, False]
+
+
+def test_a_light_vehicle_with_slow_rotors_has_its_exact_poles(resting):
+    numbers = {"vehicle.mass": 0.2465, "vehicle.rotor_time_constant": 0.0819}
+    exact = decoupled_loop(map_leaves(resting, lambda path, value: numbers.get(path, value)))
+    (loop,) = HoverFleet(resting, [*numbers])(np.array([[*numbers.values()]]))
+    radius = np.abs(np.linalg.eigvals(loop)).max()
+    assert radius == pytest.approx(np.abs(exact.poles()).max(), abs=1e-7)
+    assert radius < 0.995
