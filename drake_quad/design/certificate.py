@@ -119,14 +119,18 @@ def _search(hover: UncertainHover) -> None:
     """
     k = len(hover.ranges)
     all_corners = 2**k <= _MAX_CORNERS
-    corners = [*product((-1.0, 1.0), repeat=k)] if all_corners else hover.generator.choice([-1.0, 1.0], (_MAX_CORNERS, k))
+    corners = (
+        [*product((-1.0, 1.0), repeat=k)] if all_corners else hover.generator.choice([-1.0, 1.0], (_MAX_CORNERS, k))
+    )
     directions, combinations = hover.everywhere(np.array(corners))
     stable, scale = 0.0, 1.0
     while not (fails := _fails(hover, scale * directions, combinations)).any() and scale < MAX_SCALE:
         stable, scale = scale, min(2.0 * scale, MAX_SCALE)
     if not fails.any():
         return
-    while stable == 0.0 and scale > _MIN_SCALE and (closer := _fails(hover, 0.5 * scale * directions, combinations)).any():
+    while (
+        stable == 0.0 and scale > _MIN_SCALE and (closer := _fails(hover, 0.5 * scale * directions, combinations)).any()
+    ):
         scale, fails = 0.5 * scale, closer
     stable = max(stable, 0.5 * scale)
     direction, combination, scale = _bisect(hover, directions[fails], combinations[fails], stable, scale)

@@ -262,7 +262,9 @@ class UncertainHover:
         return np.stack(z, axis=1)
 
     def _fleet_of(self, hovering: Scenario, own: UserSystems) -> HoverFleet:
-        return HoverFleet(hovering, [*(each.field for each in self.ranges), *(each.field for each in self.choices)], own=own)
+        return HoverFleet(
+            hovering, [*(each.field for each in self.ranges), *(each.field for each in self.choices)], own=own
+        )
 
     def _values(self, z: np.ndarray) -> np.ndarray:
         """Return the values (K, k) of the parameters with a range."""

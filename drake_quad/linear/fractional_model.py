@@ -155,9 +155,7 @@ def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalMod
     model = FractionalModel(centre, L, N, R, tuple(sizes), np.zeros((n, 0)), np.zeros((0, n)))
     U, V = _error_matrices(loops - model.loops(points))
     column = scales[:, np.newaxis]
-    return FractionalModel(
-        centre * column / scales, L * column, N, R / scales, tuple(sizes), U * column, V / scales
-    )
+    return FractionalModel(centre * column / scales, L * column, N, R / scales, tuple(sizes), U * column, V / scales)
 
 
 def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
