@@ -30,7 +30,8 @@ MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
 _GOAL = 0.95  # ratio of both bounds at which the division into cells ends
 _BELOW = 0.99  # size of the box of the bound, relative to the smallest scale of a failure
-_MAX_CELLS = 1500  # largest number of cells
+_MAX_CELLS = 150  # largest number of cells
+_MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
 _NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
 _MAX_CORNERS = 64  # largest number of corners of the box in a search
 _NUM_CANDIDATES = 48  # loops of a round of the search
@@ -240,10 +241,14 @@ def _proof(hover: UncertainHover, cell: _Cell, points: np.ndarray, loops: np.nda
         return cell.distance(), int(np.argmax(cell.high - cell.low))
     model = fit_fractional_model(points, loops)
     try:
-        found = model.bound(stop=1.0)
+        whole = bool((cell.low == -cell.high).all())
+        found = model.bound(stop=1.0, limit=math.inf if whole else _MAX_BOUND)
     except ArithmeticError:
         return cell.distance(), int(np.argmax(model.strengths(0.0)))
     if found.value <= 1.0:
         return math.inf, 0
+    axis = int(np.argmax(model.strengths(found.frequency)))
+    if not math.isfinite(found.value):
+        return cell.distance(), axis
     inner = hover.shrunk(cell.part, cell.low, cell.high, 1.0 / found.value)
-    return cell.distance_without(*inner), int(np.argmax(model.strengths(found.frequency)))
+    return cell.distance_without(*inner), axis

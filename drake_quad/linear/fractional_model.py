@@ -57,7 +57,7 @@ class FractionalModel(NamedTuple):
         Z = np.repeat(points, self.sizes, axis=1)[:, :, np.newaxis]
         return self.A + self.L @ np.linalg.solve(np.eye(len(self.N)) - Z * self.N, Z * self.R)
 
-    def bound(self, *, tolerance: float = 0.01, stop: float = 0.0) -> PeakBound:
+    def bound(self, *, tolerance: float = 0.01, stop: float = 0.0, limit: float = np.inf) -> PeakBound:
         """Return the upper bound of the structured singular value on the unit circle.
 
         If it is β ≥ 1, the loop is stable for all parameters with |ζ_i| < 1/β.
@@ -65,6 +65,7 @@ class FractionalModel(NamedTuple):
         Args:
             tolerance: relative accuracy.
             stop: bound that is good enough.
+            limit: largest bound of interest; a larger one is infinite.
 
         Raises:
             ArithmeticError: no bound can be proved.
@@ -75,7 +76,7 @@ class FractionalModel(NamedTuple):
             blocks.append(Block(num_errors, is_real=False))
         D = scipy.linalg.block_diag(self.N, np.zeros((num_errors, num_errors)))
         B, C = np.hstack([self.L, self.U]), np.vstack([self.R, self.V])
-        return peak_mu_bound(self.A, B, C, D, blocks, tolerance=tolerance, stop=stop)
+        return peak_mu_bound(self.A, B, C, D, blocks, tolerance=tolerance, stop=stop, limit=limit)
 
     def strengths(self, omega: float) -> np.ndarray:
         """Return the norms (k,) of the frequency responses from each parameter to itself, at ω (rad per sample)."""

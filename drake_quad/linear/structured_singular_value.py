@@ -229,6 +229,7 @@ def peak_mu_bound(
     *,
     tolerance: float = 0.01,
     stop: float = 0.0,
+    limit: float = math.inf,
 ) -> PeakBound:
     """Return an upper bound of the structured singular value of C (zI - A)⁻¹ B + D on the whole unit circle.
 
@@ -242,6 +243,7 @@ def peak_mu_bound(
         blocks: blocks of Δ, whose sizes sum to r.
         tolerance: relative accuracy.
         stop: bound that is good enough at every frequency.
+        limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
 
     Raises:
         ArithmeticError: if the bound cannot be proved between some frequencies, because a pole is on the unit circle.
@@ -270,11 +272,13 @@ def peak_mu_bound(
         first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
         sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]
         for omega in first[np.argsort(sizes)[::-1]][:_NUM_FIRST_FREQUENCIES]:
+            if level > limit:
+                return PeakBound(math.inf, peak[1])
             if any(low - _MIN_GAP <= omega <= high + _MIN_GAP for low, high in gaps):
                 prove(float(omega))
         for _ in range(_MAX_FREQUENCIES):
-            if not gaps:
-                return PeakBound(level, peak[1])
+            if not gaps or level > limit:
+                return PeakBound(level if level <= limit else math.inf, peak[1])
             before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
             prove(0.5 * (low + high))
             if gaps == before:

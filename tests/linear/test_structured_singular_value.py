@@ -120,6 +120,13 @@ def test_the_bound_on_the_circle_holds_between_the_points_of_any_grid(system):
     assert max(bounds) <= peak.value <= 1.02 * max(bounds)
 
 
+def test_a_bound_above_the_limit_is_infinite(system):
+    A, B, C, D = system
+    value = peak_mu_bound(A, B, C, D, scalars("rrc")).value
+    assert peak_mu_bound(A, B, C, D, scalars("rrc"), limit=0.9 * value).value == np.inf
+    assert peak_mu_bound(A, B, C, D, scalars("rrc"), limit=1.05 * value).value == pytest.approx(value)
+
+
 def test_a_narrow_resonance_is_not_missed():
     radius, angle = 0.9999, 1.2345
     A = radius * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
