@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> None:
     for name, failure in (("unstable", found.unstable), ("no_equilibrium", found.lost)):
         if failure.values:
             files.append(folder / f"{name}.yaml")
-            failing = map_leaves(median, lambda path, value, values=failure.values: values.get(path, value))
+            failing = _with_numbers(median, failure.values)
             save_scenario(failing, files[-1])
             print(f"fly with the parameters of {files[-1].name}")
             print(f"  {flying_command('fly', failing, files[-1])}")
@@ -114,6 +114,11 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
         low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
         ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
     return map_leaves(median, lambda path, value: ranges.get(path, value))
+
+
+def _with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
+    """Return the scenario with other numbers, by path."""
+    return map_leaves(scenario, lambda path, value: numbers.get(path, value))
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
