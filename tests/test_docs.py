@@ -44,6 +44,7 @@ SHORT_OPTIONS = {
     "replicate": ["--workers", "1"],
     "risk": ["--set", "duration=0.3", "--event", "peak_error > 0.001", "--population", "500", "--to", "900%"],
     "falsify": ["--set", "duration=0.3", "--flights", "250", "--noise", "1"],
+    "certify": ["--set", "laboratory.command_link.delay_ticks=1", "--vary", "vehicle.rotor_time_constant=30%"],
     "sobol": ["--set", "duration=0.3", "--points", "8"],
     "predict_flights.py": ["--wind", "wind_8_sine"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],

@@ -24,7 +24,7 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
+from drake_quad.command_line.output import flying_command, print_columns, print_files, print_joint_disk_margin, remark
 from drake_quad.design.cascade import (
     CascadeDesign,
     LoopOptions,
@@ -40,6 +40,7 @@ from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
 from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
+from drake_quad.linear.link_margins import joint_disk_margin
 from drake_quad.linear.modes import modes
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.distributions import Model
@@ -142,6 +143,7 @@ def main(arguments: argparse.Namespace) -> None:
     files += save_figures(figures, folder, vector=arguments.vector)
     print_design(design)
     print_modes(loop)
+    print_joint_disk_margin(joint_disk_margin(nominal_hover(median_scenario(designed))))
     print(f"\nto use the gains in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed scenario:")
     command = ("study", designed, files[1], "--samples 32") if has_distributions else ("fly", designed, files[1])
     print(f"  {flying_command(*command)}")

@@ -29,6 +29,7 @@ COMMANDS_BY_PURPOSE = {
         "study": "fly thousands of samples of a scenario, and summarise their metrics",
         "risk": "estimate the probability of a rare event, and find the worst samples",
         "falsify": "search for the worst case of a scenario",
+        "certify": "certify the range of parameters in which hover is stable",
         "sobol": "attribute the variance of a metric to the random parameters",
         "compare": "fly several controllers in several laboratories on the same samples",
         "sensitivities": "differentiate the metrics of a flight with respect to fields of its scenario",

@@ -59,6 +59,14 @@ def print_margins(margins_by_signal: dict[str, Any]) -> None:
     print_columns(("signal", "max |S|", "delay", "phase", "gain", "gain reduction", "crossover", "bandwidth"), rows)
 
 
+def print_joint_disk_margin(margin: Any) -> None:
+    """Print the disk margin of all loops at once, a `JointDiskMargin`."""
+    print(
+        f"all loops at the command link at once: disk margin {margin.disk:.2f}, which tolerates ±{margin.gain:.1f} dB"
+        f" and ±{margin.phase:.0f}° in every signal"
+    )
+
+
 def remark(sentence: str) -> None:
     """Print a remark on standard error about a result or an input that the user may not have intended."""
     print(f"remark: {sentence}", file=sys.stderr)

@@ -37,6 +37,7 @@ _HOVER_ROUTE = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 _NUM_SETTLING_TICKS = 4
 # Largest state change over a period that counts as an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
+_ROTOR_SPEED = "vehicle.rotor_speed."  # part of the names of the rotor states
 _MAX_NEWTON_STEPS = 20  # largest number of steps in the search for an equilibrium
 
 
@@ -71,7 +72,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(_periods(resting).values()))
+    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(loop_periods(resting).values()))
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
@@ -90,7 +91,7 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
-    for name, other in _periods(resting).items():
+    for name, other in loop_periods(resting).items():
         if other > period:
             raise InputError(
                 f"{name} is {other:g} s, but must be at most {period:g} s, the link period, for margins at the link"
@@ -120,7 +121,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     Raises:
         InputError: under the conditions of `closed_loop`.
     """
-    period = max(_periods(hovering).values())
+    period = max(loop_periods(hovering).values())
     plan = plan_route(hovering)
     diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=Exported(period))
     context = diagram.CreateDefaultContext()
@@ -182,7 +183,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
-    for name, other in _periods(resting).items():
+    for name, other in loop_periods(resting).items():
         if not 0.0 < other <= period:
             raise InputError(
                 f"{name} is {other:g} s, but must be at most {period:g} s, one tick, for the design of gains"
@@ -244,11 +245,24 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     return rotor_action(commanded, nominal).wrench
 
 
+def rotor_rows(states: Sequence[str]) -> list[int]:
+    """Return the indices of the states that are speeds of rotors."""
+    return [i for i, name in enumerate(states) if _ROTOR_SPEED in name]
+
+
+def wrench_of_rotors(resting: Scenario) -> np.ndarray:
+    """Return the matrix (4, 4) from changes of the rotor speeds to changes of scaled thrust and torques near hover.
+
+    Raises:
+        InputError: the rotors cannot hold the vehicle in hover.
+    """
+    return _wrench_pattern(_hover_speeds(resting), vehicle_parameters(resting.vehicle))
+
+
 def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
     """Return the system with the rotors' thrust and torques as states instead of the rotor speeds."""
-    suffix = "vehicle.rotor_speed."
-    rotors = [i for i, name in enumerate(system.states) if suffix in name]
-    prefix, _, _ = system.states[rotors[0]].partition(suffix)
+    rotors = rotor_rows(system.states)
+    prefix, _, _ = system.states[rotors[0]].partition(_ROTOR_SPEED)
     names = [f"{prefix}vehicle.rotors.{name}" for name in Wrench._fields]
     pattern = _wrench_pattern(hover, parameters)
     return system.transformed(rotors, pattern, names)
@@ -315,7 +329,7 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
     return pattern / np.abs(pattern).max(axis=1, keepdims=True)
 
 
-def _periods(scenario: Scenario) -> dict[str, float]:
+def loop_periods(scenario: Scenario) -> dict[str, float]:
     """Return all periods of a loop, by name, s; the time step of a vehicle with a continuous state is 0."""
     periods = {join_path(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)

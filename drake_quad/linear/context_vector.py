@@ -65,6 +65,15 @@ class ContextVector:
             self._vector(diagram, root, group).SetFromVector(numbers[first:end])
             first = end
 
+    def vehicle_rows(self, num_vehicles: int) -> np.ndarray:
+        """Return the indices (n, N) of the numbers of each vehicle, for the diagram of a fleet of N vehicles."""
+        rows, first = [], 0
+        for group in self._groups:
+            size = len(group.names)
+            rows.append(np.arange(first, first + size).reshape(-1, num_vehicles))
+            first += size
+        return np.concatenate(rows)
+
     @staticmethod
     def _vector(diagram: Diagram, root: Context, group: _Group) -> Any:
         context = subsystem(diagram, group.path).GetMyMutableContextFromRoot(root)

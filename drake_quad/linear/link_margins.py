@@ -9,6 +9,7 @@ follows exactly from the linear model of the closed loop, in which all other sig
 transfer function of the loop broken at this signal.
 """
 
+import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from drake_quad.errors import InputError
 from drake_quad.linear.closed_loop import loop_with_injection
 from drake_quad.linear.margins import Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
+from drake_quad.linear.structured_singular_value import Block, mu_bound
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
@@ -26,6 +28,7 @@ _MIN_FEEDBACK = 1e-9  # |S - 1|; a signal with smaller values at all frequencies
 # to 2e-4.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s, smallest frequency of the grid
+_NUM_DISK_FREQUENCIES = 400  # number of grid frequencies in `joint_disk_margin`
 _NUM_NEAR_PEAK = 17  # number of frequencies in the refinement between the neighbours of the largest value on the grid
 
 
@@ -78,6 +81,55 @@ def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
     return FastLinkMargins(
         _peaks(loops, fed_back, grid, S[fed_back]), fast_margins(1.0 / S[fed_back] - 1.0, grid).delay
     )
+
+
+class JointDiskMargin(NamedTuple):
+    """Disk margin of all signals on the link at once.
+
+    All signals may change at the same time, each by its own factor in the disk of the margin α, see `Margins.disk`.
+
+    Attributes:
+        disk: disk margin α, a lower bound by the structured singular value.
+        gain: change of all gains that is tolerated in both directions, dB.
+        phase: change of all phases that is tolerated in both directions, degrees.
+    """
+
+    disk: float
+    gain: float
+    phase: float
+
+
+def joint_disk_margin(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> JointDiskMargin:
+    """Return the disk margin of a scenario's loops at the command link, all at once.
+
+    The margin of a single loop is never smaller. The difference shows how much the loops act on each other (P. Seiler,
+    A. Packard and P. Gahinet, "An introduction to disk margins", 2020). The arguments and errors are those of
+    `link_margins`.
+    """
+    closed = _stable_loop(scenario, position_controller, control)
+    rows = range(len(_signals(scenario)))
+    loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
+    return _joint_disk_margin(loops)
+
+
+def _joint_disk_margin(loops: SampledSystem) -> JointDiskMargin:
+    """Return the disk margin of a stable closed loop from offsets on the signals to the signals."""
+    blocks = [Block(1, is_real=False)] * len(loops.inputs)
+    grid = frequencies(loops.period, points=_NUM_DISK_FREQUENCIES, lowest=_MIN_FREQUENCY)
+    peak = 0.0
+    for _ in range(2):
+        S = loops.response(np.exp(1j * grid * loops.period))
+        matrices = S - 0.5 * np.eye(len(blocks))
+        order = np.argsort(-np.linalg.norm(matrices, 2, axis=(1, 2)))
+        top = 0
+        for i in order:
+            bound = mu_bound(matrices[i], blocks, stop=peak).value
+            if bound > peak:
+                peak, top = bound, int(i)
+        grid = np.linspace(grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)], _NUM_NEAR_PEAK)
+    disk = 1.0 / peak
+    gain = 20.0 * math.log10((2.0 + disk) / (2.0 - disk)) if disk < 2.0 else math.inf
+    return JointDiskMargin(disk, gain, math.degrees(2.0 * math.atan(0.5 * disk)))
 
 
 def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ def designed(replaced):  # noqa: F811
 
     return replaced(
         "design", design_cascade=design, closed_loop="a loop", plot_steps="steps", DESIGN_PLOTS=None, print_design=None,
-        print_modes=None, save_figures=[],
+        print_modes=None, save_figures=[], joint_disk_margin=None, print_joint_disk_margin=None,
     )  # fmt: skip
 
 

@@ -79,6 +79,19 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
     assert refused.returncode == 2
 
 
+@pytest.mark.slow
+def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
+    late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
+    result = run("certify", "hover", *late, "--output", tmp_path)
+    assert result.returncode == 0
+    assert "stable up to scale" in result.stdout
+    assert "unstable at scale" in result.stdout
+    assert "gap between the bounds" in result.stdout
+    assert "all loops at the command link at once: disk margin" in result.stdout
+    assert files(result) == ["certificate.csv", "unstable.yaml"]
+    assert load_scenario(tmp_path / "unstable.yaml").vehicle.rotor_time_constant > 0.065
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -95,6 +108,9 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
         (["falsify", *HOVER, "--flights", "100"], "--flights 100: one generation needs 250 candidates"),
         (["falsify", *HOVER, "--maximize", "rms"], "--maximize rms: is not a metric of hover; did you mean rmse"),
         (["falsify", "hover"], "hover contains no distribution"),
+        (["certify", "hover"], "hover contains no distribution; give ranges of fields, as in --vary"),
+        (["certify", "hover", "--vary", "vehicle.mass=0.1"], "--vary vehicle.mass=0.1: must be FIELD=PERCENT%"),
+        (["certify", "hover", "--vary", "vehicle.battery_sag=5%"], "vehicle.battery_sag is 0"),
         (["sobol", *HOVER, "--metric", "rms"], "--metric rms: is not a metric of hover; did you mean rmse"),
         (["sobol", *HOVER, "--points", "100"], "num_points is 100, but must be a power of two"),
     ],

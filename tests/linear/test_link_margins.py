@@ -1,6 +1,7 @@
 """Tests of the margins of any controller at the command link, by comparison with designs and with flights."""
 
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from drake_quad import InputError, load_scenario
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.design.cascade import design_cascade, with_gains
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.closed_loop import closed_loop
-from drake_quad.linear.link_margins import fast_link_margins, link_loops, link_margins
+from drake_quad.linear.closed_loop import closed_loop, loop_with_injection
+from drake_quad.linear.link_margins import fast_link_margins, joint_disk_margin, link_loops, link_margins
 from drake_quad.linear.step_response import initial_response
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
@@ -50,6 +51,25 @@ def test_thrust_and_yaw_loops_have_their_designed_margins(laboratory):
     margins_by_signal = link_margins(with_gains(nominal_hover(scenario), designed.gains()))
     for name, axis in (("thrust", "z"), ("tau_z", "yaw")):
         np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
+
+
+def test_the_joint_disk_margin_of_decoupled_loops_is_the_smallest_one(laboratory):
+    scenario = nominal_hover(laboratory())
+    smallest = min(margins.disk for margins in link_margins(scenario).values())
+    assert joint_disk_margin(scenario).disk == pytest.approx(smallest, rel=2e-3)
+
+
+def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_is_tolerated(asymmetric_lqg):
+    joint = joint_disk_margin(asymmetric_lqg)
+    assert joint.disk <= 1.001 * min(margins.disk for margins in link_margins(asymmetric_lqg).values())
+    factor = 10.0 ** (0.99 * joint.gain / 20.0)
+    loop = loop_with_injection(asymmetric_lqg).system
+    rows = range(4)
+    loop = loop.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows])
+    for signs in itertools.product((-1.0, 1.0), repeat=4):
+        # The control sends C x. An offset of (f - 1) C x multiplies it by the gain f.
+        closed = loop.A + loop.B @ np.diag(factor ** np.array(signs) - 1.0) @ loop.C
+        assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
 
 
 def test_the_link_loops_of_a_scenario_with_an_autopilot_are_the_position_loops(diagrams):

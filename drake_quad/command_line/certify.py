@@ -1,0 +1,170 @@
+"""Certify how far all random parameters of a scenario may vary at once before hover becomes unstable.
+
+The ranges of all distributions are multiplied by a scale about their centres. Below the first printed scale, every
+combination of parameters is stable, by the structured singular value of the exact sampled loop. At the second one, the
+command has found an unstable loop. Combinations without an equilibrium, at which the rotors cannot hold the vehicle in
+hover, are reported separately.
+"""
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+from drake_quad.command_line.flight_remarks import print_flight_remarks
+from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.output import (
+    flying_command,
+    print_columns,
+    print_files,
+    print_joint_disk_margin,
+    remark,
+)
+from drake_quad.command_line.progress import new_bar
+from drake_quad.design.certificate import MAX_SCALE, Certificate, certify_hover
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_table
+from drake_quad.linear.link_margins import joint_disk_margin
+from drake_quad.number_parsing import parse_float
+from drake_quad.scenario.batch import median_scenario
+from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.distributions import Uniform
+from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.numbers import number_at
+from drake_quad.scenario.paths import distributions_in, map_leaves
+
+_MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the argument parser of the command."""
+    result = parser(
+        __doc__,
+        "drake-quad certify laboratory:nominal --vary vehicle.mass=10% --vary vehicle.rotor_time_constant=10%",
+        output="out/certify",
+        scenario="robustness",
+    )
+    result.add_argument(
+        "--vary",
+        metavar="FIELD=PERCENT%",
+        action="append",
+        default=[],
+        help="give a field a range of this size about its value, as in vehicle.mass=10%%; the scenario's own"
+        " distributions are then replaced by their medians; can be given several times",
+    )
+    add_controller(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    scenario = with_ranges(scenario_of(arguments), arguments.vary)
+    folder = output_folder(folder_of(arguments, scenario))
+    print_flight_remarks([scenario])
+    began = time.perf_counter()
+    with new_bar(desc=scenario.name, unit=" loops") as bar:
+
+        def show(count: int, step: str) -> None:
+            bar.set_postfix_str(step, refresh=False)
+            bar.update(count)
+
+        found = certify_hover(scenario, progress=show)
+    seconds = time.perf_counter() - began
+    median = median_scenario(scenario)
+    print_certificate(scenario, found)
+    if found.stable_scale > 0.0:
+        print_joint_disk_margin(joint_disk_margin(median))
+    print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
+    files = [write_values(folder / "certificate.csv", median, found)]
+    for name, failure in (("unstable", found.unstable), ("no_equilibrium", found.lost)):
+        if failure.values:
+            files.append(folder / f"{name}.yaml")
+            failing = _with_numbers(median, failure.values)
+            save_scenario(failing, files[-1])
+            print(f"fly with the parameters of {files[-1].name}")
+            print(f"  {flying_command('fly', failing, files[-1])}")
+    print_files(files)
+
+
+def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
+    """Return the scenario in which the fields of `--vary` have uniform distributions.
+
+    Raises:
+        InputError: if a text is not FIELD=PERCENT%, or the scenario does not contain the number.
+    """
+    if not texts:
+        if not distributions_in(scenario):
+            raise InputError(
+                f"{scenario.name} contains no distribution; give ranges of fields, as in --vary vehicle.mass=10%"
+            )
+        return scenario
+    median, ranges = median_scenario(scenario), {}
+    for text in texts:
+        path, _, percent = text.partition("=")
+        try:
+            fraction = 0.01 * parse_float(percent.removesuffix("%"))
+        except (ValueError, argparse.ArgumentTypeError):
+            fraction = math.nan
+        if not percent.endswith("%") or not 0.0 < fraction < 1.0:
+            raise InputError(f"--vary {text}: must be FIELD=PERCENT% between 0 % and 100 %, as in vehicle.mass=10%")
+        value = number_at(median, path)
+        if value == 0.0:
+            raise InputError(f"--vary {text}: {path} is 0, so a percentage of it is no range")
+        low, high = sorted((value * (1.0 - fraction), value * (1.0 + fraction)))
+        ranges[path] = Uniform.model_validate({"uniform": {"min": low, "max": high}})
+    return map_leaves(median, lambda path, value: ranges.get(path, value))
+
+
+def _with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
+    """Return the scenario with other numbers, by path."""
+    return map_leaves(scenario, lambda path, value: numbers.get(path, value))
+
+
+def print_certificate(scenario: Scenario, found: Certificate) -> None:
+    """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
+    print(f"{scenario.name}: hover in still air, with the ranges of {len(found.parameters)} parameters scaled at once")
+    print(f"  stable up to scale       {found.stable_scale:.3g}")
+    failures = {"unstable": found.unstable, "no equilibrium": found.lost}
+    for name, failure in failures.items():
+        if failure.values:
+            print(f"  {f'{name} at scale':24s} {failure.scale:.3g}")
+        elif name == "unstable":
+            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
+    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
+    median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
+    rows = []
+    for path in (*found.parameters, *found.choices) if columns else ():
+        unit = unit_at(median, path)
+        numbers = [number_at(median, path), *(each.values[path] for each in columns.values())]
+        rows.append((path, *(f"{number:.4g}" for number in numbers), "" if unit == "1" else unit))
+    print_columns(("parameter", "median", *columns, "unit"), rows)
+    if found.lost.values:
+        remark(
+            "a combination without an equilibrium saturates a command or the rotors, so the vehicle cannot hover there;"
+            " its loop is neither stable nor unstable"
+        )
+    if found.gap > _MAX_GAP:
+        remark(
+            f"the bounds are more than {100.0 * _MAX_GAP:.0f} % apart: between them, hover is neither proved nor"
+            " disproved to be stable"
+        )
+    if found.left_out:
+        remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
+
+
+def write_values(path: Path, median: Scenario, found: Certificate) -> Path:
+    """Write a table with the bounds of the scale, and with the values of the parameters at which hover fails."""
+    paths = (*found.parameters, *found.choices)
+    failures = {"unstable": found.unstable, "no_equilibrium": found.lost}
+    return write_table(
+        path,
+        {
+            "parameter": ["stable_scale", "failing_scale", *paths],
+            "median": ["", "", *(number_at(median, each) for each in paths)],
+            **{
+                name: [found.stable_scale, each.scale, *(each.values.get(path, math.nan) for path in paths)]
+                for name, each in failures.items()
+            },
+        },
+    )

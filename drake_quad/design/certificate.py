@@ -1,0 +1,254 @@
+"""Certificate of stability in hover for all random parameters of a scenario at once.
+
+The ranges of all distributions are multiplied by a scale about their centres, and every combination of values within
+them is a possible loop, see `drake_quad.design.uncertain_hover`. A certificate encloses the scale at which the first of
+these loops becomes unstable. The upper bound is an unstable exact loop. The lower bound follows from the structured
+singular value of linear fractional models of the loop.
+
+For real parameters, the structured singular value of the whole box can be far from the exact scale, and a model of the
+whole box can be poor. Therefore a box that is not proved is divided into two cells along the parameter with the largest
+effect, and each cell has its own model (branch and bound; M. Newlin and P. Young, "Mixed μ problems and branch and
+bound techniques", 1997).
+"""
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count, product
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.design.uncertain_hover import MIN_DECAY, Failure, Part, UncertainHover, is_unstable
+from drake_quad.errors import InputError
+from drake_quad.linear.fractional_model import fit_fractional_model, fitting_points, spectral_radii
+from drake_quad.scenario.models import Scenario
+
+MAX_SCALE = 8.0
+"""Largest scale at which the search looks for unstable loops."""
+_GOAL = 0.95  # ratio of both bounds at which the division into cells ends
+_BELOW = 0.99  # size of the box of the bound, relative to the smallest scale of a failure
+_MAX_CELLS = 150  # largest number of cells
+_MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
+_NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
+_MAX_CORNERS = 64  # largest number of corners of the box in a search
+_NUM_CANDIDATES = 48  # loops of a round of the search
+_NUM_ROUNDS = 4  # rounds of the search around the most unstable loop
+_NUM_BISECTIONS = 7
+_MIN_SCALE = 1e-3  # smallest scale of the search
+_SHORTER = 0.97  # scale of a round, relative to the smallest scale of a failure so far
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Bounds of the scale of the ranges at which hover becomes unstable.
+
+    Attributes:
+        stable_scale: scale up to which hover is stable for all combinations of parameters; 0 without a bound.
+        unstable: unstable loop of the smallest scale; its scale is infinite if none was found up to `MAX_SCALE`.
+        lost: combination of the smallest scale at which no equilibrium was found, since a command saturates; its scale
+            is infinite if all loops had one.
+        parameters: paths of the parameters with a range that act on the loop.
+        choices: paths of the parameters with discrete values.
+        left_out: paths of distributions that do not act on hover in still air.
+        num_loops: number of exact loops.
+        num_cells: number of cells with a model.
+    """
+
+    stable_scale: float
+    unstable: Failure
+    lost: Failure
+    parameters: tuple[str, ...]
+    choices: tuple[str, ...]
+    left_out: tuple[str, ...]
+    num_loops: int
+    num_cells: int
+
+    @property
+    def gap(self) -> float:
+        """Difference between the smallest scale of a failure, or `MAX_SCALE`, and the stable scale, relative to it."""
+        failing = min(self.unstable.scale, self.lost.scale, MAX_SCALE)
+        return 1.0 - self.stable_scale / failing if failing > 0.0 else 0.0
+
+
+def certify_hover(
+    scenario: Scenario, *, own: UserSystems = UserSystems(), progress: Callable[[int, str], None] | None = None
+) -> Certificate:
+    """Return the certificate of a scenario's loop, whose random choices follow from the seed of the scenario.
+
+    Args:
+        scenario: scenario with distributions.
+        own: functions that create the user's systems for N vehicles.
+        progress: function that is called with numbers of loops and a description of the present step.
+
+    Raises:
+        InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
+            at 1 at the centre of the ranges.
+    """
+    hover = UncertainHover(scenario, own, progress or (lambda count, step: None))
+    centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
+    if np.isnan(centre).any():
+        raise InputError(f"the loop of {scenario.name} has no equilibrium near hover at the centre of the ranges")
+    if (np.abs(centre - 1.0) <= MIN_DECAY).any():
+        raise InputError(
+            f"the loop of {scenario.name} has poles at 1 in hover, as the weights of a network that learns, so it is"
+            " not asymptotically stable and cannot be certified"
+        )
+    stable_scale, num_cells = 0.0, 0
+    if not is_unstable(centre).any():
+        _search(hover)
+        stable_scale, num_cells = _certified_scale(hover)
+    return Certificate(
+        stable_scale,
+        hover.unstable,
+        hover.lost,
+        tuple(each.path for each in hover.ranges),
+        tuple(each.path for each in hover.choices),
+        hover.left_out,
+        hover.num_loops,
+        num_cells,
+    )
+
+
+def _search(hover: UncertainHover) -> None:
+    """Search for the smallest scale at which a loop is unstable or has no equilibrium.
+
+    The search begins at the corners of the box. Random changes of the direction of the first failing corner, which may
+    lead to the inside of the box, then refine it.
+    """
+    k = len(hover.ranges)
+    all_corners = 2**k <= _MAX_CORNERS
+    corners = (
+        [*product((-1.0, 1.0), repeat=k)] if all_corners else hover.generator.choice([-1.0, 1.0], (_MAX_CORNERS, k))
+    )
+    directions, combinations = hover.everywhere(np.array(corners))
+    stable, scale = 0.0, 1.0
+    while not (fails := _fails(hover, scale * directions, combinations)).any() and scale < MAX_SCALE:
+        stable, scale = scale, min(2.0 * scale, MAX_SCALE)
+    if not fails.any():
+        return
+    while (
+        stable == 0.0 and scale > _MIN_SCALE and (closer := _fails(hover, 0.5 * scale * directions, combinations)).any()
+    ):
+        scale, fails = 0.5 * scale, closer
+    stable = max(stable, 0.5 * scale)
+    direction, combination, scale = _bisect(hover, directions[fails], combinations[fails], stable, scale)
+    spread = 0.5
+    for _ in range(_NUM_ROUNDS):
+        changed = direction + spread * hover.generator.standard_normal((_NUM_CANDIDATES, k))
+        changed, same = np.clip(changed, -1.0, 1.0), np.full(_NUM_CANDIDATES, combination)
+        fails = _fails(hover, _SHORTER * scale * changed, same)
+        if fails.any():
+            direction, _, scale = _bisect(hover, changed[fails], same[fails], 0.8 * scale, _SHORTER * scale)
+        else:
+            spread *= 0.5
+
+
+def _fails(hover: UncertainHover, z: np.ndarray, combinations: np.ndarray) -> np.ndarray:
+    """Return the mask of the loops that are unstable or have no equilibrium."""
+    radii = hover.radii(z, combinations, "search")
+    return is_unstable(radii) | np.isnan(radii)
+
+
+def _bisect(
+    hover: UncertainHover, directions: np.ndarray, combinations: np.ndarray, stable: float, failing: float
+) -> tuple[np.ndarray, int, float]:
+    """Return the direction that fails at the smallest scale, its combination, and this scale.
+
+    Args:
+        hover: loops.
+        directions: (K, k) directions.
+        combinations: (K,) combinations of choices.
+        stable: scale at which all directions are taken to be stable.
+        failing: scale at which all of them fail.
+    """
+    for _ in range(_NUM_BISECTIONS):
+        middle = 0.5 * (stable + failing)
+        fails = _fails(hover, middle * directions, combinations)
+        if fails.any():
+            failing, directions, combinations = middle, directions[fails], combinations[fails]
+        else:
+            stable = middle
+    return directions[0], int(combinations[0]), failing
+
+
+class _Cell(NamedTuple):
+    """Cell of the box of the parameters that act on a part of the loop.
+
+    Attributes:
+        part: part of the loop.
+        low: (k,) lower ends of the scaled parameters.
+        high: (k,) upper ends.
+    """
+
+    part: Part
+    low: np.ndarray
+    high: np.ndarray
+
+    def halves(self, axis: int) -> list["_Cell"]:
+        """Return the two halves along an axis."""
+        middle = 0.5 * (self.low[axis] + self.high[axis])
+        low, high = self.low.copy(), self.high.copy()
+        low[axis] = high[axis] = middle
+        return [self._replace(high=high), self._replace(low=low)]
+
+    def distance(self) -> float:
+        """Return the smallest scale in the cell."""
+        return float(np.maximum(np.maximum(self.low, -self.high), 0.0).max(initial=0.0))
+
+    def distance_without(self, low: np.ndarray, high: np.ndarray) -> float:
+        """Return the smallest scale in the cell outside of a smaller cell."""
+        outer = [self._replace(high=np.where(axis, low, self.high)) for axis in np.eye(len(low), dtype=bool)]
+        outer += [self._replace(low=np.where(axis, high, self.low)) for axis in np.eye(len(low), dtype=bool)]
+        return min(each.distance() for each in outer)
+
+
+def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
+    """Return the scale up to which all loops are proved to be stable, and the number of cells with a model."""
+    size = _BELOW * min(hover.reach, MAX_SCALE)
+    hover.straighten(size)
+    new = [_Cell(part, -size * np.ones(len(part.ranges)), size * np.ones(len(part.ranges))) for part in hover.parts()]
+    parents, num_cells, numbers = [0.0] * len(new), 0, count()
+    unproved: list[tuple[float, int, int, _Cell]] = []  # a heap: smallest scale, number, axis of the division, cell
+    while new:
+        for cell, parent, (scale, axis) in zip(new, parents, _proofs(hover, new), strict=True):
+            if scale < math.inf:
+                heapq.heappush(unproved, (max(parent, scale), next(numbers), axis, cell))
+        num_cells += len(new)
+        new, parents = [], []
+        goal = _GOAL * min(hover.reach, size)
+        while unproved and unproved[0][0] < goal and len(new) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
+            scale, _, axis, cell = heapq.heappop(unproved)
+            new += cell.halves(axis)
+            parents += [scale, scale]
+    return min([size, *(scale for scale, *_ in unproved[:1])]), num_cells
+
+
+def _proofs(hover: UncertainHover, cells: list[_Cell]) -> list[tuple[float, int]]:
+    """Return for each cell the smallest scale that is not proved, and the axis along which it is divided next.
+
+    The scale is infinite if the whole cell is stable.
+    """
+    points = [fitting_points(len(cell.low), hover.generator) for cell in cells]
+    loops = hover.loops_in([(cell.part, cell.low, cell.high) for cell in cells], points)
+    return [_proof(hover, *each) for each in zip(cells, points, loops, strict=True)]
+
+
+def _proof(hover: UncertainHover, cell: _Cell, points: np.ndarray, loops: np.ndarray) -> tuple[float, int]:
+    if not np.isfinite(loops).all() or not (spectral_radii(loops[:1]) < 1.0).all():
+        return cell.distance(), int(np.argmax(cell.high - cell.low))
+    model = fit_fractional_model(points, loops)
+    try:
+        whole = bool((cell.low == -cell.high).all())
+        found = model.bound(stop=1.0, limit=math.inf if whole else _MAX_BOUND)
+    except ArithmeticError:
+        return cell.distance(), int(np.argmax(model.strengths(0.0)))
+    if found.value <= 1.0:
+        return math.inf, 0
+    axis = int(np.argmax(model.strengths(found.frequency)))
+    if not math.isfinite(found.value):
+        return cell.distance(), axis
+    inner = hover.shrunk(cell.part, cell.low, cell.high, 1.0 / found.value)
+    return cell.distance_without(*inner), axis

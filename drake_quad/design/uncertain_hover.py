@@ -1,0 +1,371 @@
+"""Random parameters of a scenario that act on its loop in hover, and the exact loops at their values.
+
+A distribution has a range: all its values, or three standard deviations about the mean where it has no limits. All
+ranges are multiplied by a scale about their centres. Scaled parameters z are -1 and 1 at the ends of the ranges, so
+that the scale of a combination of parameters is the largest |z|.
+
+The vehicle hovers in still air, and parameters that would tilt it, such as wind and an offset of the centre of mass,
+are at their medians or zero as in `symmetric_hover`.
+"""
+
+import math
+from collections.abc import Callable
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.linear.closed_loop import decoupled_loop
+from drake_quad.linear.fractional_model import STEPS, spectral_radii
+from drake_quad.linear.hover_fleet import HoverFleet
+from drake_quad.scenario.batch import median_scenario
+from drake_quad.scenario.distributions import Distribution, LogUniform
+from drake_quad.scenario.hovering import at_rest, symmetric_hover
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, leaves, map_leaves
+from drake_quad.vehicle.rigid_body import nearest_rigid_inertia
+
+MIN_DECAY = 1e-6
+"""A loop is unstable if a pole is outside the unit circle by more than this distance, which exceeds rounding errors."""
+_SIGMA = 3.0  # range of a normal distribution without limits, in standard deviations
+_MIN_FRACTION = 0.1  # smallest value of a positive quantity, relative to the centre of its range
+_MAX_CHOICES = 32  # largest number of combinations of discrete values
+_MAX_LOOPS = 512  # loops that are computed at the same time
+_NUM_PROBES = 6  # random combinations at which the effect of each parameter is computed
+_MIN_EFFECT = 1e-6  # smallest change of a loop by a parameter that acts on it, relative to the row of the matrix
+_MIN_COUPLING = 1e-7  # smallest entry of a system matrix, relative to the largest one of its row
+_EXPONENTS = (1.0, 0.0, -0.5, -1.0)  # powers of a value on which a loop may depend linearly; 0 for the logarithm
+
+
+class Range(NamedTuple):
+    """Range of a random parameter.
+
+    Attributes:
+        path: path of the field with the distribution.
+        field: path of the same field in the scenario in hover.
+        low: lower end at scale 1.
+        high: upper end at scale 1.
+        is_logarithmic: True if the logarithm of the value is scaled.
+    """
+
+    path: str
+    field: str
+    low: float
+    high: float
+    is_logarithmic: bool
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the values at z, which is -1 and 1 at the ends of the range; positive ranges have positive values."""
+        if self.is_logarithmic:
+            return np.asarray(math.sqrt(self.low * self.high) * (self.high / self.low) ** (0.5 * z))
+        centre = 0.5 * (self.low + self.high)
+        values = centre + 0.5 * (self.high - self.low) * z
+        return np.maximum(values, min(self.low, _MIN_FRACTION * centre)) if self.low >= 0.0 else values
+
+    def scaled(self, values: np.ndarray) -> np.ndarray:
+        """Return the z of values."""
+        if self.is_logarithmic:
+            return np.asarray(2.0 * np.log(values / math.sqrt(self.low * self.high)) / math.log(self.high / self.low))
+        return (2.0 * values - self.low - self.high) / (self.high - self.low)
+
+
+class Choice(NamedTuple):
+    """Random parameter with a few discrete values, all of which belong to the box at any scale."""
+
+    path: str
+    field: str
+    values: tuple[float, ...]
+
+
+class Failure(NamedTuple):
+    """Combination of parameters at which hover is not stable.
+
+    Attributes:
+        scale: scale of the combination; infinite if none is known.
+        values: values of all parameters, by path.
+    """
+
+    scale: float
+    values: dict[str, float]
+
+
+class Part(NamedTuple):
+    """Strongly coupled states of a loop, whose poles are also poles of the loop.
+
+    Attributes:
+        states: indices of the states.
+        ranges: indices of the parameters with a range that act on them.
+        combination: index of the combination of discrete values.
+    """
+
+    states: np.ndarray
+    ranges: np.ndarray
+    combination: int
+
+
+class UncertainHover:
+    """Loops of a scenario in hover, for all combinations of its random parameters.
+
+    Args:
+        scenario: scenario with distributions. Random choices follow from its seed.
+        own: functions that create the user's systems for N vehicles.
+        progress: function that is called with numbers of loops and a description of the present step.
+
+    Attributes:
+        ranges: parameters with a range that act on the loop.
+        choices: parameters with discrete values.
+        combinations: (combinations, choices) all combinations of discrete values.
+        left_out: paths of distributions that do not act on hover in still air.
+        unstable: unstable loop of the smallest scale so far.
+        lost: combination of the smallest scale so far at which no equilibrium exists, since a command saturates.
+        num_loops: number of loops so far.
+        generator: source of all random choices.
+
+    Raises:
+        InputError: if no distribution acts on hover, or the loop has no linear model.
+    """
+
+    def __init__(self, scenario: Scenario, own: UserSystems, progress: Callable[[int, str], None]) -> None:
+        self._progress, self.num_loops = progress, 0
+        self.generator = np.random.default_rng(scenario.seed)
+        self.unstable = self.lost = Failure(math.inf, {})
+        self.ranges, self.choices, self.left_out = parameters_in_hover(scenario)
+        if not self.ranges:
+            raise InputError(
+                f"no distribution with a range in {scenario.name} acts on hover in still air, so there is nothing to"
+                " certify; give one, such as vehicle.mass"
+            )
+        hovering = symmetric_hover(at_rest(median_scenario(scenario)))
+        if own == UserSystems():
+            decoupled_loop(hovering)  # raises InputError if the loop has no linear model
+        self.combinations = np.array([*product(*(choice.values for choice in self.choices))])
+        if len(self.combinations) > _MAX_CHOICES:
+            raise InputError(
+                f"{scenario.name} has {len(self.combinations)} combinations of discrete values, but at most"
+                f" {_MAX_CHOICES} can be certified"
+            )
+        self._fleet = self._fleet_of(hovering, own)
+        loops = self._probes()
+        sizes = np.abs(loops).max(axis=-1, keepdims=True)
+        changes = np.abs(loops[:, :, 1:] - loops[:, :, :1]) > _MIN_EFFECT * (sizes[:, :, 1:] + sizes[:, :, :1])
+        acts = changes.any(axis=(0, 1))  # (k, n, n)
+        self._leave_out(~acts.any(axis=(1, 2)))
+        acts = acts[acts.any(axis=(1, 2))]
+        # Eigenvalues of a loop are those of its strongly coupled groups of states.
+        couples = (np.abs(loops) > _MIN_COUPLING * sizes).any(axis=(0, 1, 2))
+        count, groups = scipy.sparse.csgraph.connected_components(couples, connection="strong")
+        members = [np.flatnonzero(groups == group) for group in range(count)]
+        self._groups = [(states, np.flatnonzero(acts[:, states][:, :, states].any(axis=(1, 2)))) for states in members]
+        self._exponents = [1.0] * len(self.ranges)
+
+    @property
+    def period(self) -> float:
+        """Sampling period of the loops, s."""
+        return self._fleet.period
+
+    @property
+    def reach(self) -> float:
+        """Smallest scale so far at which a loop is unstable or has no equilibrium."""
+        return min(self.unstable.scale, self.lost.scale)
+
+    def parts(self) -> list[Part]:
+        """Return the parts of the loops on which parameters act."""
+        count = range(len(self.combinations))
+        return [Part(states, ranges, i) for i in count for states, ranges in self._groups if len(ranges)]
+
+    def radii(self, z: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
+        """Return the spectral radii (K,) of the loops at scaled parameters (K, k); NaN without an equilibrium.
+
+        Moments of inertia that no rigid body can have are moved to the nearest possible ones in the box. Loops that are
+        unstable or have no equilibrium are remembered.
+        """
+        values = self._with_rigid_bodies(z)
+        radii = spectral_radii(self._loops(values, combinations, step))
+        scales = np.abs(z).max(axis=1)
+        paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
+        for name, mask in (("unstable", is_unstable(radii)), ("lost", np.isnan(radii))):
+            if mask.any() and (smallest := scales[mask].min()) < getattr(self, name).scale:
+                row = int(np.flatnonzero(mask & (scales == smallest))[0])
+                numbers = map(float, [*values[row], *self.combinations[combinations[row]]])
+                setattr(self, name, Failure(float(smallest), dict(zip(paths, numbers, strict=True))))
+        return radii
+
+    def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return each of the parameters (K, k) with each combination of choices."""
+        count = len(self.combinations)
+        return np.repeat(z, count, axis=0), np.tile(np.arange(count), len(z))
+
+    def straighten(self, size: float) -> None:
+        """Choose the power of each value on which the loops of the scaled box depend most linearly.
+
+        `cells` and `shrunk` then interpolate between the ends of a cell in these powers.
+        """
+        k, steps = len(self.ranges), np.array([0.0, *STEPS])
+        z = np.zeros((k, len(steps), k))
+        z[range(k), :, range(k)] = size * steps
+        values = self._values(z.reshape(-1, k))
+        loops = self._loops(*self.everywhere(values), "model")
+        loops = loops.reshape(k, len(steps), len(self.combinations), *loops.shape[1:])
+        row_sizes = np.abs(loops[0, 0]).max(axis=-1, keepdims=True)
+        flat = (loops / np.where(row_sizes > 0.0, row_sizes, 1.0)).reshape(k, len(steps), -1)
+        values = values.reshape(z.shape)
+        for i in range(k):
+            finite = np.isfinite(flat[i]).all(axis=1)
+            allowed = _EXPONENTS if values[i, :, i].min() > 0.0 else _EXPONENTS[:1]
+            errors = []
+            for exponent in allowed:
+                line = np.vander(_power(values[i, finite, i], exponent), 2)
+                line = line / np.abs(line).max(axis=0)
+                errors.append(np.linalg.norm(flat[i, finite] - line @ (np.linalg.pinv(line) @ flat[i, finite])))
+            self._exponents[i] = allowed[int(np.argmin(errors))]
+
+    def loops_in(self, cells: list[tuple[Part, np.ndarray, np.ndarray]], points: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the system matrices (K, n, n) of parts at points (K, k) of their cells, and remember failures.
+
+        Args:
+            cells: part, and lower and upper ends (k,) of the scaled parameters that act on it.
+            points: (K, k) points between -1 and 1.
+        """
+        z = [np.zeros((len(each), len(self.ranges))) for each in points]
+        combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
+        for (part, low, high), each, rows in zip(cells, points, z, strict=True):
+            rows[:, part.ranges] = self._from_cell(part, low, high, each)
+        loops = self._loops(self._values(np.concatenate(z)), combinations, "bound")
+        found = np.split(loops, np.cumsum([len(each) for each in points])[:-1])
+        parts = [each[:, part.states][:, :, part.states] for (part, *_), each in zip(cells, found, strict=True)]
+        radii = np.concatenate([spectral_radii(each) for each in parts])
+        failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
+        everything = np.concatenate(z)
+        failing = failing[np.abs(everything[failing]).max(axis=1) < self.reach]
+        if len(failing):
+            self.radii(everything[failing], combinations[failing], "bound")
+        return parts
+
+    def shrunk(self, part: Part, low: np.ndarray, high: np.ndarray, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the ends of the middle of a cell, with a fraction of its size."""
+        ends = np.array([[-fraction], [fraction]]) * np.ones(len(part.ranges))
+        inner_low, inner_high = self._from_cell(part, low, high, ends)
+        return inner_low, inner_high
+
+    def _from_cell(self, part: Part, low: np.ndarray, high: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the scaled parameters (K, k) at points of a cell."""
+        z = []
+        for i, ends, point in zip(part.ranges, np.stack([low, high], axis=1), points.T, strict=True):
+            each, exponent = self.ranges[i], self._exponents[i]
+            first, last = _power(each.at(ends), exponent)
+            powers = 0.5 * (first + last) + 0.5 * (last - first) * point
+            values = np.exp(powers) if exponent == 0.0 else powers ** (1.0 / exponent)
+            z.append(np.clip(each.scaled(values), *ends))
+        return np.stack(z, axis=1)
+
+    def _fleet_of(self, hovering: Scenario, own: UserSystems) -> HoverFleet:
+        return HoverFleet(
+            hovering, [*(each.field for each in self.ranges), *(each.field for each in self.choices)], own=own
+        )
+
+    def _values(self, z: np.ndarray) -> np.ndarray:
+        """Return the values (K, k) of the parameters with a range."""
+        return np.stack([each.at(column) for each, column in zip(self.ranges, z.T, strict=True)], axis=1)
+
+    def _loops(self, values: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
+        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices."""
+        rows = np.hstack([values, self.combinations[combinations]])
+        # The delay lines of a fleet are as long as its longest delay, so each fleet contains the largest choices.
+        longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
+        loops = []
+        for first in range(0, len(rows), _MAX_LOOPS):
+            loops.append(self._fleet(np.vstack([rows[first : first + _MAX_LOOPS], longest]))[:-1])
+            self.num_loops += len(loops[-1])
+            self._progress(len(loops[-1]), step)
+        return np.concatenate(loops)
+
+    def _with_rigid_bodies(self, z: np.ndarray) -> np.ndarray:
+        """Return the values (K, k) of the parameters with a range, with moments of inertia of rigid bodies."""
+        values = self._values(z)
+        columns = {each.field: i for i, each in enumerate(self.ranges)}
+        moments = [f"vehicle.inertia.{axis}" for axis in range(3)]
+        used = [moment for moment in moments if moment in columns]
+        if not used:
+            return values
+        ends = self._values(np.abs(z).max(initial=0.0) * np.array([[-1.0], [1.0]]) * np.ones(len(self.ranges)))
+        fixed = dict(zip(moments, self._fleet.resting.vehicle.inertia, strict=True))
+        drawn = [values[:, columns[each]] if each in used else np.full(len(values), fixed[each]) for each in moments]
+        low, high = ([end[columns[each]] if each in used else fixed[each] for each in moments] for end in ends)
+        rigid = nearest_rigid_inertia(drawn, low, high)
+        for each in used:
+            values[:, columns[each]] = rigid[moments.index(each)]
+        return values
+
+    def _probes(self) -> np.ndarray:
+        """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.
+
+        A loop without an equilibrium is replaced by that at the centre.
+        """
+        k, count = len(self.ranges), len(self.combinations)
+        old, new = self.generator.uniform(-1.0, 1.0, (2, _NUM_PROBES, k))
+        z = np.repeat(old[:, np.newaxis], 1 + k, axis=1)
+        z[:, range(1, 1 + k), range(k)] = new
+        z = np.vstack([np.zeros((1, k)), z.reshape(-1, k)])
+        loops = self._loops(*self.everywhere(self._values(z)), "effects")
+        loops = loops.reshape(len(z), count, *loops.shape[1:])
+        finite = np.isfinite(loops[1:]).all(axis=(2, 3), keepdims=True)
+        loops = np.where(finite, loops[1:], loops[0])
+        return loops.reshape(_NUM_PROBES, 1 + k, *loops.shape[1:]).transpose(0, 2, 1, 3, 4)
+
+    def _leave_out(self, inactive: np.ndarray) -> None:
+        """Leave out the ranges (k,) that have no effect on any loop, such as that of a quadratic drag at rest."""
+        if inactive.all():
+            raise InputError("no random parameter acts on the loop in hover, so there is nothing to certify")
+        removed = [each for each, left_out in zip(self.ranges, inactive, strict=True) if left_out]
+        centres = {each.field: float(each.at(np.zeros(1))[0]) for each in removed}
+        hovering = map_leaves(self._fleet.resting, lambda path, value: centres.get(path, value))
+        self.left_out = (*self.left_out, *(each.path for each in removed))
+        self.ranges = tuple(each for each in self.ranges if each not in removed)
+        self._fleet = self._fleet_of(hovering, self._fleet.own)
+
+
+def is_unstable(radii: np.ndarray) -> np.ndarray:
+    """Return the mask of the spectral radii of unstable loops."""
+    return radii > 1.0 + MIN_DECAY
+
+
+def _power(value: np.ndarray, exponent: float) -> np.ndarray:
+    return np.log(value) if exponent == 0.0 else value**exponent
+
+
+def parameters_in_hover(scenario: Scenario) -> tuple[tuple[Range, ...], tuple[Choice, ...], tuple[str, ...]]:
+    """Return the random parameters that hover in still air contains, and the paths of all other distributions."""
+    median = median_scenario(scenario)
+    ranges: list[Range] = []
+    choices: list[Choice] = []
+    left_out: list[str] = []
+    for path, distribution in distributions_in(scenario).items():
+        low, high = _range_of(distribution)
+        ends = [_hover_leaves(median, path, value) for value in (low, high)]
+        fields = [field for field, value in ends[0].items() if field in ends[1] and value != ends[1][field]]
+        if len(fields) != 1:
+            left_out.append(path)
+        elif distribution.values is not None:
+            choices.append(Choice(path, fields[0], tuple(sorted(set(distribution.values)))))
+        else:
+            ranges.append(Range(path, fields[0], low, high, isinstance(distribution, LogUniform)))
+    return tuple(ranges), tuple(choices), tuple(left_out)
+
+
+def _hover_leaves(scenario: Scenario, path: str, value: float) -> dict[str, object]:
+    """Return the leaves of a scenario in hover, with another value of a field."""
+    changed = map_leaves(scenario, lambda each, old: value if each == path else old)
+    return dict(leaves(symmetric_hover(at_rest(changed))))
+
+
+def _range_of(distribution: Distribution) -> tuple[float, float]:
+    """Return the ends of the range of a distribution at scale 1."""
+    low, high = distribution.extremes()
+    if low is None or high is None:
+        bell = distribution.normal  # type: ignore[attr-defined]  # only normal distributions have no limits
+        low = bell.mean - _SIGMA * bell.standard_deviation if low is None else low
+        high = bell.mean + _SIGMA * bell.standard_deviation if high is None else high
+    return float(low), float(high)

@@ -1,0 +1,191 @@
+"""Linear fractional model of the dependence of a loop on parameters, fitted to exact loops.
+
+The system matrix of a loop depends on parameters ζ = (ζ₁, ..., ζ_k) nonlinearly: a mass enters as 1/m, and a time
+constant as exp(-t/τ). A linear fractional model
+
+    A(ζ) = A₀ + L (I - Z N)⁻¹ Z R,    Z = diag(ζ₁ I, ..., ζ_k I)
+
+has the structure that bounds of the structured singular value need. For each parameter, L, R and the diagonal block of
+N are a realisation of a polynomial of second degree (B. Ho and R. Kalman, 1966). The other blocks of N contain the
+products of parameters. Powers and singular values that are left out are an error of the model. It is represented by an
+unknown matrix with the largest error of the exact loops, as if it were another uncertain block.
+"""
+
+from itertools import combinations, pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.linear.structured_singular_value import Block, PeakBound, peak_mu_bound
+
+_RANK_TOLERANCE = 3e-4  # smallest singular value of a realisation, relative to the largest one of all parameters
+_RIDGE = 1e-3  # regularisation of mixed terms, relative
+_ERROR_TOLERANCE = 1e-2  # smallest singular value of all errors that is modelled, relative to the largest one
+_MIN_ERROR = 1e-7  # smaller errors of balanced system matrices are rounding errors
+_ERROR_FACTOR = 1.5  # allowance for larger errors between the points
+_MAX_CORNERS = 64  # largest number of corners of the box in a fit
+STEPS = (-1.0, -0.5, 0.5, 1.0)
+"""Points on the axis of each parameter to which a model is fitted."""
+
+
+class FractionalModel(NamedTuple):
+    """Linear fractional model of a loop, with an error matrix.
+
+    The exact loop is A(ζ) + U E V with an unknown matrix E, whose largest singular value is at most 1.
+
+    Attributes:
+        A: (n, n) system matrix at the centre.
+        L: (n, r) matrix.
+        N: (r, r) matrix.
+        R: (r, n) matrix.
+        sizes: numbers of rows of Z for each parameter, which sum to r.
+        U: (n, e) matrix.
+        V: (e, n) matrix.
+    """
+
+    A: np.ndarray
+    L: np.ndarray
+    N: np.ndarray
+    R: np.ndarray
+    sizes: tuple[int, ...]
+    U: np.ndarray
+    V: np.ndarray
+
+    def loops(self, points: np.ndarray) -> np.ndarray:
+        """Return the system matrices (K, n, n) at parameters (K, k)."""
+        Z = np.repeat(points, self.sizes, axis=1)[:, :, np.newaxis]
+        return self.A + self.L @ np.linalg.solve(np.eye(len(self.N)) - Z * self.N, Z * self.R)
+
+    def bound(self, *, tolerance: float = 0.01, stop: float = 0.0, limit: float = np.inf) -> PeakBound:
+        """Return the upper bound of the structured singular value on the unit circle.
+
+        If it is β ≥ 1, the loop is stable for all parameters with |ζ_i| < 1/β.
+
+        Args:
+            tolerance: relative accuracy.
+            stop: bound that is good enough.
+            limit: largest bound of interest; a larger one is infinite.
+
+        Raises:
+            ArithmeticError: no bound can be proved.
+        """
+        blocks = [Block(size, is_real=True) for size in self.sizes if size]
+        num_errors = len(self.V)
+        if num_errors:
+            blocks.append(Block(num_errors, is_real=False))
+        D = scipy.linalg.block_diag(self.N, np.zeros((num_errors, num_errors)))
+        B, C = np.hstack([self.L, self.U]), np.vstack([self.R, self.V])
+        return peak_mu_bound(self.A, B, C, D, blocks, tolerance=tolerance, stop=stop, limit=limit)
+
+    def strengths(self, omega: float) -> np.ndarray:
+        """Return the norms (k,) of the frequency responses from each parameter to itself, at ω (rad per sample)."""
+        response = self.R @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(self.A)) - self.A, self.L) + self.N
+        ends = np.cumsum([0, *self.sizes])
+        return np.array([np.linalg.norm(response[low:high, low:high]) for low, high in pairwise(ends)])
+
+
+def spectral_radii(loops: np.ndarray) -> np.ndarray:
+    """Return the spectral radii (K,) of system matrices (K, n, n); NaN for a matrix with NaN."""
+    finite = np.isfinite(loops).all(axis=(1, 2))
+    radii = np.full(len(loops), np.nan)
+    if finite.any():
+        radii[finite] = np.abs(np.linalg.eigvals(loops[finite])).max(axis=1, initial=0.0)
+    return radii
+
+
+def fitting_points(num_parameters: int, generator: np.random.Generator) -> np.ndarray:
+    """Return the parameters (K, k) between -1 and 1 at which `fit_fractional_model` needs the loops.
+
+    They are the centre, points on the axes, corners of the planes of two axes, and corners and other points of the box.
+    """
+    k = num_parameters
+    axes = [step * row for row in np.eye(k) for step in STEPS]
+    planes = [a * np.eye(k)[i] + b * np.eye(k)[j] for i, j in combinations(range(k), 2) for a, b in _SIGNS]
+    if 2**k <= _MAX_CORNERS:
+        corners = np.array([*product((-1.0, 1.0), repeat=k)])
+    else:
+        corners = generator.choice([-1.0, 1.0], size=(_MAX_CORNERS, k))
+    inside = generator.uniform(-1.0, 1.0, (_MAX_CORNERS // 4, k))
+    return np.vstack([np.zeros((1, k)), np.array([*axes, *planes]).reshape(-1, k), corners, inside])
+
+
+_SIGNS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
+
+
+def fit_fractional_model(points: np.ndarray, loops: np.ndarray) -> FractionalModel:
+    """Return the linear fractional model of loops at the parameters of `fitting_points`.
+
+    Args:
+        points: (K, k) parameters.
+        loops: (K, n, n) system matrices.
+    """
+    k, n = points.shape[1], loops.shape[1]
+    _, scales = scipy.linalg.matrix_balance(loops[0], permute=False, separate=True)
+    scales = scales[0]
+    loops = loops * scales / scales[:, np.newaxis]
+    centre, changes = loops[0], loops - loops[0]
+    num_axes = len(STEPS) * k
+    axes = changes[1 : 1 + num_axes].reshape(k, len(STEPS), n * n)
+    # Least squares with two powers leave the higher powers to the error.
+    vandermonde = np.array([[step, step * step] for step in STEPS])
+    series = (np.linalg.pinv(vandermonde) @ axes).reshape(k, 2, n, n)
+    decompositions = [np.linalg.svd(np.block([[c[0], c[1]], [c[1], np.zeros((n, n))]])) for c in series]
+    largest = max((s[0] for _, s, _ in decompositions), default=0.0)
+    lefts, diagonals, rights = [], [], []
+    for c, (U, s, V) in zip(series, decompositions, strict=True):
+        rank = int((s > _RANK_TOLERANCE * largest).sum()) if largest > 0.0 else 0
+        root = np.sqrt(s[:rank])
+        U, V = U[:, :rank], V[:rank]
+        lefts.append(U[:n] * root)
+        rights.append(root[:, np.newaxis] * V[:, :n])
+        diagonals.append(U[:n].T @ c[1] @ V[:, :n].T / np.outer(root, root))
+    sizes = [left.shape[1] for left in lefts]
+    N = scipy.linalg.block_diag(*diagonals) if sizes else np.zeros((0, 0))
+    ends = np.cumsum([0, *sizes])
+    rows = [slice(low, high) for low, high in pairwise(ends)]
+    planes = changes[1 + num_axes :]
+    for number, (i, j) in enumerate(combinations(range(k), 2)):
+        if sizes[i] and sizes[j]:
+            same, opposite = planes[4 * number : 4 * number + 2], planes[4 * number + 2 : 4 * number + 4]
+            mixed = (same.sum(axis=0) - opposite.sum(axis=0)) / 4.0
+            N[rows[i], rows[j]], N[rows[j], rows[i]] = _mixed_blocks(
+                mixed, (lefts[i], rights[i]), (lefts[j], rights[j])
+            )
+    L, R = np.hstack([np.zeros((n, 0)), *lefts]), np.vstack([np.zeros((0, n)), *rights])
+    model = FractionalModel(centre, L, N, R, tuple(sizes), np.zeros((n, 0)), np.zeros((0, n)))
+    U, V = _error_matrices(loops - model.loops(points))
+    column = scales[:, np.newaxis]
+    return FractionalModel(centre * column / scales, L * column, N, R / scales, tuple(sizes), U * column, V / scales)
+
+
+def _error_matrices(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrices U (n, e) and V (e, n), so that each of the errors (K, n, n) is U E V with |E| at most 1."""
+    n = errors.shape[1]
+    # Eigenvalues of the sums of E Eᵀ and Eᵀ E are the squares of the singular values of all errors side by side.
+    squares, left = np.linalg.eigh(np.einsum("kij,klj->il", errors, errors))
+    other_squares, right = np.linalg.eigh(np.einsum("kji,kjl->il", errors, errors))
+    s, t = (np.sqrt(np.maximum(each[::-1], 0.0)) for each in (squares, other_squares))
+    rank = int((s > _ERROR_TOLERANCE * max(s[0], _MIN_ERROR)).sum())
+    if not rank:
+        return np.zeros((n, 0)), np.zeros((0, n))
+    U, V = left[:, : -rank - 1 : -1] * np.sqrt(s[:rank]), (right[:, : -rank - 1 : -1] * np.sqrt(t[:rank])).T
+    sizes = np.linalg.norm(np.linalg.pinv(U) @ errors @ np.linalg.pinv(V), 2, axis=(1, 2))
+    root = np.sqrt(_ERROR_FACTOR * sizes.max())
+    return U * root, V * root
+
+
+def _mixed_blocks(
+    mixed: np.ndarray, first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return blocks X and Y of N for which L₁ X R₂ + L₂ Y R₁ is nearest to a mixed derivative (n, n)."""
+    (L1, R1), (L2, R2) = first, second
+    # Orthonormal bases make the equations small.
+    left, right = np.linalg.qr(np.hstack([L1, L2]))[0], np.linalg.qr(np.vstack([R1, R2]).T)[0]
+    equations = np.hstack([np.kron(left.T @ L1, (R2 @ right).T), np.kron(left.T @ L2, (R1 @ right).T)])
+    target = (left.T @ mixed @ right).ravel()
+    ridge = _RIDGE * np.linalg.norm(equations, 2)
+    stacked = np.vstack([equations, ridge * np.eye(equations.shape[1])])
+    x = np.linalg.lstsq(stacked, np.append(target, np.zeros(equations.shape[1])), rcond=None)[0]
+    r1, r2 = L1.shape[1], L2.shape[1]
+    return x[: r1 * r2].reshape(r1, r2), x[r1 * r2 :].reshape(r2, r1)

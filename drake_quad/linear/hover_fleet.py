@@ -1,0 +1,165 @@
+"""Exact linear models of the loops of many vehicles that hover at the same time.
+
+`closed_loop` linearises the loop of one scenario with AutoDiffXd, which takes seconds. A search over parameters needs
+thousands of loops that differ only in some numbers. Here each of them is the loop of one vehicle of a fleet. The map of
+the state over a period is differentiated by central differences of fourth order, in all loops at once.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight.mission import plan_route
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, loop_periods, rotor_rows, wrench_of_rotors
+from drake_quad.linear.context_vector import ContextVector
+from drake_quad.linear.sampled_system import at_tick, initialize_without_events, tick_after
+from drake_quad.process_settings import single_threaded_blas
+from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.models import Scenario
+
+_NUM_SETTLING_TICKS = 4  # after these ticks, the periodic grids of a diagram coincide exactly
+_EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the state over a period in an equilibrium, in SI units
+_MAX_NEWTON_STEPS = 20  # largest number of steps until an equilibrium is found
+_MIN_CONTRACTION = 0.1  # smallest ratio of the changes of two steps at which derivatives are computed again
+_STEP = 1e-3  # step of the differences, relative to a state that is larger than 1 in SI units
+_MAX_STEP = 1e4  # larger steps, in SI units, follow from a nearly singular matrix
+_REGULARISATION = 1e-11  # makes the matrix of Newton's method regular if a state never changes
+
+
+class HoverFleet:
+    """Loops of a scenario in hover, as a function of some of its fields.
+
+    Thrust and torques of the rotors replace the rotor speeds as states, so that the axes of a symmetric vehicle are
+    decoupled.
+
+    Args:
+        resting: scenario of `at_rest` or `symmetric_hover`.
+        fields: paths of the k fields that differ from loop to loop.
+        own: functions that create the user's systems for N vehicles.
+
+    Attributes:
+        resting: scenario.
+        fields: paths of the fields.
+        own: functions that create the user's systems.
+        period: sampling period of the loops, s.
+        states: names of the n states, known after the first call; for the rotors, of their speeds.
+    """
+
+    def __init__(self, resting: Scenario, fields: Sequence[str], *, own: UserSystems = UserSystems()) -> None:
+        self.resting, self.fields = resting, tuple(fields)
+        self.states: tuple[str, ...] = ()
+        self.period = max(loop_periods(resting).values())
+        self._plan, self.own = plan_route(resting), own
+        self._pattern = wrench_of_rotors(resting)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return the system matrices (N, n, n) of the loops, NaN for loops without an equilibrium near hover.
+
+        Args:
+            values: (N, k) values of the fields of each loop.
+        """
+        N = len(values)
+        varying = {field: values[:, i].copy() for i, field in enumerate(self.fields)}
+        batch = Batch(self.resting, (0,) * N, varying)
+        diagram = build_fleet_diagram(batch, self._plan, user_systems=self.own.build(N))
+        period_map = _PeriodMap(diagram, N, self.period)
+        self.states = period_map.states
+        # Saturated and diverging loops overflow, and are then reported as NaN.
+        with np.errstate(all="ignore"), single_threaded_blas():
+            x, unsettled = _equilibria(period_map)
+            A = period_map.jacobian(x, 4)
+        A[unsettled] = np.nan
+        rows = rotor_rows(self.states)
+        if len(rows) == len(self._pattern):
+            A[:, rows] = self._pattern @ A[:, rows]
+            A[:, :, rows] = A[:, :, rows] @ np.linalg.inv(self._pattern)
+        return A
+
+
+def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
+    """Return the equilibria (n, N) near hover, and the mask (N,) of the loops in which none is found."""
+    x, unsettled = _newton(period_map, period_map.settled)
+    if unsettled.any():
+        other, lost = _newton(period_map, np.where(unsettled, period_map.initial, x))
+        x, unsettled = np.where(unsettled, other, x), lost
+    return x, unsettled
+
+
+def _newton(period_map: "_PeriodMap", start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (n, N) to which Newton's method leads from (n, N), and the mask (N,) of those that change."""
+    x = start.copy()
+    inverse = np.broadcast_to(np.eye(len(x)), (x.shape[1], len(x), len(x))).copy()
+    largest = np.full(x.shape[1], 0.0)
+    for _ in range(_MAX_NEWTON_STEPS):
+        change = period_map(x) - x
+        before, largest = largest, np.abs(change).max(axis=0)
+        unsettled = ~(largest < _EQUILIBRIUM_TOLERANCE)
+        active = unsettled & np.isfinite(change).all(axis=0)
+        if not active.any():
+            break
+        # The derivatives are computed again only where the steps with the old ones converge slowly.
+        if (largest > _MIN_CONTRACTION * before)[active].any():
+            matrix = (1.0 + _REGULARISATION) * np.eye(len(x)) - period_map.jacobian(x, 2)
+            matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(len(x))
+            new = np.linalg.inv(matrix)
+            # A saturated command does not depend on the state. The derivatives at the previous point then lead back.
+            regular = np.abs(_times(new, change)).max(axis=0) < _MAX_STEP
+            inverse[regular] = new[regular]
+        x[:, active] += _times(inverse, change)[:, active]
+    return x, unsettled
+
+
+def _times(matrices: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the products (n, N) of N matrices (N, n, n) and as many columns (n, N)."""
+    return (matrices @ columns.T[:, :, np.newaxis])[:, :, 0].T
+
+
+class _PeriodMap:
+    """Map Φ of the states of N loops over a period, from just before the events of a tick to the next tick."""
+
+    def __init__(self, diagram: Diagram, num_vehicles: int, period: float) -> None:
+        self._diagram, self._context = diagram, diagram.CreateDefaultContext()
+        self._layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+        self._order = self._layout.vehicle_rows(num_vehicles)
+        self.initial = self._read(diagram, self._context)
+        at_tick(diagram, _NUM_SETTLING_TICKS * period, self._context)
+        self._next = tick_after(self._context.get_time(), period)
+        self._simulator, self._saved = Simulator(diagram, self._context), self._context.Clone()
+        names = self._layout.names if num_vehicles == 1 else [each.rpartition(".")[0] for each in self._layout.names]
+        self.states = tuple(names[first] for first in self._order[:, 0])
+        self.settled = self._read(diagram, self._context)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Return the states (n, N) after a period."""
+        numbers = np.empty(x.size)
+        numbers[self._order] = x
+        # The monitor remembers a crash, which must not affect the next call.
+        self._context.SetTimeStateAndParametersFrom(self._saved)
+        self._layout.write(self._diagram, self._context, numbers)
+        initialize_without_events(self._simulator)
+        self._simulator.AdvanceTo(self._next)
+        return self._read(self._diagram, self._context)
+
+    def jacobian(self, x: np.ndarray, order: int) -> np.ndarray:
+        """Return the derivatives (N, n, n) of the map, by central differences of order 2 or 4."""
+        n, N = x.shape
+        A = np.empty((N, n, n))
+        for j in range(n):
+            step = _STEP * np.maximum(1.0, np.abs(x[j]))
+            slopes = []
+            for factor in (1.0, 2.0)[: order // 2]:
+                after = []
+                for sign in (factor, -factor):
+                    shifted = x.copy()
+                    shifted[j] += sign * step
+                    after.append(self(shifted))
+                slopes.append((after[0] - after[1]) / (2.0 * factor * step))
+            A[:, :, j] = (slopes[0] if order == 2 else (4.0 * slopes[0] - slopes[1]) / 3.0).T
+        return A
+
+    def _read(self, diagram: Diagram, context: Context) -> np.ndarray:
+        return self._layout.read(diagram, context)[self._order]

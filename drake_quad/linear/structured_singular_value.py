@@ -1,0 +1,330 @@
+"""Upper bounds of the structured singular value, at one frequency and over all frequencies of a sampled system.
+
+A matrix M is in feedback with uncertain blocks Δ = diag(Δ₁, Δ₂, ...). A real block is δ I with an unknown real number
+δ, and a complex block is any complex matrix. The structured singular value μ(M) is the reciprocal of the size of the
+smallest Δ for which I - M Δ is singular. The bound β follows from scalings that commute with Δ (M. Fan, A. Tits and J.
+Doyle, "Robustness in the presence of mixed parametric uncertainty and unmodeled dynamics", 1991):
+
+    μ(M) ≤ β    if    Mᴴ D M + j (G M - Mᴴ G) - β² D < 0,    D = Dᴴ > 0,    G = Gᴴ
+
+For a real block of size r, D and G contain any Hermitian (r, r) matrices. For a complex block, D contains d I, and G is
+zero. Any scalings prove a bound, and the best ones are found by the method of centers (S. Boyd and L. El Ghaoui,
+"Method of centers for minimizing generalized eigenvalues", 1993).
+
+The same scalings prove the bound at neighbouring frequencies. The frequencies at which they stop to do so are
+eigenvalues of a pencil, so that the whole unit circle can be covered without a grid (C. Lawrence, A. Tits and P. Van
+Dooren, "A fast algorithm for the computation of an upper bound on the μ-norm", 2000).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.process_settings import single_threaded_blas
+
+_MAX_CENTERS = 60  # largest number of centers; the bound changes by less than the tolerance long before
+_MAX_NEWTON_STEPS = 30  # largest number of Newton steps to a center
+_CENTER_TOLERANCE = 0.05  # Newton decrement, squared, at which a center is accurate enough
+_CENTER_WEIGHT = 0.05  # fraction of the previous β² that keeps a center strictly feasible for the next one
+_MIN_BOUND = 1e-6  # smallest bound; a smaller structured singular value is as good as zero
+_CIRCLE_TOLERANCE = (
+    1e-3  # eigenvalues at most this far from the unit circle are taken as frequencies; extra ones do no harm
+)
+_NUM_FIRST_FREQUENCIES = 24  # frequencies at which scalings are computed before the gaps between them are covered
+_MAX_FREQUENCIES = 400  # largest number of frequencies at which scalings are computed
+_MIN_GAP = 1e-9  # rad, largest gap between covered intervals that counts as a rounding error
+
+
+class Block(NamedTuple):
+    """Block of an uncertain matrix Δ.
+
+    Attributes:
+        size: number r of rows and columns.
+        is_real: True for δ I with a real number δ, False for a full complex matrix.
+    """
+
+    size: int
+    is_real: bool
+
+
+@dataclass(frozen=True)
+class MuBound:
+    """Upper bound of the structured singular value of a matrix.
+
+    Attributes:
+        value: bound β.
+        D: (r, r) scaling.
+        G: (r, r) scaling.
+    """
+
+    value: float
+    D: np.ndarray
+    G: np.ndarray
+
+
+def mu_bound(
+    matrix: np.ndarray,
+    blocks: Sequence[Block],
+    *,
+    tolerance: float = 1e-3,
+    stop: float = 0.0,
+    starts: Sequence[MuBound] = (),
+) -> MuBound:
+    """Return an upper bound of the structured singular value of a matrix.
+
+    Args:
+        matrix: (r, r) matrix.
+        blocks: blocks of Δ, whose sizes sum to r.
+        tolerance: relative accuracy with which the bound is minimised.
+        stop: bound that is good enough, so that the minimisation may end.
+        starts: bounds of similar matrices, the best of whose scalings is the first guess.
+
+    Raises:
+        ValueError: if the sizes of the blocks do not match the matrix.
+    """
+    M = np.asarray(matrix, dtype=complex)
+    r = len(M)
+    if M.shape != (r, r) or sum(block.size for block in blocks) != r:
+        raise ValueError(f"blocks of {sum(block.size for block in blocks)} rows do not match a matrix {M.shape}")
+    basis_D, basis_G = _bases(tuple(blocks))
+    # F(x) = β² D - Mᴴ D M - j (G M - Mᴴ G) must be positive definite.
+    of_G = -1j * (basis_G @ M - M.conj().T @ basis_G)
+    of_D = -M.conj().T @ basis_D @ M
+    if r == 0:
+        return MuBound(_MIN_BOUND, np.zeros((0, 0)), np.zeros((0, 0)))
+    scalings = [(np.eye(r, dtype=complex), np.zeros((r, r), dtype=complex)), *((each.D, each.G) for each in starts)]
+    squares = [_smallest_square(M, D, G) for D, G in scalings]
+    square = min(squares)
+    best = MuBound(_value(square), *scalings[squares.index(square)])
+    x = np.concatenate([_coordinates(best.D, basis_D), _coordinates(best.G, basis_G)])
+    lowest = max(stop, _MIN_BOUND) ** 2
+    level = max(1.05 * square, lowest)
+    for _ in range(_MAX_CENTERS):
+        x = _center(x, np.concatenate([level * basis_D + of_D, of_G]), basis_D, level)
+        D, G = (np.tensordot(part, basis, 1) for part, basis in zip(np.split(x, [len(basis_D)]), (basis_D, basis_G)))
+        square = _smallest_square(M, D, G)
+        found = MuBound(_value(square), D, G)
+        if level == lowest:
+            # The center at the lowest level proves the bound in a wider interval of frequencies than other scalings.
+            return found
+        gain = best.value - found.value
+        best = found if gain > 0.0 else best
+        if square > lowest and gain < 0.1 * tolerance * found.value:
+            break
+        level = max((1.0 - _CENTER_WEIGHT) * square + _CENTER_WEIGHT * level, lowest) if square > lowest else lowest
+    return best
+
+
+def _smallest_square(M: np.ndarray, D: np.ndarray, G: np.ndarray) -> float:
+    """Return the smallest β² that the scalings prove; negative if they prove any bound."""
+    needed = M.conj().T @ D @ M + 1j * (G @ M - M.conj().T @ G)
+    return float(scipy.linalg.eigh(needed, D, eigvals_only=True)[-1])
+
+
+def _value(square: float) -> float:
+    return max(math.sqrt(max(square, 0.0)), _MIN_BOUND)
+
+
+def _center(x: np.ndarray, F_basis: np.ndarray, D_basis: np.ndarray, level: float) -> np.ndarray:
+    """Return the analytic center of F(x) > 0 and D(x) > 0 with a given sum of the traces of D and F / level.
+
+    The sum keeps G bounded, even if scalings prove any bound.
+
+    Args:
+        x: (k,) strictly feasible coordinates.
+        F_basis: (k, r, r) derivatives of F.
+        D_basis: (m, r, r) derivatives of D; D depends on the first m coordinates.
+        level: β², the weight of D in F.
+    """
+    m, k = len(D_basis), len(x)
+    traces = np.trace(F_basis, axis1=1, axis2=2).real / level
+    traces[:m] += np.trace(D_basis, axis1=1, axis2=2).real
+    x = x * (F_basis.shape[1] / (traces @ x))
+
+    def barrier(point: np.ndarray) -> float:
+        total = 0.0
+        for matrix in (np.tensordot(point, F_basis, 1), np.tensordot(point[:m], D_basis, 1)):
+            try:
+                total -= 2.0 * float(np.log(np.diag(np.linalg.cholesky(matrix)).real).sum())
+            except np.linalg.LinAlgError:
+                return math.inf
+        return total
+
+    value = barrier(x)
+    for _ in range(_MAX_NEWTON_STEPS):
+        gradient, hessian = np.zeros(k), np.zeros((k, k))
+        for basis, point in ((F_basis, x), (D_basis, x[:m])):
+            scaled = np.linalg.solve(np.tensordot(point, basis, 1), basis)
+            size = len(basis)
+            gradient[:size] -= np.trace(scaled, axis1=1, axis2=2).real
+            flat = scaled.reshape(size, -1)
+            hessian[:size, :size] += (flat @ scaled.transpose(0, 2, 1).reshape(size, -1).T).real
+        # The equality constraint fixes the sum of the traces. A tiny regularisation allows directions without effect.
+        system = np.zeros((k + 1, k + 1))
+        system[:k, :k] = hessian + 1e-12 * np.trace(hessian) / k * np.eye(k)
+        system[k, :k] = system[:k, k] = traces
+        step = np.linalg.solve(system, np.append(-gradient, 0.0))[:k]
+        decrement = float(-gradient @ step)
+        if not decrement > _CENTER_TOLERANCE:
+            break
+        length = 1.0 / (1.0 + math.sqrt(decrement)) if decrement > 0.25 else 1.0
+        while (new := barrier(x + length * step)) > value and length > 1e-6:
+            length *= 0.5
+        if length <= 1e-6:
+            break
+        x, value = x + length * step, new
+    return x
+
+
+def _bases(blocks: tuple[Block, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return bases of the Hermitian matrices D (m, r, r) and G (k, r, r) that commute with the blocks."""
+    r = sum(block.size for block in blocks)
+    D: list[np.ndarray] = []
+    G: list[np.ndarray] = []
+    first = 0
+    for size, is_real in blocks:
+        if not is_real:
+            matrix = np.zeros((r, r), dtype=complex)
+            matrix[range(first, first + size), range(first, first + size)] = 1.0
+            D.append(matrix)
+        for i in range(first, first + size) if is_real else ():
+            for j in range(first, i + 1):
+                for value in (1.0,) if i == j else (1.0, 1j):
+                    matrix = np.zeros((r, r), dtype=complex)
+                    matrix[i, j], matrix[j, i] = value, np.conj(value)
+                    D.append(matrix)
+                    G.append(matrix)
+        first += size
+    return np.array(D).reshape(-1, r, r), np.array(G).reshape(-1, r, r)
+
+
+def _coordinates(matrix: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Return the coordinates (k,) of a matrix in an orthogonal basis (k, r, r)."""
+    products = np.einsum("kij,ij->k", basis.conj(), matrix).real
+    return products / np.einsum("kij,kij->k", basis.conj(), basis).real
+
+
+class PeakBound(NamedTuple):
+    """Upper bound of the structured singular value over all frequencies.
+
+    Attributes:
+        value: bound that holds at every frequency.
+        frequency: frequency with the largest bound, rad per sample.
+    """
+
+    value: float
+    frequency: float
+
+
+def peak_mu_bound(
+    A: np.ndarray,
+    B: np.ndarray,
+    C: np.ndarray,
+    D: np.ndarray,
+    blocks: Sequence[Block],
+    *,
+    tolerance: float = 0.01,
+    stop: float = 0.0,
+    limit: float = math.inf,
+) -> PeakBound:
+    """Return an upper bound of the structured singular value of C (zI - A)⁻¹ B + D on the whole unit circle.
+
+    If the bound is β and A is stable, then the loop with Δ is stable for all blocks smaller than 1/β.
+
+    Args:
+        A: (n, n) stable system matrix.
+        B: (n, r) input matrix.
+        C: (r, n) output matrix.
+        D: (r, r) feedthrough matrix.
+        blocks: blocks of Δ, whose sizes sum to r.
+        tolerance: relative accuracy.
+        stop: bound that is good enough at every frequency.
+        limit: largest bound of interest; the bound is infinite as soon as a larger one is found at a frequency.
+
+    Raises:
+        ArithmeticError: if the bound cannot be proved between some frequencies, because a pole is on the unit circle.
+    """
+    if not len(D):
+        return PeakBound(_MIN_BOUND, 0.0)
+    slack = 1.0 + 0.5 * tolerance
+    A, scales = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    B, C = B / scales[0][:, np.newaxis], C * scales[0]
+    gaps = [(0.0, math.pi)]
+    level, peak = max(stop, _MIN_BOUND), (0.0, 0.0)
+    found: list[MuBound] = []
+
+    def prove(omega: float) -> None:
+        """Compute scalings at a frequency, and remove all frequencies that they cover from the gaps."""
+        nonlocal level, gaps, peak
+        response = C @ np.linalg.solve(np.exp(1j * omega) * np.eye(len(A)) - A, B) + D
+        bound = mu_bound(response, blocks, tolerance=0.25 * tolerance, stop=level / slack, starts=found)
+        found.append(bound)
+        level, peak = max(level, slack * bound.value), max(peak, (bound.value, omega))
+        gaps = _without(gaps, _covered(A, B, C, D, bound, level))
+
+    with single_threaded_blas():
+        # The largest bounds are near poles, and are computed first, since they also cover smaller ones.
+        poles = np.linalg.eigvals(A)
+        first = np.append(np.abs(np.angle(poles[np.abs(poles) > 0.2])), [0.0, math.pi])
+        sizes = [np.linalg.norm(np.linalg.solve(np.exp(1j * w) * np.eye(len(A)) - A, B), 2) for w in first]
+        for omega in first[np.argsort(sizes)[::-1]][:_NUM_FIRST_FREQUENCIES]:
+            if level > limit:
+                return PeakBound(math.inf, peak[1])
+            if any(low - _MIN_GAP <= omega <= high + _MIN_GAP for low, high in gaps):
+                prove(float(omega))
+        for _ in range(_MAX_FREQUENCIES):
+            if not gaps or level > limit:
+                return PeakBound(level if level <= limit else math.inf, peak[1])
+            before, (low, high) = gaps, max(gaps, key=lambda gap: gap[1] - gap[0])
+            prove(0.5 * (low + high))
+            if gaps == before:
+                # The intervals of real blocks can be as short as rounding errors, and are longer for a larger bound.
+                level *= 1.0 + 0.25 * tolerance
+    raise ArithmeticError(f"no bound of the structured singular value is found at {gaps[0][0]:.4f} rad per sample")
+
+
+def _covered(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, bound: MuBound, level: float
+) -> list[tuple[float, float]]:
+    """Return the intervals of [0, π] in which the scalings of a bound prove that μ is below a level.
+
+    At the ends of an interval, Mᴴ D M + j (G M - Mᴴ G) - level² D is singular. There z is an eigenvalue of a pencil
+    with the states x of M, the states of Mᴴ, and the input u.
+    """
+    n, r = B.shape
+    # With y = C x + D u, the form is yᴴ v₁ + uᴴ v₂ with v₁ = S y - j G u and v₂ = j G y - level² S u.
+    S, jG = bound.D, 1j * bound.G
+    v1 = np.hstack([S @ C, S @ D - jG])
+    v2 = np.hstack([jG @ C, jG @ D - level**2 * S])
+    left, right = np.zeros((2 * n + r, 2 * n + r), dtype=complex), np.zeros((2 * n + r, 2 * n + r), dtype=complex)
+    x, q, u = slice(0, n), slice(n, 2 * n), slice(2 * n, 2 * n + r)
+    xu = [*range(n), *range(2 * n, 2 * n + r)]
+    left[x, x], left[x, u], right[x, x] = A, B, np.eye(n)
+    left[q, q], right[q, q] = np.eye(n), A.T
+    right[q, xu] = C.T @ v1
+    left[u, q] = B.T
+    left[u, xu] = D.T @ v1 + v2
+    values = scipy.linalg.eig(left, right, right=False)
+    values = values[np.isfinite(values)]
+    on_circle = values[np.abs(np.abs(values) - 1.0) < _CIRCLE_TOLERANCE]
+    angles = np.angle(on_circle)
+    ends = np.unique(np.concatenate([[0.0, math.pi], angles[(angles > 0.0) & (angles < math.pi)]]))
+    middles = 0.5 * (ends[:-1] + ends[1:])
+    z = np.exp(1j * middles)[:, np.newaxis, np.newaxis]
+    M = C @ np.linalg.solve(z * np.eye(n) - A, np.broadcast_to(B, (len(middles), n, r)).astype(complex)) + D
+    MH = M.conj().transpose(0, 2, 1)
+    forms = MH @ S @ M + jG @ M - MH @ jG - level**2 * S
+    largest = np.linalg.eigvalsh(forms)[:, -1]
+    return [(float(a), float(b)) for a, b, top in zip(ends[:-1], ends[1:], largest, strict=True) if top < 0.0]
+
+
+def _without(gaps: list[tuple[float, float]], covered: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the parts of intervals that other intervals do not cover."""
+    for low, high in covered:
+        parts = [part for start, end in gaps for part in ((start, min(end, low)), (max(start, high), end))]
+        gaps = [(start, end) for start, end in parts if end - start > _MIN_GAP]
+    return gaps

@@ -1,0 +1,133 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.design.certificate import certify_hover
+from drake_quad.design.uncertain_hover import Range, parameters_in_hover
+from drake_quad.linear.closed_loop import closed_loop
+from drake_quad.linear.fractional_model import spectral_radii
+from drake_quad.linear.hover_fleet import HoverFleet
+from drake_quad.scenario.hovering import at_rest, symmetric_hover
+from drake_quad.scenario.paths import map_leaves
+
+FIELDS = {"vehicle.mass": 0.68, "vehicle.rotor_time_constant": 0.05}
+SPREADS = np.array([0.05, 0.3])  # half-widths of the ranges, relative
+DELAY = {"laboratory.command_link.delay_ticks": 8.0}
+LAG = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
+
+
+def late(*overrides):
+    """Return a hovering vehicle whose command arrives late, so that a slow rotor makes its loop unstable."""
+    return load_scenario("hover", [*overrides, *(f"{path}={value}" for path, value in DELAY.items())])
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    mass = f"vehicle.mass={{uniform: {{min: {0.95 * 0.68}, max: {1.05 * 0.68}}}}}"
+    return certify_hover(late(mass, LAG))
+
+
+def poles_at(numbers):
+    scenario = map_leaves(late(), lambda path, value: numbers.get(path, value))
+    return np.abs(closed_loop(symmetric_hover(at_rest(scenario))).system.poles())
+
+
+@pytest.mark.slow
+def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
+    assert 0.9 * certificate.unstable.scale < certificate.stable_scale < certificate.unstable.scale < math.inf
+    assert certificate.gap < 0.1
+    assert certificate.parameters == tuple(FIELDS)
+    assert certificate.lost.scale == math.inf
+
+
+@pytest.mark.slow
+def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
+    assert 1.0 < poles_at(certificate.unstable.values).max() < 1.01
+    for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
+        distance = abs(certificate.unstable.values[path] / centre - 1.0)
+        assert distance <= spread * certificate.unstable.scale + 1e-9
+
+
+@pytest.mark.slow
+def test_no_loop_of_a_grid_within_the_certified_scale_is_unstable(certificate):
+    resting = symmetric_hover(at_rest(late()))
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
+    fractions = grid * SPREADS * certificate.stable_scale
+    loops = HoverFleet(resting, [*FIELDS])(np.array([*FIELDS.values()]) * (1.0 + fractions))
+    assert spectral_radii(loops).max() < 1.0
+
+
+@pytest.mark.slow
+def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
+    found = certify_hover(late(LAG))
+    low, high = 0.05, 0.05 + 0.015 * 8.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        stable = poles_at({"vehicle.rotor_time_constant": middle}).max() < 1.0
+        low, high = (middle, high) if stable else (low, middle)
+    critical = (low - 0.05) / 0.015
+    assert 0.9 * critical < found.stable_scale <= 1.001 * critical
+    assert found.unstable.scale == pytest.approx(critical, rel=0.02)
+
+
+@pytest.mark.slow
+def test_loops_without_an_equilibrium_are_not_unstable():
+    # The commanded thrust is 0.3 to 1.8 times the nominal weight. At scale 2.33 the vehicle is lighter, and all loops
+    # with an equilibrium are stable.
+    overrides = [f"{path}={{uniform: {{min: {0.7 * value}, max: {1.3 * value}}}}}" for path, value in FIELDS.items()]
+    found = certify_hover(load_scenario("hover", overrides))
+    assert found.lost.scale == pytest.approx(0.7 / 0.3, rel=0.01)
+    assert found.lost.values["vehicle.mass"] < 0.3 * 0.68
+    assert found.unstable.scale > found.lost.scale
+    assert found.gap < 0.1
+
+
+@pytest.mark.slow
+def test_a_certificate_depends_only_on_the_seed():
+    first, second = (certify_hover(late(LAG)) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.slow
+def test_a_loop_that_is_unstable_at_the_centre_has_no_stable_scale():
+    found = certify_hover(load_scenario("hover", [LAG, "laboratory.command_link.delay_ticks=20"]))
+    assert found.stable_scale == found.unstable.scale == found.gap == 0.0
+    assert poles_at(found.unstable.values | {"laboratory.command_link.delay_ticks": 20.0}).max() > 1.0
+
+
+def test_parameters_that_do_not_act_on_hover_are_left_out():
+    ranges, choices, left_out = parameters_in_hover(load_scenario("robustness"))
+    assert [each.path for each in ranges if "inertia" in each.path] == [f"vehicle.inertia.{i}" for i in range(3)]
+    assert [each.path for each in choices] == [
+        "laboratory.motion_capture.latency_frames",
+        "laboratory.command_link.delay_ticks",
+    ]
+    assert {"laboratory.wind.2.speed", "laboratory.command_link.loss_rate"} <= set(left_out)
+
+
+def test_a_range_is_scaled_about_its_centre_and_stays_positive():
+    z = np.array([-100.0, -1.0, 0.0, 1.0, 2.0])
+    assert Range("", "", 0.6, 0.8, False).at(z).tolist() == pytest.approx([0.07, 0.6, 0.7, 0.8, 0.9])
+    assert Range("", "", -0.1, 0.3, False).at(z).tolist() == pytest.approx([-19.9, -0.1, 0.1, 0.3, 0.5])
+    assert Range("", "", 0.1, 0.4, True).at(z[1:]).tolist() == pytest.approx([0.1, 0.2, 0.4, 0.8])
+
+
+@pytest.mark.parametrize("limits", [(0.6, 0.8, False), (-0.1, 0.3, False), (0.1, 0.4, True)])
+def test_values_have_the_scale_from_which_they_follow(limits):
+    z = np.array([-1.5, -1.0, 0.0, 0.3, 2.0])
+    each = Range("", "", *limits)
+    assert each.scaled(each.at(z)) == pytest.approx(z)
+
+
+def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():
+    with pytest.raises(InputError, match="no distribution with a range in hover acts on hover"):
+        certify_hover(load_scenario("hover", ["laboratory.command_link.delay_ticks={choice: [1, 2]}"]))
+
+
+@pytest.mark.slow
+def test_a_network_that_learns_cannot_be_certified(diagrams):
+    learning = load_scenario("hover", [LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
+    with pytest.raises(InputError, match="has poles at 1 in hover"):
+        certify_hover(learning)
