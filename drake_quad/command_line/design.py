@@ -195,7 +195,7 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         "--phase-margin",
         type=float,
         metavar="DEGREES",
-        help="smallest phase margin of every loop (default: 45, or 60 for loops on board)",
+        help="smallest permitted phase margin of a loop, in degrees (default: 45, or 60 for loops on board)",
     )
     options.add_argument(
         "--gain-margin",

@@ -49,7 +49,7 @@ def options() -> argparse.ArgumentParser:
     )
     result.add_argument(
         "--vehicle",
-        help="FILE or FILE:NAME of the initial vehicle (default: the vehicle that the mapping or saved flight names)",
+        help="FILE or FILE:NAME of the initial vehicle (default: the vehicle named in the mapping or saved flight)",
     )
     result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped mapping")
     result.add_argument(

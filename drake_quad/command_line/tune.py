@@ -48,8 +48,8 @@ def options() -> argparse.ArgumentParser:
         metavar="FIELD[,FIELD...][=LOW:HIGH]",
         action="append",
         default=[],
-        help="field to tune, or several fields with the same value, and its range; can be given several times (default:"
-        " k_p and k_d of x and y; default range: within a factor of 4 of the current value)",
+        help="field to tune and its range, or several fields that are set to the same value; can be given several times"
+        " (default: k_p and k_d of x and y; default range: within a factor of 4 of the current value)",
     )
     limit, budget = LoopLimit(), Budget()
     add_stability_limits(result, limit.sensitivity, limit.delay)

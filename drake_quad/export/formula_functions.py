@@ -85,7 +85,7 @@ class FormulaFunctions:
         if signature not in self._by_signature:
             self._by_signature[signature] = self._traced(path, label, computation, absent)
         shared = self._by_signature[signature]
-        # Equal computations read the ports, parameters and states of their own system.
+        # Systems can share a C function, but each system reads its own ports, parameters and states.
         reads = [read for read in computation.reads if isinstance(read, Input | Parameter | StateGroup)]
         own = {(type(read), read.name): read for read in reads}
         arguments = [

@@ -24,7 +24,7 @@ _MAX_BATCH_SIZE = 512
 # Limits on the number of episodes that are computed in advance for each vehicle.
 _MIN_EPISODES_AHEAD = 2
 _MAX_EPISODES_AHEAD = 32
-# Total number of episodes that are computed in advance for all vehicles, subject to the limits for each vehicle.
+# Number of episodes of all vehicles together that are computed in advance. The limits above apply to each vehicle.
 _TOTAL_EPISODES_AHEAD = 4096
 
 

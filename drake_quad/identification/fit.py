@@ -52,7 +52,7 @@ _RESTART_DISTURBANCE = 0.05
 _MAX_WHITENED_ERROR = 1e6
 # Approximate number of measurements from which the noise is estimated in each round.
 _MAX_NOISE_SAMPLES = 1500
-# Step of the finite differences with respect to the logarithms of the noise.
+# Step of the finite differences with respect to the logarithms of the noise levels.
 _LOG_STEP = 1e-4
 # Largest change of the logarithm of a noise parameter in one round, which corresponds to a factor of 12.
 _MAX_LOG_CHANGE = 2.5

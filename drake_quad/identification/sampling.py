@@ -24,8 +24,8 @@ _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
 # Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
 # is 0.5 for white noise.
 _MIN_FAST_POWER_RATIO = 0.2
-# Parameters that determine the response to fast commands, by the beginning of their names. The delay determines it as
-# well, but missing commands hardly change the estimated delay.
+# Beginnings of the names of parameters that determine the response to fast commands. Their estimates are biased if
+# commands between the samples of a log are missing. The bias of the estimated delay is negligible.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
 # It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.

@@ -66,7 +66,7 @@ class Combination(NamedTuple):
         return tuple(dict.fromkeys(name for each in self.conditions for name in each.arguments))
 
     def margin(self, values: dict[str, Any]) -> Row:
-        """Return the margin of the combination."""
+        """Return the margin of the combined requirement, from the margins of its parts."""
         first, *others = [each.margin(values) for each in self.conditions]
         for other in others:
             first = minimum(first, other) if self.rule == "all" else maximum(first, other)

@@ -68,7 +68,7 @@ class Peaks(NamedTuple):
 
 
 def power_basis(order: int, s: ArrayLike, powers: int) -> np.ndarray:
-    """Return the derivatives of a given order of 1, s, s², ... with respect to s, as an array (..., powers)."""
+    """Return the derivatives of the powers 1, s, s², ... with respect to s, as an array (..., powers)."""
     falling, exponent = _derivative_of_powers(order, powers)
     return np.asarray(falling * np.asarray(s, dtype=float)[..., np.newaxis] ** exponent)
 

@@ -280,7 +280,7 @@ def _cholesky_factor(correlation: np.ndarray) -> np.ndarray:
 
 
 def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
-    """Return the (n, n) factors V √(Λ - λ), sorted from the largest to the smallest eigenvalue."""
+    """Return the (n, n) factors V √(Λ - λ) for eigenvectors V, eigenvalues Λ and the smallest eigenvalue λ."""
     size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
     # The sign of an eigenvector is arbitrary, so its entry with the largest magnitude is made positive.

@@ -79,7 +79,7 @@ def not_in_milliseconds(*, upper: float) -> Plausible:
 
 
 def not_in_millimetres(*, upper: float) -> Plausible:
-    """Return the range of a length in m that may have been given in mm."""
+    """Return the plausible range of a length in m. A larger number was probably given in mm."""
     return Plausible("m", "mm", 1e-3, upper=upper)
 
 

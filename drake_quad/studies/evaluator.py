@@ -81,7 +81,7 @@ class Evaluator:
             noise = NoiseSamples(period=noise_period, samples=(0,) * self.num_periods)
             scenario = scenario.model_copy(update={"noise": noise})
         self.scenario, self._pool, self._fleets = scenario, pool, dict[int, StudyFleet]()
-        # Workers compare the versions of the code with theirs.
+        # A worker compares these versions with those of its own code.
         code = {} if pool is None else code_versions(own)
         self._job = BatchJob(uuid.uuid4().hex, code, scenario, plan, num_vehicles, own, compiled)
         if pool is None:

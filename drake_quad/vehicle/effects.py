@@ -69,7 +69,7 @@ class Effects(NamedTuple):
 
     @property
     def load_the_body(self) -> bool:
-        """True if there are forces on the body that are not part of the paper's equations."""
+        """Whether forces act on the body that are not part of the paper's equations."""
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 
     def only(self, names: Sequence[str]) -> "Effects":

@@ -330,7 +330,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
-    # The type of the motors does not change if the logs contain no throttles.
+    # If the logs contain no throttles, the identified vehicle has motors of the same type as before.
     run("identify", "b.csv", *options, "--nominal")
     assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"

@@ -55,7 +55,7 @@ def test_each_command_suggests_its_options(command, capsys):
         assert f"has no option {misspelt}; did you mean --" in capsys.readouterr().err
 
 
-def test_the_beginning_of_an_option_and_arguments_after_two_dashes_are_accepted():
+def test_abbreviated_options_and_arguments_after_two_dashes_are_accepted():
     parser = module_of("study").options()
     assert parser.parse_args(["--sampl", "3"]).samples == 3
     assert parser.parse_args(["--", "--strange-name"]).scenario == "--strange-name"

@@ -639,7 +639,7 @@ def test_the_largest_influences_are_printed_by_the_names_of_their_fields(capsys,
     assert (first[0], second[0], len(second)) == ("vehicle.mass", "vehicle.centre_of_mass.0", 3)
     assert first[1].startswith("+0.")
     assert second[2] == "of the distance from its median"
-    assert crashes == []  # a third parameter would not be significant
+    assert crashes == []  # only two parameters have a significant influence
     _, header, first = text.partition("largest influences on crashes")
     assert first.splitlines()[1].startswith("vehicle.centre_of_mass.0")
     command = f"drake-quad sensitivities {tmp_path / 'scenario.yaml'} --sample 0\n"

@@ -247,7 +247,7 @@ def test_a_port_that_is_not_vector_valued_is_refused(make):
 
 @fleet_system(float)
 class Publishes(FleetSystem):
-    """System whose state changes in an event that a method of Drake declares."""
+    """System with an update that is declared by a method of Drake instead of a formula."""
 
     def declare(self, when):
         self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))

@@ -17,7 +17,11 @@ NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
 def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
-    """Simulate events and return the state and the log, given groups (rows, N) and shared values (events, width)."""
+    """Simulate events, and return the final state and the log.
+
+    Args:
+        groups: state and parameters of N vehicles, each (rows, N).
+        shared: (events, width) values that all vehicles share in each event."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))

@@ -678,7 +678,7 @@ def test_an_integral_costs_the_given_fraction_of_a_larger_phase_margin(pid_desig
     assert slow.margins.phase > 55.0
     phase = add_integral(slow, Requirements(), cost=0.05).margins.phase
     assert 0.95 * slow.margins.phase - 0.02 <= phase < 0.96 * slow.margins.phase
-    # The requirements are met even if the integral may cost half of the margin.
+    # The loop meets its requirements even if half of the phase margin may be spent on the integral.
     required = slow.margins.phase - 1.0
     phase = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
     assert required - 0.02 <= phase < required + 0.2

@@ -60,7 +60,7 @@ def test_the_kind_survives_pickling(folder):
     assert restored.control.registration_option().startswith("--controller ")
 
 
-def test_changed_structs_are_noticed(folder, tmp_path):
+def test_code_whose_structs_differ_from_its_description_is_refused(folder, tmp_path):
     for file in folder.iterdir():
         shutil.copy(file, tmp_path)
     description = json.loads((tmp_path / DESCRIPTION_FILE).read_text())

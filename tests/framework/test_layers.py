@@ -1,4 +1,4 @@
-"""Tests of network layers. Machine code evaluates a layer in a loop, and Python as sums of rows."""
+"""Tests of network layers. Machine code evaluates a layer in a loop, and Python evaluates it as sums of rows."""
 
 import numpy as np
 import pytest

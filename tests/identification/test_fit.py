@@ -436,7 +436,7 @@ def test_a_smaller_disturbance_is_fitted_only_if_it_may_become_likely_enough(rat
 
 
 def test_a_search_evaluates_its_result_once() -> None:
-    """The predictions at the result are those of the search, even though its last step is rejected."""
+    """The result contains predictions that the search has computed, even if the search rejects its last step."""
     points: list[bytes] = []
 
     class Kinked(LinearPredictor):

@@ -310,7 +310,7 @@ def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
         return set(identifiability.parameters_below_disturbance(rotors, predictor, parameters, fitted))
 
     still, moving = 0.0 * time, np.sin(2.0 * time)
-    # RMS speeds of a sine with an amplitude of 2 m/s are √2 m/s: the drag is 0.28 N.
+    # The RMS speed of a sine with an amplitude of 2 m/s is √2 m/s. At 0.2 N s/m, the drag is 0.28 N.
     limit = 0.2 * np.sqrt(2.0) / rotors.vehicle.mass
     both = np.column_stack([moving, moving, still])
     assert held(both, [0.9 * limit, 0.9 * limit, 99.0]) == set()

@@ -390,7 +390,7 @@ def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_erro
     """The eight parts have shifts of 100 ms + d and 100 ms - d, whose mean has a standard error of d / √7."""
     scatter = math.sqrt(7.0) * 0.075 / sigmas
     time = PERIOD * np.arange(-200.0, 4260.0)
-    # The shift changes linearly at the ends of the parts, which are 5 s long.
+    # The log has parts of 5 s. At the end of each part, the time shift changes linearly.
     begins = 0.3 + 5.0 * np.arange(9)
     shifts = 0.1 + scatter * np.where(np.arange(8) % 2, 1.0, -1.0)
     shift = np.interp(time, np.sort([*(begins[:-1] + 0.3), *(begins[1:] - 0.3)]), np.repeat(shifts, 2))

@@ -267,7 +267,7 @@ def test_values_are_scaled_rotated_and_reordered():
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", [None, "NED"])
 def test_quaternions_are_converted_to_roll_pitch_and_yaw(order, frame):
-    """The norm of a quaternion may be wrong by a factor of two.
+    """A quaternion is accepted if its norm is between 0.5 and 2.
 
     Zeros, with which many logs begin, are not a quaternion.
     """

@@ -232,7 +232,7 @@ def test_a_measured_attitude_includes_the_marker_misalignment_of_each_set_of_par
         for w in range(2):
             expected = Rotation.from_euler("ZYX", state[5:2:-1, k, w]) * Rotation.from_euler("ZYX", frame[::-1])
             np.testing.assert_allclose(found[::-1, k, w], expected.as_euler("ZYX"), atol=1e-9)
-    # Aligned markers show the attitude of the body.
+    # If the markers are aligned with the body, the measured attitude is that of the body.
     aligned = LogModel(load_scenario("laboratory:low_wind"), ["mass"])
     flight = ModelFlight(aligned, np.full((3, 1), 0.7), inputs, 0)
     np.testing.assert_array_equal(flight.measured_attitude(state), state[3:6])

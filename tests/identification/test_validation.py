@@ -72,7 +72,7 @@ def test_error_statistics_are_computed_per_axis_and_for_the_distance():
 
 
 def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
-    """The errors differ only because of the error of the fitted reference, whose acceleration is fed forward."""
+    """The errors differ only because the fitted reference is inexact and its acceleration is fed forward."""
     found = compare_with_log(flown, scenario, samples=1, rest=REST_DURATION)
     assert found.predicted.shape == (1, *found.logged_error.shape)
     assert np.abs(found.logged_error).max() > 0.02

@@ -559,7 +559,7 @@ def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(bas
 
 
 def test_estimates_that_nominal_can_contain_are_listed(vehicle, nominal):
-    """`nominal` has no fields for all other estimates."""
+    """`nominal` has no field for any other estimate."""
     names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(nominal_estimates(nominal)) == sorted(names)
     assert nominal_estimates(vehicle) == []

@@ -41,7 +41,7 @@ def test_each_replicate_has_one_number_in_each_of_its_equal_intervals(kind):
 
 
 def test_a_replicate_of_a_sobol_sequence_covers_pairs_of_numbers_evenly():
-    """In the plane of the first two numbers, each rectangle of area 2^-k contains one of 2^k points."""
+    """In the plane of the first two numbers, each dyadic rectangle of area 2^-k contains one of 2^k points."""
     found = points("sobol", 64, range(64), ("a", "b"))
     for first in range(7):
         cells = np.floor(found * (2**first, 2 ** (6 - first)))

@@ -16,7 +16,7 @@ from drake_quad.space.regions import MIN_COMMON_RADIUS, SLACK, Regions
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-WALL_WITH_DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
+WALL_WITH_DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))  # centre and size of a wall, m; the door is beside it
 
 
 def grid_of(room):

@@ -269,7 +269,7 @@ def test_a_demand_that_fits_just_below_a_limit_is_met():
 
 @with_both_allocations
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
+def test_a_demand_slightly_beyond_a_limit_is_reduced_to_the_limit(allocate, sign):
     """A fifth of a demand of 0.5 rad²/s² fits if the squared speed is 0.1 rad²/s² below its maximum."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll

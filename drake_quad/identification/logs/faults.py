@@ -84,7 +84,7 @@ _WRONG_SIGNS = [
     (-1.0, -1.0, -1.0),
 ]
 _BODY_SIGNALS = ("body_rates", "specific_force", "body_rate_command")
-# Faults that swap x and y, by the signs of x, y and z after the swap.
+# Faults that swap x and y. The keys are the signs of x, y and z after the swap.
 _SWAPS = {
     (1.0, 1.0, -1.0): "NED was taken for ENU, or ENU for NED",
     (1.0, -1.0, 1.0): "ENU was taken for NWU",

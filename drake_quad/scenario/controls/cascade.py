@@ -98,7 +98,7 @@ class CascadeControl(Control):
         return self.thrust_vectoring
 
     def cascade(self) -> "CascadeControl":
-        """Return the control itself."""
+        """Return this model, since it describes a cascade."""
         return self
 
     def parts(self) -> list[str]:

@@ -23,7 +23,7 @@ from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probab
 
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
-# Inputs whose future value can be used, as given by the lead time.
+# Inputs of which a network can use the value after its lead time.
 _PREDICTED_INPUTS: tuple[InputName, ...] = ("x", "y", "z", "phase")
 
 

@@ -48,7 +48,7 @@ class Learner:
 
     @property
     def weights(self):
-        """Weights (R, n)."""
+        """Return random weights of R rules for n vehicles, (R, n)."""
         (rows,) = self.system.get_state(self.context, "weights")
         return np.reshape(rows, (-1, self.n))
 

@@ -68,7 +68,7 @@ def test_an_onboard_rate_command_contains_no_attitude():
     )
 
 
-def test_body_rates_follow_the_rate_loop_on_the_ground_as_a_first_order_lag():
+def test_body_rates_follow_an_offboard_rate_loop_with_a_first_order_lag():
     """The torque follows from Euler's equations with ω̇ = k (ω_r - ω), for any present rates."""
     rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES_SCALE[3:])
     measured = State(*[0.0] * 9, *rates)
