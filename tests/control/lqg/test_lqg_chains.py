@@ -43,7 +43,7 @@ def page_equations():
     """Return the right-hand sides of the page's equations as Python, keyed by chain and state."""
     page = PAGE.read_text(encoding="utf-8")
     equations = {}
-    for line in re.findall(r"^    (\S.*' = .*)$", page[: page.index("The attitude converts")], re.MULTILINE):
+    for line in re.findall(r"^    (\S.*' = .*)$", page[: page.index("The attitude determines")], re.MULTILINE):
         chain, *sides = re.split(r" {3,}", line)
         equations[chain] = {}
         for state, right in (side.split("' = ") for side in sides):
