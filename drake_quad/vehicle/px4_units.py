@@ -26,8 +26,8 @@ def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[flo
             for rotor in nominal.rotors
         ]
     ).T
-    mixer = np.linalg.pinv(effectiveness)
-    tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
-    yaw_scale = float(np.max(mixer[:, 2]))
+    roll, pitch, yaw, _ = np.linalg.pinv(effectiveness).T  # columns of the mixer
+    tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(column))) for column in (roll, pitch)))
+    yaw_scale = float(np.max(yaw))
     rotor_thrust = nominal.mass * nominal.gravity / (4.0 * hover_thrust)
     return rotor_thrust / tilt_scale, rotor_thrust / tilt_scale, rotor_thrust / yaw_scale

@@ -271,7 +271,7 @@ def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     }
     assert most_influential_path(studies.values()) == "vehicle.linear_drag"
     (axes,) = plot_crash_probability(studies).axes
-    assert axes.get_xlabel() == "vehicle.linear_drag (N s/m)"
+    assert axes.get_xlabel() == "vehicle linear drag (N s/m)"
     levels = crash_bins(studies["pd"], "vehicle.linear_drag")
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])

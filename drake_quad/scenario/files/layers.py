@@ -118,9 +118,10 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     """Return a scenario with another scenario layered over it.
 
     - A layer that describes a vehicle replaces the whole airframe. Relative distributions of the base then apply to the
-    new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
-    control that depends on it are removed. - A control with a kind replaces the control of the base. - A route with a
-    kind replaces the route of the base, together with the duration and the metric window.
+      new vehicle. If the base has an autopilot response that was identified with the old vehicle, the autopilot and the
+      control that depends on it are removed.
+    - A control with a kind replaces the control of the base.
+    - A route with a kind replaces the route of the base, together with the duration and the metric window.
     """
     base_fields, new_vehicle = dict(base.value), describes_vehicle(layer)
     if new_vehicle:
