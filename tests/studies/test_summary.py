@@ -287,6 +287,6 @@ def test_the_plot_shows_crash_bins_over_the_most_influential_parameter():
     for bar in expected:
         assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
     (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
-    assert over_mass.get_xlabel() == "vehicle.mass (kg)"
+    assert over_mass.get_xlabel() == "vehicle mass (kg)"
     with pytest.raises(InputError, match="no random parameter"):
         plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))
