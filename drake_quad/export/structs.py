@@ -181,6 +181,8 @@ def _comment(text: str, quantity: Quantity | None) -> str:
         return text
     frame = {"W": "world frame", "B": "body frame"}.get(quantity.frame, "")
     unit = "" if quantity.unit == "1" else quantity.unit
+    # Some descriptions contain the unit.
+    unit = "" if text.endswith(f", {unit}") else unit
     return ", ".join(part for part in (text, unit, frame) if part)
 
 

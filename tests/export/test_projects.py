@@ -39,7 +39,7 @@ WITHOUT_JERK = ["figure_eight", [*SHORT, "control.position.feed_forward=accelera
 LQG = ["laboratory:nominal", SHORT, "controllers/lqg:lqg"]  # a controller with a state
 ATTITUDE = ["onboard", SHORT]
 ATTITUDE_WITHOUT_JERK = ["onboard", [*SHORT, "control.position.feed_forward=acceleration"]]
-DISABLED, ABSOLUTE = 0, 1  # modes of the Crazyflie's setpoint
+DISABLED, ABSOLUTE, VELOCITY = 0, 1, 2  # modes of the Crazyflie's setpoint
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # from north, west, up to north, east, down, and back
 HOVER_THRUST = 0.375
 
@@ -93,6 +93,37 @@ def test_the_crazyflie_project_without_setpoints_holds_the_yaw_and_stops_the_mot
     )
     library.set_modes(DISABLED, ABSOLUTE, DISABLED)
     np.testing.assert_array_equal(call(library, 1.04, holding), 0.0)
+    library.set_modes(ABSOLUTE, ABSOLUTE, DISABLED)
+    other = crazyflie_inputs(measured, reference, np.zeros(3))
+    command = call(library, 1.05, other)
+    np.testing.assert_array_equal(call(library, 1.07, other), command)
+    assert not np.allclose(command, expected), "the first step after the motors are enabled"
+
+
+@needs_compilers
+@pytest.mark.slow
+def test_the_crazyflie_project_follows_velocity_setpoints_from_where_it_is(tmp_path):
+    _, project = exported(tmp_path, "crazyflie", WRENCH)
+    library = library_of(project, "crazyflie.h", "crazyflie_driver.c", options=SINGLE_ONLY)
+    library.start()
+    measured = np.array([3.0, -2.0, 1.0, 0.1, 0.2, 0.7, 0.3, 0.1, 0.0, 0.0, 0.0, 0.0])
+    velocity, yaw = np.array([0.4, -0.2, 0.0]), [0.7, 0.0]
+
+    def inputs(place, velocity):
+        return crazyflie_inputs(measured, np.concatenate([place, velocity, np.zeros(3), yaw]), np.zeros(3))
+
+    in_world = RotationMatrix(RollPitchYaw([0.0, 0.0, 0.7])).matrix() @ velocity
+    expected = {
+        name: call(library, 1.0, inputs(measured[:3], each))
+        for name, each in {"world": velocity, "body": in_world, "none": 0.0 * velocity}.items()
+    }
+    elsewhere = np.array([0.0, 0.0, measured[2]])
+    library.set_velocity_mode(VELOCITY, False)
+    np.testing.assert_allclose(call(library, 1.02, inputs(elsewhere, velocity)), expected["world"], rtol=1e-5)
+    library.set_velocity_mode(VELOCITY, True)
+    np.testing.assert_allclose(call(library, 1.04, inputs(elsewhere, velocity)), expected["body"], rtol=1e-5, atol=1e-7)
+    library.set_velocity_mode(DISABLED, False)
+    np.testing.assert_allclose(call(library, 1.06, inputs(elsewhere, velocity)), expected["none"], rtol=1e-5)
 
 
 @pytest.mark.skipif(shutil.which(CROSS_COMPILER) is None, reason="no cross-compiler")
@@ -119,6 +150,15 @@ def px4_start(library, period):
     library.start.argtypes = [ctypes.c_float]
     assert library.start(HOVER_THRUST) == round(1e6 * period)
     library.engage(True)
+
+
+@pytest.fixture(scope="module")
+def px4_wrench_project(tmp_path_factory):
+    """Return the library of a PX4 project that commands a wrench."""
+    _, project = exported(tmp_path_factory.mktemp("px4"), "px4", WRENCH)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    return library
 
 
 @needs_compilers
@@ -209,6 +249,40 @@ def test_the_px4_project_holds_its_place_where_no_setpoint_is_given(tmp_path):
 
 @needs_compilers
 @pytest.mark.slow
+def test_the_px4_project_ignores_setpoints_that_are_old_or_from_before_offboard_mode(tmp_path):
+    _, project = exported(tmp_path, "px4", WRENCH)
+    library = px4_library(project)
+    px4_start(library, 0.02)
+    rest = np.zeros(11)
+    measured = [np.array([x, 2.0, 3.0, *[0.0] * 9]) for x in (1.0, 1.5)]
+    at_rest = [px4_inputs(each, np.array([*each[:3], *[0.0] * 8]), np.zeros(3)) for each in measured]
+    elsewhere = [px4_inputs(each, rest, np.zeros(3)) for each in measured]
+    library.set_setpoint_age(ctypes.c_uint64(10_000))  # from before the engagement
+    held = call(library, 1.0, elsewhere[0])
+    library.set_setpoint_age(ctypes.c_uint64(0))
+    np.testing.assert_allclose(call(library, 1.02, at_rest[0]), held, rtol=1e-6)
+    assert not np.allclose(call(library, 1.04, elsewhere[0]), held)
+    library.set_setpoint_age(ctypes.c_uint64(510_000))
+    held = call(library, 2.0, elsewhere[1])
+    library.set_setpoint_age(ctypes.c_uint64(0))
+    np.testing.assert_allclose(call(library, 2.02, at_rest[1]), held, rtol=1e-6)
+
+
+@needs_compilers
+@pytest.mark.slow
+@pytest.mark.parametrize("row", [0, 4, 8, 11])
+def test_the_px4_project_commands_nothing_if_an_estimate_is_not_a_number(row, px4_wrench_project):
+    library = px4_wrench_project
+    measured = np.zeros(12)
+    before = library.num_commands()
+    inputs = px4_inputs(measured, np.zeros(11), np.zeros(3))
+    inputs[{0: 0, 4: 7, 8: 5, 11: 12}[row]] = np.nan
+    call(library, 1.0, inputs)
+    assert library.num_commands() == before
+
+
+@needs_compilers
+@pytest.mark.slow
 def test_the_px4_project_flies_the_exported_route_from_its_place(tmp_path):
     scenario, project = exported(tmp_path, "px4", WRENCH, reference=True)
     library = px4_library(project)
@@ -275,6 +349,9 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
     library.send_odometry(level.ctypes.data_as(ctypes.c_void_p))
     library.tick(ctypes.c_uint64(100_000))
     library.tick(ctypes.c_uint64(250_000))
+    level[3] = np.nan
+    library.send_odometry(level.ctypes.data_as(ctypes.c_void_p))
+    library.tick(ctypes.c_uint64(260_000))
     assert library.num_commands() == 1
 
 
@@ -393,7 +470,7 @@ def hover_code(tmp_path_factory):
     return ExportedCode(export.description, "", "", (), nominal_parameters(scenario), False)
 
 
-FIRMWARE = ["crazyflie", "px4"]
+FIRMWARE = ["crazyflie", "px4", "arduino"]
 
 
 @pytest.mark.parametrize(
@@ -405,7 +482,11 @@ FIRMWARE = ["crazyflie", "px4"]
         (["px4", "ros2"], {"outputs": {"wrench": 4, "rotor_speed_command": 4}}, "not wrench and rotor_speed_command"),
         (["crazyflie"], {"period": 0.0125}, "a period of whole milliseconds, not 0.0125 s"),
         (["px4", "ros2", "arduino"], {"period": 1.25e-5 / 3}, "a period of whole microseconds"),
-        ([*FIRMWARE, "ros2"], {"inputs": {"measurement": 12, "gyroscope": 3}}, "cannot provide the input gyroscope"),
+        (
+            ["crazyflie", "px4", "ros2"],
+            {"inputs": {"measurement": 12, "gyroscope": 3}},
+            "cannot provide the input gyroscope",
+        ),
     ],
 )
 def test_code_that_does_not_fit_a_project_is_refused(hover_code, projects, changes, message):

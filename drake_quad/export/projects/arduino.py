@@ -1,14 +1,15 @@
 """Sketch for a microcontroller without an operating system, in the form of an Arduino program."""
 
-from drake_quad.export.projects.project import ExportedCode, Project, whole_steps
+from drake_quad.export.projects.project import ExportedCode, Project, check_single_precision, whole_steps
 
 
 def _placeholders(code: ExportedCode) -> dict[str, str]:
     """Return the values of the template's placeholders.
 
     Raises:
-        InputError: if the period is no multiple of a microsecond.
+        InputError: if the code has double precision, or its period is no multiple of a microsecond.
     """
+    check_single_precision("arduino", code.description)
     return {"MICROSECONDS": str(whole_steps("arduino", code.description, 1e-6, "microseconds"))}
 
 

@@ -34,6 +34,7 @@ def _placeholders(code: ExportedCode) -> dict[str, str]:
     jerk = ".reference_jerk = {.x = setpoint->jerk.x, .y = setpoint->jerk.y, .z = setpoint->jerk.z},"
     return {
         "CALLS": str(whole_steps("crazyflie", description, _FIRMWARE_PERIOD, "milliseconds")),
+        "MASS": f"{code.nominal.mass:.4g}",
         "JERK": jerk if "reference_jerk" in description.inputs else "",
     }
 

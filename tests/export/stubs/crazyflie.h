@@ -35,6 +35,7 @@ typedef struct {
     velocity_t velocity;
     acc_t acceleration;
     jerk_t jerk;
+    bool velocity_body;
     setpoint_mode_t mode;
 } setpoint_t;
 

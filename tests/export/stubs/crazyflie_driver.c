@@ -3,7 +3,8 @@
 
 #include "crazyflie.h"
 
-static stab_mode_t z_mode = modeAbs, yaw_mode = modeAbs, quat_mode = modeDisable;
+static stab_mode_t xy_mode = modeAbs, z_mode = modeAbs, yaw_mode = modeAbs, quat_mode = modeDisable;
+static bool velocity_is_in_body_frame;
 
 void vTaskDelay(uint32_t ticks)
 {
@@ -21,6 +22,13 @@ void set_modes(int z, int yaw, int quat)
     z_mode = (stab_mode_t)z;
     yaw_mode = (stab_mode_t)yaw;
     quat_mode = (stab_mode_t)quat;
+}
+
+/* Set the mode of x and y, and whether their velocity is in the body frame. */
+void set_velocity_mode(int xy, bool in_body_frame)
+{
+    xy_mode = (stab_mode_t)xy;
+    velocity_is_in_body_frame = in_body_frame;
 }
 
 /* inputs: position, velocity, quaternion x y z w, body rates, reference position, velocity, acceleration, jerk, yaw and
@@ -53,7 +61,8 @@ void step(uint64_t microseconds, const double *inputs, double *command)
         setpoint.attitudeQuaternion.z = sinf(half);
     }
     setpoint.attitudeRate.yaw = (float)p[1];
-    setpoint.mode.x = setpoint.mode.y = modeAbs;
+    setpoint.mode.x = setpoint.mode.y = xy_mode;
+    setpoint.velocity_body = velocity_is_in_body_frame;
     setpoint.mode.z = z_mode;
     setpoint.mode.yaw = yaw_mode;
     setpoint.mode.quat = quat_mode;

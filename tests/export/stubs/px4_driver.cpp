@@ -57,7 +57,8 @@ extern "C" bool has_current_times()
 }
 
 // Set the age of the estimates of the next steps in microseconds, and whether each of four parts of the position is valid.
-static uint64_t ages[3];
+static uint64_t ages[3], setpoint_age;
+extern "C" void set_setpoint_age(uint64_t age) { setpoint_age = age; }
 static bool valid[4] = {true, true, true, true};
 extern "C" void degrade(const uint64_t *estimate_ages, const bool *valid_parts)
 {
@@ -74,6 +75,7 @@ extern "C" void step(uint64_t microseconds, const double *inputs, double *comman
 	vehicle_attitude_s attitude{stub_now - ages[1], stub_now, {}};
 	vehicle_angular_velocity_s rates{stub_now - ages[2], stub_now, {}};
 	trajectory_setpoint_s setpoint{};
+	setpoint.timestamp = stub_now - setpoint_age;
 	float place[3], velocity[3];
 	take(place, inputs);
 	take(velocity, inputs);

@@ -57,13 +57,15 @@ public:
         stub_callback<Message> = callback;
         return std::make_shared<Subscription<Message>>();
     }
-    template <class Callback> TimerBase::SharedPtr create_wall_timer(std::chrono::microseconds period, Callback callback)
-    {
-        stub_period = period;
-        stub_timer = callback;
-        return std::make_shared<TimerBase>();
-    }
+    std::shared_ptr<int> get_clock() const { return nullptr; }
 };
+template <class Callback>
+TimerBase::SharedPtr create_timer(Node *, std::shared_ptr<int>, std::chrono::microseconds period, Callback callback)
+{
+    stub_period = period;
+    stub_timer = callback;
+    return std::make_shared<TimerBase>();
+}
 inline void init(int, char **) {}
 template <class T> void spin(std::shared_ptr<T> node) { stub_node = node; }
 inline void shutdown() {}

@@ -3,7 +3,8 @@
  *
  * The firmware measures angles in degrees, and this file converts them. The attitude is taken from the quaternion, since
  * the pitch angle of the firmware has the opposite sign. The firmware's world frame has Z up, and its body frame has x
- * forward, y left and z up, as in drake_quad. The command is a thrust in N and torques in N m.
+ * forward, y left and z up, as in drake_quad. The command is a thrust in N and torques in N m, for a vehicle of
+ * @MASS@ kg.
  */
 #include <math.h>
 #include <stdbool.h>
@@ -22,6 +23,9 @@ static const uint32_t calls_per_step = @CALLS@;
 
 static @NAME@_t controller_state;
 static @NAME@_outputs_t outputs;
+/* Step of the firmware at which the setpoint enabled the motors. */
+static stabilizerStep_t first_step;
+static bool flying;
 
 /* The firmware expects a task of the app, which has nothing to do. */
 void appMain(void)
@@ -75,16 +79,29 @@ static float commanded_yaw(const setpoint_t *setpoint, const state_t *state)
     return yaw_of(&state->attitudeQuaternion);
 }
 
+/* An axis without a position setpoint stays where it is, and moves with the velocity setpoint if there is one. */
+static float position_or(stab_mode_t mode, float setpoint, float measured)
+{
+    return mode == modeAbs ? setpoint : measured;
+}
+
 static @NAME@_inputs_t inputs_of(const setpoint_t *setpoint, const sensorData_t *sensors, const state_t *state)
 {
+    float v_x = setpoint->mode.x == modeDisable ? 0.0f : setpoint->velocity.x;
+    float v_y = setpoint->mode.y == modeDisable ? 0.0f : setpoint->velocity.y;
+    if (setpoint->velocity_body) {
+        const float yaw = yaw_of(&state->attitudeQuaternion), forward = v_x, left = v_y;
+        v_x = cosf(yaw) * forward - sinf(yaw) * left;
+        v_y = sinf(yaw) * forward + cosf(yaw) * left;
+    }
     const @NAME@_inputs_t inputs = {
         .@MEASUREMENT@ = measurement_of(state, sensors),
         .reference = {
-            .x = setpoint->position.x,
-            .y = setpoint->position.y,
-            .z = setpoint->position.z,
-            .v_x = setpoint->velocity.x,
-            .v_y = setpoint->velocity.y,
+            .x = position_or(setpoint->mode.x, setpoint->position.x, state->position.x),
+            .y = position_or(setpoint->mode.y, setpoint->position.y, state->position.y),
+            .z = position_or(setpoint->mode.z, setpoint->position.z, state->position.z),
+            .v_x = v_x,
+            .v_y = v_y,
             .v_z = setpoint->velocity.z,
             .a_x = setpoint->acceleration.x,
             .a_y = setpoint->acceleration.y,
@@ -104,11 +121,15 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
     if (setpoint->mode.z == modeDisable) {
         /* The motors are off, and the controller starts anew at the next flight. */
         @NAME@_init(&controller_state);
+        flying = false;
         control->thrustSi = 0.0f;
         control->torqueX = control->torqueY = control->torqueZ = 0.0f;
         return;
     }
-    if (stabilizerStep % calls_per_step == 0) {
+    if (!flying)
+        first_step = stabilizerStep;
+    flying = true;
+    if ((stabilizerStep - first_step) % calls_per_step == 0) {
         const @NAME@_inputs_t inputs = inputs_of(setpoint, sensors, state);
         @NAME@_step(&controller_state, &@NAME@_default_parameters, &inputs, &outputs);
     }

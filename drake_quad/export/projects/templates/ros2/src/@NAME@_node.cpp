@@ -41,13 +41,14 @@ public:
         weight_ = declare_parameter("weight", @WEIGHT@);
         hover_thrust_ = declare_parameter("hover_thrust", 0.5);
 #endif
-        publisher_ = create_publisher<Command>("command", rclcpp::SensorDataQoS());
+        publisher_ = create_publisher<Command>("command", rclcpp::QoS(1));
         odometry_ = create_subscription<Odometry>(
             "odometry", rclcpp::SensorDataQoS(), [this](Odometry::ConstSharedPtr message) { read_odometry(*message); });
         reference_ = create_subscription<MultiDOFJointTrajectoryPoint>(
             "reference", rclcpp::QoS(1),
             [this](MultiDOFJointTrajectoryPoint::ConstSharedPtr message) { read_reference(*message); });
-        timer_ = create_wall_timer(std::chrono::microseconds(@MICROSECONDS@), [this]() { step(); });
+        /* The clock of the node follows a simulator if use_sim_time is set. */
+        timer_ = rclcpp::create_timer(this, get_clock(), std::chrono::microseconds(@MICROSECONDS@), [this]() { step(); });
     }
 
 private:
@@ -62,6 +63,8 @@ private:
         const auto &q = message.pose.pose.orientation;
         const auto &v = message.twist.twist.linear;
         const auto &w = message.twist.twist.angular;
+        if (!std::isfinite(p.x + p.y + p.z + q.w + q.x + q.y + q.z + v.x + v.y + v.z + w.x + w.y + w.z))
+            return;
         auto &measurement = inputs_.@MEASUREMENT@;
         measurement.x = number(p.x);
         measurement.y = number(p.y);
@@ -78,7 +81,7 @@ private:
         measurement.q = number(w.y);
         measurement.r = number(w.z);
         measured_at_ = now();
-        if (!has_reference_)
+        if (!measured_ && !has_reference_)
             hover();
         measured_ = true;
     }
@@ -92,7 +95,6 @@ private:
         inputs_.reference.y = measurement.y;
         inputs_.reference.z = measurement.z;
         inputs_.reference.yaw = measurement.yaw;
-        has_reference_ = true;
     }
 
     void read_reference(const MultiDOFJointTrajectoryPoint &message)
@@ -124,7 +126,7 @@ private:
         if (!measured_ || (now() - measured_at_).seconds() > max_age_) {
             /* No command is published, and the controller starts anew when odometry arrives again. */
             @NAME@_init(&controller_);
-            has_reference_ = measured_ = false;
+            measured_ = false;
             return;
         }
 #if @HAS_REFERENCE@

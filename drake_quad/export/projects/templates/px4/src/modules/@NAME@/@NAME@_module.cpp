@@ -1,5 +1,5 @@
 /*
- * Controller of the scenario @SCENARIO@ as a module of PX4 (version 1.14 or later).
+ * Controller of the scenario @SCENARIO@ as a module of PX4 (versions 1.14 to 1.16).
  *
  * The module commands @COMMAND@ in Offboard mode. In all other modes, PX4's own controllers fly, so the pilot
  * takes over by leaving Offboard mode. PX4 also leaves it if this module stops.
@@ -40,6 +40,15 @@ constexpr float weight = @WEIGHT@f;
 constexpr float torque_units[3] = {@TORQUE_X@f, @TORQUE_Y@f, @TORQUE_Z@f};
 /* Age at which an estimate is too old to fly with, us. */
 constexpr hrt_abstime max_age_us = 200000;
+#if !@HAS_REFERENCE@
+/* Age at which a trajectory setpoint is too old to follow, us. */
+constexpr hrt_abstime max_setpoint_age_us = 500000;
+#endif
+
+float limited(float value, float low, float high)
+{
+	return fmaxf(low, fminf(high, value));
+}
 
 #if !@HAS_REFERENCE@
 float finite_or(float value, float replacement)
@@ -66,7 +75,8 @@ public:
 private:
 	void Run() override;
 	bool read_measurement(hrt_abstime now);
-	void set_reference();
+	void set_reference(hrt_abstime now);
+	void hold_place();
 	void publish(hrt_abstime now);
 
 	uORB::Subscription _angular_velocity_sub{ORB_ID(vehicle_angular_velocity)};
@@ -88,9 +98,11 @@ private:
 	hrt_abstime _sample_time{0};
 	float _hover_thrust{0.5f};
 	bool _engaged{false};
-	/* Position and yaw at the moment when Offboard mode was engaged, in the frames of the controller. */
-	float _start[3] {};
-	float _start_yaw{0.0f};
+	/* Position and yaw to hold if there is no setpoint, in the frames of the controller. */
+	float _place[3] {};
+	float _place_yaw{0.0f};
+	hrt_abstime _engaged_at{0};
+	bool _following{false};
 };
 
 void @CLASS@::Run()
@@ -126,20 +138,32 @@ void @CLASS@::Run()
 	if (!_engaged) {
 		/* The controller starts anew whenever it is engaged. */
 		@NAME@_init(&_controller);
-		param_get(param_find("MPC_THR_HOVER"), &_hover_thrust);
-		_start[0] = _inputs.@MEASUREMENT@.x;
-		_start[1] = _inputs.@MEASUREMENT@.y;
-		_start[2] = _inputs.@MEASUREMENT@.z;
-		_start_yaw = _inputs.@MEASUREMENT@.yaw;
+
+		if (param_get(param_find("MPC_THR_HOVER"), &_hover_thrust) != 0) {
+			return;
+		}
+
+		hold_place();
+		_engaged_at = now;
 		_engaged = true;
 	}
 
-	set_reference();
+	set_reference(now);
 	@NAME@_step(&_controller, &@NAME@_default_parameters, &_inputs, &_outputs);
 	publish(now);
 }
 
-/* Set the measured state. Return false if an estimate is missing or too old. */
+/* Hold the present position and yaw from now on. */
+void @CLASS@::hold_place()
+{
+	_place[0] = _inputs.@MEASUREMENT@.x;
+	_place[1] = _inputs.@MEASUREMENT@.y;
+	_place[2] = _inputs.@MEASUREMENT@.z;
+	_place_yaw = _inputs.@MEASUREMENT@.yaw;
+	_following = false;
+}
+
+/* Set the measured state. Return false if an estimate is missing, too old, or not a number. */
 bool @CLASS@::read_measurement(hrt_abstime now)
 {
 	vehicle_local_position_s position{};
@@ -172,39 +196,50 @@ bool @CLASS@::read_measurement(hrt_abstime now)
 	measurement.p = rates.xyz[0];
 	measurement.q = -rates.xyz[1];
 	measurement.r = -rates.xyz[2];
-	return true;
+	return isfinite(measurement.x + measurement.y + measurement.z + measurement.v_x + measurement.v_y + measurement.v_z
+			+ measurement.roll + measurement.pitch + measurement.yaw + measurement.p + measurement.q + measurement.r);
 }
 
 /* Set the reference. */
-void @CLASS@::set_reference()
+void @CLASS@::set_reference(hrt_abstime now)
 {
 	auto &reference = _inputs.reference;
 #if @HAS_REFERENCE@
 	/* The planned route, moved so that it begins where Offboard mode was engaged. Its yaw is that of the plan. */
 	@NAME@_reference(0.0f, &_inputs);
-	const float offset[3] = {_start[0] - reference.x, _start[1] - reference.y, _start[2] - reference.z};
+	const float offset[3] = {_place[0] - reference.x, _place[1] - reference.y, _place[2] - reference.z};
+	(void)now;
 	@NAME@_reference((float)_controller.step * (float)@NAME_UPPER@_PERIOD, &_inputs);
 	reference.x += offset[0];
 	reference.y += offset[1];
 	reference.z += offset[2];
 #else
-	/* The trajectory setpoint of a companion computer. Values that it does not set are those at the start, or zero. */
+	/* The trajectory setpoint of a companion computer. PX4 itself publishes this topic in other modes, so setpoints from
+	 * before Offboard mode are ignored. Without a recent setpoint, the vehicle holds its place. */
 	trajectory_setpoint_s setpoint;
+	const bool follows = _setpoint_sub.copy(&setpoint) && setpoint.timestamp >= _engaged_at
+			     && now <= setpoint.timestamp + max_setpoint_age_us;
 
-	if (!_setpoint_sub.copy(&setpoint)) {
+	if (_following && !follows) {
+		hold_place();
+	}
+
+	_following = follows;
+
+	if (!follows) {
 		memset(&setpoint, 0xff, sizeof(setpoint)); /* all values are NaN */
 	}
 
-	reference.x = finite_or(setpoint.position[0], _start[0]);
-	reference.y = finite_or(-setpoint.position[1], _start[1]);
-	reference.z = finite_or(-setpoint.position[2], _start[2]);
+	reference.x = finite_or(setpoint.position[0], _place[0]);
+	reference.y = finite_or(-setpoint.position[1], _place[1]);
+	reference.z = finite_or(-setpoint.position[2], _place[2]);
 	reference.v_x = finite_or(setpoint.velocity[0], 0.0f);
 	reference.v_y = finite_or(-setpoint.velocity[1], 0.0f);
 	reference.v_z = finite_or(-setpoint.velocity[2], 0.0f);
 	reference.a_x = finite_or(setpoint.acceleration[0], 0.0f);
 	reference.a_y = finite_or(-setpoint.acceleration[1], 0.0f);
 	reference.a_z = finite_or(-setpoint.acceleration[2], 0.0f);
-	reference.yaw = finite_or(-setpoint.yaw, _start_yaw);
+	reference.yaw = finite_or(-setpoint.yaw, _place_yaw);
 	reference.yaw_rate = finite_or(-setpoint.yawspeed, 0.0f);
 #if @HAS_JERK@
 	_inputs.reference_jerk.x = finite_or(setpoint.jerk[0], 0.0f);
@@ -229,20 +264,20 @@ void @CLASS@::publish(hrt_abstime now)
 	attitude.q_d[1] = cy * cp * sr - sy * sp * cr;
 	attitude.q_d[2] = cy * sp * cr + sy * cp * sr;
 	attitude.q_d[3] = sy * cp * cr - cy * sp * sr;
-	attitude.thrust_body[2] = -_hover_thrust * target.thrust / weight;
+	attitude.thrust_body[2] = limited(-_hover_thrust * target.thrust / weight, -1.0f, 0.0f);
 	_attitude_pub.publish(attitude);
 #else
 	const auto &wrench = _outputs.wrench;
 	vehicle_thrust_setpoint_s thrust{};
 	thrust.timestamp = now;
 	thrust.timestamp_sample = _sample_time;
-	thrust.xyz[2] = -_hover_thrust * wrench.thrust / weight;
+	thrust.xyz[2] = limited(-_hover_thrust * wrench.thrust / weight, -1.0f, 0.0f);
 	vehicle_torque_setpoint_s torque{};
 	torque.timestamp = now;
 	torque.timestamp_sample = _sample_time;
-	torque.xyz[0] = _hover_thrust * wrench.tau_x / torque_units[0];
-	torque.xyz[1] = -_hover_thrust * wrench.tau_y / torque_units[1];
-	torque.xyz[2] = -_hover_thrust * wrench.tau_z / torque_units[2];
+	torque.xyz[0] = limited(_hover_thrust * wrench.tau_x / torque_units[0], -1.0f, 1.0f);
+	torque.xyz[1] = limited(-_hover_thrust * wrench.tau_y / torque_units[1], -1.0f, 1.0f);
+	torque.xyz[2] = limited(-_hover_thrust * wrench.tau_z / torque_units[2], -1.0f, 1.0f);
 	_torque_pub.publish(torque);
 	_thrust_pub.publish(thrust);
 #endif
