@@ -124,6 +124,7 @@ def _with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
     """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
     print(f"{scenario.name}: hover in still air, with the ranges of {len(found.parameters)} parameters scaled at once")
+    print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
     print(f"  stable up to scale       {found.stable_scale:.3g}")
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
     for name, failure in failures.items():
