@@ -68,7 +68,7 @@ def plot_field_maps(
         handles = [Patch(color=_CRASHED_COLOUR, label="crashed")]
         if first.requirements:
             handles.append(Patch(color=_VIOLATED_COLOUR, label="a requirement is violated"))
-        handles.append(Patch(color=_COLOURS(0.4), label="other flights, with their share in the title"))
+        handles.append(Patch(color=_COLOURS(0.4), label="other flights (percentage in the titles)"))
         figure.legend(handles=handles, loc="outside upper center", ncols=3)
         return figure
 
