@@ -69,7 +69,7 @@ class Effects(NamedTuple):
 
     @property
     def load_the_body(self) -> bool:
-        """Whether forces act on the body that are not part of the paper's equations."""
+        """True if forces act on the body that the paper's equations do not contain."""
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 
     def only(self, names: Sequence[str]) -> "Effects":

@@ -83,7 +83,7 @@ def test_an_estimator_has_the_scenario_s_law_and_response_and_starts_at_the_firs
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
-    # By default, the feedforward assumes the same lag as the feedback.
+    # If the feedforward has no lag of its own, it uses the lag of the feedback.
     without_feed_forward_lag = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     recipes, _ = recipes_of(
         asymmetric("pid", f"control.position={{kind: indi, {PD_GAINS}, {without_feed_forward_lag}}}")

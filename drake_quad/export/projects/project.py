@@ -11,7 +11,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Largest difference between the ratio of two periods and a whole number.
 _ROUNDING = 1e-9
-# Reference inputs of a controller that describe derivatives of the position which autopilots do not know.
+# Inputs that describe the reference. A project sets those that its platform knows; the others are zero.
 _REFERENCE_INPUTS = frozenset({"reference", "reference_jerk", "reference_snap"})
 _MEASUREMENT_INPUTS = frozenset({"measurement", "state"})
 
