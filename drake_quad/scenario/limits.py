@@ -1,8 +1,7 @@
 """Limits on the size of a scenario.
 
 Typical scenarios stay far below these limits. The limits reject broken files, and files that are not scenarios, before
-they take long to parse: ruamel.yaml takes one second for 30,000 keys and values, and another second for half a megabyte
-of text.
+they take long to parse: 30,000 keys and values take half a second.
 """
 
 # Largest total size of a scenario's files, bytes. A path through 1,000 waypoints, as `drake-quad plan` writes it, has

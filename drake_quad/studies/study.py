@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, join_names
@@ -18,7 +17,9 @@ from drake_quad.flight.remarks import flight_remarks
 from drake_quad.laboratory.metrics import Metrics, definitions_of, unit_of
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.description import description_at, unit_at
+from drake_quad.scenario.files.documents import parse_document
 from drake_quad.scenario.files.loading import load_scenario
+from drake_quad.scenario.files.reading import read_text
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.replicates import INDEPENDENT, Replicates
@@ -413,10 +414,7 @@ def read_record(folder: Path) -> Record:
         InputError: the file cannot be read, or is not the record of a study.
     """
     path = folder / STUDY_FILE
-    try:
-        content = YAML(typ="safe", pure=True).load(path)
-    except (OSError, YAMLError, ValueError):
-        raise InputError(f"{path} cannot be read as YAML") from None
+    content = parse_document(read_text(path), str(path)).to_python()
     try:
         return Record.model_validate(content)
     except ValidationError as error:

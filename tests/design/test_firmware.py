@@ -222,7 +222,7 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
         (b"MC_YAWRATE_MAX 3.5", "MC_YAWRATE_MAX is 3.5; .* a rate in degrees per second"),
         (b"posCtlPid.thrustBase 0.55", "between 655 and 65535, since it is a thrust in units of a 16-bit number"),
         (b"posCtlPid.rLimit: 0.35", "posCtlPid.rLimit is 0.35; .* an angle in degrees"),
-        (b"persistent_param_state: [", "not a YAML file"),
+        (b"persistent_param_state: [", "is not YAML"),
         (b"type: persistent_param_state", "`params` is missing"),
         (
             b"type: persistent_param_state\nparams: {pid_rate.roll_kp: {is_stored: true}}",

@@ -324,7 +324,7 @@ def test_an_invalid_record_is_refused(whole, old, new, place, tmp_path):
     record = (tmp_path / "study.yaml").read_text()
     assert old in record
     (tmp_path / "study.yaml").write_text(record.replace(old, new))
-    words = rf"is not the record of a study: {place} is missing or invalid" if place else "cannot be read as YAML"
+    words = rf"is not the record of a study: {place} is missing or invalid" if place else "is not YAML"
     for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
         with pytest.raises(InputError, match=words):
             attempt()

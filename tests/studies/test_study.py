@@ -113,7 +113,7 @@ def test_a_record_cannot_be_changed(tmp_path):
 
 
 def test_a_missing_record_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"study\.yaml cannot be read as YAML"):
+    with pytest.raises(InputError, match=r"study\.yaml: cannot be read: no such file"):
         read_record(tmp_path)
 
 

@@ -6,14 +6,12 @@ import re
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
-
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+from typing import Literal, NamedTuple
 
 from drake_quad.errors import InputError
 from drake_quad.identification.logs.formats.ulog import MAGIC, ulog_parameters
 from drake_quad.identification.logs.source import read_file
+from drake_quad.scenario.files.documents import parse_document
 
 Firmware = Literal["crazyflie", "px4"]
 
@@ -96,7 +94,7 @@ def _declared(firmware: str) -> dict[str, _Declaration]:
     text = files(__package__).joinpath(f"{firmware}.yaml").read_text(encoding="utf-8")
     return {
         name: _Declaration(**value) if isinstance(value, dict) else _Declaration(float(value))
-        for name, value in YAML(typ="safe").load(text).items()
+        for name, value in parse_document(text, firmware).to_python().items()
     }
 
 
@@ -113,10 +111,7 @@ def _in_text(path: Path, data: bytes) -> dict[str, float]:
 
 
 def _in_client_file(path: Path, text: str) -> dict[str, float]:
-    try:
-        tree: Any = YAML(typ="safe").load(text)
-    except YAMLError as error:
-        raise InputError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from None
+    tree = parse_document(text, str(path)).to_python()
     states = tree.get("params") if isinstance(tree, dict) else None
     if not isinstance(states, dict):
         raise InputError(f"{path}: `params` is missing; a parameter file of the Crazyflie's client contains it")

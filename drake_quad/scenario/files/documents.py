@@ -1,21 +1,30 @@
 """Parser of YAML 1.2 documents, with limits on their size."""
 
 import functools
+import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
-from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.events import ScalarEvent
-from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
-from ruamel.yaml.reader import ReaderError
+import yaml
+from yaml.reader import ReaderError
 
 from drake_quad.errors import InputError, short_repr, shorten_text
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES
 
-_SCALAR_TYPES = ("float", "int", "bool", "null", "str")
+# The parser of libyaml, which is written in C and 20 times as fast. PyYAML contains it on all common platforms.
+_PARSER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_TAG_PREFIX = "tag:yaml.org,2002:"
+# Plain scalars of the core schema of YAML 1.2.2, section 10.3.2. PyYAML itself follows YAML 1.1, where `on` is true.
+_PATTERNS = {
+    "null": re.compile(r"~|null|Null|NULL|"),
+    "bool": re.compile(r"true|True|TRUE|false|False|FALSE"),
+    "int": re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"),
+    "float": re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"),
+}
+# Characters that are not among the printable ones of YAML 1.2.2, section 5.1.
+_FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @functools.lru_cache(maxsize=4096)
@@ -32,114 +41,161 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
         InputError: if the text is not YAML, is too large or nested too deeply, or contains a duplicate key, a key that
             is not text, or a tag.
     """
-    yaml = YAML(typ="safe", pure=True)
-    reader = _Reader(source, numbered, max_nodes)
-    yaml.Composer = reader.of  # type: ignore[assignment] # any callable will do
     try:
-        node = yaml.compose(text)
-        return Tree(None, Mark(source, 0)) if node is None else reader.document(node)
-    except MarkedYAMLError as error:
+        return _Reader(text, source, numbered, max_nodes).document()
+    except yaml.MarkedYAMLError as error:
         position = error.problem_mark or error.context_mark
         mark = Mark(source, position.line + 1 if numbered and position else 0)
         raise InputError(f"{mark}: is not YAML: {shorten_text(str(error.problem or error.context), 100)}") from None
-    except ReaderError as error:
-        mark = Mark(source, text.count("\n", 0, error.position) + 1 if numbered else 0)
+    except (ReaderError, UnicodeEncodeError):
+        forbidden = _FORBIDDEN.search(text)
+        assert forbidden is not None
+        mark = Mark(source, text.count("\n", 0, forbidden.start()) + 1 if numbered else 0)
         raise InputError(
-            f"{mark}: is not YAML: it contains the character {short_repr(text[error.position])}, which YAML does not"
-            " allow"
+            f"{mark}: is not YAML: it contains the character {short_repr(forbidden[0])}, which YAML does not allow"
         ) from None
-    except InputError:
-        raise
-    except (YAMLError, ValueError) as error:
-        raise InputError(f"{Mark(source, 0)}: is not YAML: {shorten_text(str(error).splitlines()[0], 100)}") from None
 
 
-class _Reader(Composer):
-    """Reader of one document, which converts text to nodes, and nodes to trees.
+class _Anchored(NamedTuple):
+    """Tree to which aliases may refer, with its number of nodes and levels."""
+
+    tree: Tree
+    nodes: int
+    levels: int
+
+
+class _Reader:
+    """Reader of one document.
 
     Reading stops at the first node beyond a limit, and the rest of the text is not parsed. The content of an alias
-    counts each time that the alias occurs, since the content may include further aliases or the alias itself.
+    counts each time that the alias occurs, since the content may include further aliases.
     """
 
-    def __init__(self, source: str, numbered: bool, max_nodes: int) -> None:
+    def __init__(self, text: str, source: str, numbered: bool, max_nodes: int) -> None:
+        self._events: Iterator[Any] = yaml.parse(text, _PARSER)
         self._source, self._numbered, self._max_nodes = source, numbered, max_nodes
-        self._count = self._level = 0
+        self._nodes = self._level = self._deepest = 0
+        self._anchors: dict[str, _Anchored] = {}
 
-    def of(self, loader: YAML) -> "_Reader":
-        super().__init__(loader)
-        self.warn_double_anchors = False  # the YAML standard allows an anchor to be redefined
-        return self
-
-    def _mark(self, position: Any) -> Mark:
-        return Mark(self._source, position.line + 1 if self._numbered else 0)
-
-    def _enter(self, position: Any) -> None:
-        self._count += 1
-        self._level += 1
-        if self._count > self._max_nodes:
-            raise InputError(
-                f"{self._mark(position)}: is too large: a scenario and all that it extends may have at most"
-                f" {MAX_NODES:,} keys and values"
-            )
-        if self._level > MAX_LEVELS:
-            raise InputError(
-                f"{self._mark(position)}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels"
-            )
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        event = self.parser.peek_event()
-        self._enter(event.start_mark)
-        if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
-            raise InputError(
-                f"{self._mark(event.start_mark)}: {short_repr(event.value)} is too long: a key or value may have at"
-                f" most {MAX_CHARACTERS:,} characters"
-            )
-        node = super().compose_node(parent, index)
-        self._level -= 1
-        return node
-
-    def document(self, node: Any) -> Tree:
-        self._count = self._level = 0
-        return self._tree(node)
-
-    def _tree(self, node: Any) -> Tree:
-        self._enter(node.start_mark)
-        tree = Tree(self._value(node), self._mark(node.start_mark))
-        self._level -= 1
+    def document(self) -> Tree:
+        """Return the tree of the only document."""
+        tree = Tree(None, Mark(self._source, 0))
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                tree = self._tree(next(self._events))
+                next(self._events)  # the end of the document
+                self._refuse_another_document()
         return tree
 
-    def _value(self, node: Any) -> Any:
-        if isinstance(node, MappingNode) and str(node.tag).endswith(":map"):
-            return dict(self._items(node))
-        if isinstance(node, SequenceNode) and str(node.tag).endswith(":seq"):
-            return [self._tree(child) for child in node.value]
-        return self._scalar(node)
+    def _refuse_another_document(self) -> None:
+        event = next(self._events)
+        if isinstance(event, yaml.DocumentStartEvent):
+            raise InputError(f"{self._mark(event)}: is not YAML: expected a single document, but another begins here")
 
-    def _items(self, node: MappingNode) -> Iterator[tuple[str, Tree]]:
+    def _mark(self, event: Any) -> Mark:
+        return Mark(self._source, event.start_mark.line + 1 if self._numbered else 0)
+
+    def _enter(self, event: Any, nodes: int, levels: int) -> None:
+        """Count nodes, and levels below the present one, towards the limits."""
+        self._nodes += nodes
+        self._deepest = max(self._deepest, self._level + levels)
+        if self._nodes > self._max_nodes:
+            raise InputError(
+                f"{self._mark(event)}: is too large: a scenario and all that it extends may have at most"
+                f" {MAX_NODES:,} keys and values"
+            )
+        if self._deepest > MAX_LEVELS:
+            raise InputError(
+                f"{self._mark(event)}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels"
+            )
+
+    def _tree(self, event: Any) -> Tree:
+        if isinstance(event, yaml.AliasEvent):
+            return self._aliased(event)
+        nodes, deepest = self._nodes, self._deepest
+        self._deepest = self._level
+        self._enter(event, 1, 1)
+        self._level += 1
+        tree = Tree(self._value(event), self._mark(event))
+        self._level -= 1
+        if event.anchor is not None:
+            self._anchors[event.anchor] = _Anchored(tree, self._nodes - nodes, self._deepest - self._level)
+        self._deepest = max(deepest, self._deepest)
+        return tree
+
+    def _aliased(self, event: Any) -> Tree:
+        if event.anchor not in self._anchors:
+            raise InputError(
+                f"{self._mark(event)}: is not YAML: the alias *{shorten_text(event.anchor)} needs an anchor that ends"
+                " before it"
+            )
+        anchored = self._anchors[event.anchor]
+        self._enter(event, anchored.nodes, anchored.levels)
+        return anchored.tree
+
+    def _value(self, event: Any) -> Any:
+        tag = (event.tag or "").removeprefix(_TAG_PREFIX)
+        if isinstance(event, yaml.MappingStartEvent) and tag in ("", "!", "map"):
+            return dict(self._items())
+        if isinstance(event, yaml.SequenceStartEvent) and tag in ("", "!", "seq"):
+            return [self._tree(item) for item in self._until(yaml.SequenceEndEvent)]
+        if isinstance(event, yaml.ScalarEvent) and tag in ("", "!", "str", *_PATTERNS):
+            return self._scalar(event, tag)
+        raise InputError(
+            f"{self._mark(event)}: the tag {shorten_text(event.tag)} is not allowed; write numbers, text, lists and"
+            " mappings"
+        )
+
+    def _until(self, end: type[Any]) -> Iterator[Any]:
+        while not isinstance(event := next(self._events), end):
+            yield event
+
+    def _items(self) -> Iterator[tuple[str, Tree]]:
         seen: dict[str, Mark] = {}
-        for key_node, value_node in node.value:
-            mark = self._mark(key_node.start_mark)
-            key = self._tree(key_node).value if isinstance(key_node, ScalarNode) else None
+        for event in self._until(yaml.MappingEndEvent):
+            mark = self._mark(event)
+            key = self._tree(event).value
             if not isinstance(key, str):
                 raise InputError(f"{mark}: a field's name must be text")
             if key in seen:
                 raise InputError(f"{mark}: {short_repr(key)} is already given at {seen[key]}")
             seen[key] = mark
             # Messages about a field refer to the line of its key, not to the first line of its value.
-            yield key, Tree(self._tree(value_node).value, mark)
+            yield key, Tree(self._tree(next(self._events)).value, mark)
 
-    def _scalar(self, node: Any) -> Any:
-        mark = self._mark(node.start_mark)
-        kind = str(node.tag).rpartition(":")[2]
-        if not isinstance(node, ScalarNode) or kind not in _SCALAR_TYPES:
+    def _scalar(self, event: Any, tag: str) -> Any:
+        text = event.value
+        if len(text) > MAX_CHARACTERS:
             raise InputError(
-                f"{mark}: the tag {shorten_text(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
+                f"{self._mark(event)}: {short_repr(text)} is too long: a key or value may have at"
+                f" most {MAX_CHARACTERS:,} characters"
             )
+        if not tag:
+            tag = _implicit_type(text) if event.implicit[0] else "str"
+        if tag in ("!", "str"):
+            return text
         try:
-            # ruamel.yaml accepts underscores between digits, which YAML 1.1 allows but YAML 1.2 does not.
-            if kind in ("int", "float") and "_" in node.value:
-                raise ValueError
-            return self.loader.constructor.construct_object(node)
-        except (LookupError, ValueError, OverflowError):
-            expected = "true or false" if kind == "bool" else "a valid number"
-            raise InputError(f"{mark}: {short_repr(node.value)} is not {expected}") from None
+            return _converted(text, tag)
+        except ValueError:
+            expected = {"null": "null", "bool": "true or false"}.get(tag, "a valid number")
+            raise InputError(f"{self._mark(event)}: {short_repr(text)} is not {expected}") from None
+
+
+def _implicit_type(text: str) -> str:
+    """Return the type of a plain scalar."""
+    # YAML 1.1 allows underscores between digits, YAML 1.2 does not. Such a scalar is a mistaken number, not a text.
+    digits = text.replace("_", "") if text[:1].isdecimal() else text
+    return next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(digits)), "str")
+
+
+def _converted(text: str, tag: str) -> Any:
+    """Convert the text of a scalar. Raise ValueError if it is not of the type that the tag names."""
+    if not _PATTERNS[tag].fullmatch(text) and not (tag == "float" and _PATTERNS["int"].fullmatch(text)):
+        raise ValueError(f"{text} is not of type {tag}")
+    if tag == "null":
+        return None
+    if tag == "bool":
+        return text.lower() == "true"
+    if tag == "int":
+        return int(text, 0 if text[:2] in ("0o", "0x") else 10)
+    return float(re.sub(r"\.(?=[inIN])", "", text))  # YAML writes .inf and .nan
