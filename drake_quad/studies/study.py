@@ -414,7 +414,7 @@ def read_record(folder: Path) -> Record:
         InputError: the file cannot be read, or is not the record of a study.
     """
     path = folder / STUDY_FILE
-    content = parse_document(read_text(path), str(path)).to_python()
+    content = parse_document(read_text(path), str(path)).tree.to_python()
     try:
         return Record.model_validate(content)
     except ValidationError as error:

@@ -9,7 +9,7 @@ from drake_quad.scenario.files.documents import parse_document
 
 
 def parsed(text):
-    return parse_document(text, "file.yaml").to_python()
+    return parse_document(text, "file.yaml").tree.to_python()
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_nan_is_a_number():
 
 
 def test_an_alias_has_the_value_of_its_anchor_and_a_mark_of_its_own_key():
-    tree = parse_document("a: &x {mass: 1}\nb: *x\n&y c: 2\n*y : 3\n".replace("*y :", "d:"), "file.yaml")
+    tree = parse_document("a: &x {mass: 1}\nb: *x\n&y c: 2\n*y : 3\n".replace("*y :", "d:"), "file.yaml").tree
     assert tree.to_python() == {"a": {"mass": 1}, "b": {"mass": 1}, "c": 2, "d": 3}
     assert str(tree.value["b"].mark) == "file.yaml:2"
     assert str(tree.value["b"].value["mass"].mark) == "file.yaml:1"

@@ -94,7 +94,7 @@ def _declared(firmware: str) -> dict[str, _Declaration]:
     text = files(__package__).joinpath(f"{firmware}.yaml").read_text(encoding="utf-8")
     return {
         name: _Declaration(**value) if isinstance(value, dict) else _Declaration(float(value))
-        for name, value in parse_document(text, firmware).to_python().items()
+        for name, value in parse_document(text, firmware).tree.to_python().items()
     }
 
 
@@ -111,7 +111,7 @@ def _in_text(path: Path, data: bytes) -> dict[str, float]:
 
 
 def _in_client_file(path: Path, text: str) -> dict[str, float]:
-    tree = parse_document(text, str(path)).to_python()
+    tree = parse_document(text, str(path)).tree.to_python()
     states = tree.get("params") if isinstance(tree, dict) else None
     if not isinstance(states, dict):
         raise InputError(f"{path}: `params` is missing; a parameter file of the Crazyflie's client contains it")

@@ -27,8 +27,20 @@ _PATTERNS = {
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
+class Document(NamedTuple):
+    """Content of a YAML document.
+
+    Attributes:
+        tree: values with their marks.
+        nodes: number of keys and values.
+    """
+
+    tree: Tree
+    nodes: int
+
+
 @functools.lru_cache(maxsize=4096)
-def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Tree:
+def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Document:
     """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
     Args:
@@ -77,15 +89,15 @@ class _Reader:
         self._nodes = self._level = self._deepest = 0
         self._anchors: dict[str, _Anchored] = {}
 
-    def document(self) -> Tree:
-        """Return the tree of the only document."""
+    def document(self) -> Document:
+        """Return the only document of the text."""
         tree = Tree(None, Mark(self._source, 0))
         for event in self._events:
             if isinstance(event, yaml.DocumentStartEvent):
                 tree = self._tree(next(self._events))
                 next(self._events)  # the end of the document
                 self._refuse_another_document()
-        return tree
+        return Document(tree, max(self._nodes, 1))
 
     def _refuse_another_document(self) -> None:
         event = next(self._events)

@@ -70,12 +70,12 @@ class Library:
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        tree = parse_document(text, source, numbered=numbered)  # the default limit allows a cached result
-        if tree.size() > self._nodes:
-            tree = parse_document(text, source, numbered=numbered, max_nodes=self._nodes)
+        document = parse_document(text, source, numbered=numbered)  # the default limit allows a cached result
+        if document.nodes > self._nodes:
+            document = parse_document(text, source, numbered=numbered, max_nodes=self._nodes)
         self._bytes -= len(text)
-        self._nodes -= tree.size()
-        return tree
+        self._nodes -= document.nodes
+        return document.tree
 
     def count(self, mark: Mark) -> None:
         """Count a key or value that does not come from YAML towards the limits of the scenario.

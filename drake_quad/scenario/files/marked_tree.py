@@ -55,14 +55,6 @@ class Tree(NamedTuple):
             return [tree.to_python() for tree in self.value]
         return self.value
 
-    def size(self) -> int:
-        """Return the number of keys and values in the tree."""
-        if isinstance(self.value, dict):
-            return 1 + sum(1 + tree.size() for tree in self.value.values())
-        if isinstance(self.value, list):
-            return 1 + sum(tree.size() for tree in self.value)
-        return 1
-
     def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
         """Return the subtree at a path, and the number of path steps that lead to it.
 

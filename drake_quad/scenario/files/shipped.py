@@ -43,7 +43,7 @@ def shipped_scenarios() -> list[str]:
     specs = []
     for file in shipped_names():
         path = shipped_folder() / f"{file}.yaml"
-        names = [*parse_document(path.read_text(encoding="utf-8"), str(path)).value]
+        names = [*parse_document(path.read_text(encoding="utf-8"), str(path)).tree.value]
         specs += [file] if len(names) == 1 else [f"{file}:{name}" for name in names]
     return specs
 
