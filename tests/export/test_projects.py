@@ -501,7 +501,18 @@ def test_an_unknown_project_is_refused(hover_code):
         project_files("kite", hover_code)
 
 
-def test_no_file_of_a_project_contains_a_placeholder(hover_code):
+def test_no_file_of_a_project_contains_a_placeholder_or_a_constant_condition(hover_code):
     for project in PROJECTS:
         for path, text in project_files(project, hover_code).items():
-            assert not re.search("@[A-Z_0-9]+@", path + text), (project, path)
+            assert not re.search("@[A-Z_0-9]+@|#if !?[01]", path + text), (project, path)
+            # Each condition of the compiler has its end.
+            assert len(re.findall("^#if", text, re.MULTILINE)) == len(re.findall("^#endif", text, re.MULTILINE))
+
+
+def test_a_project_contains_only_the_lines_for_its_code(hover_code):
+    module = "src/modules/mine/mine_module.cpp"
+    follows = project_files("px4", hover_code)[module]
+    plays = project_files("px4", hover_code._replace(has_reference=True))[module]
+    assert ("finite_or" in follows, "finite_or" in plays) == (True, False)
+    assert ("mine_reference(" in follows, "mine_reference(" in plays) == (False, True)
+    assert "#ifndef BOARD_H" in project_files("arduino", hover_code)["mine_sketch/board.h"]

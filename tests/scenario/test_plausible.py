@@ -100,7 +100,10 @@ def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
     assert questions(load_undesigned(spec, SHORT_ROUTES.get(spec, []))) == []
 
 
-@pytest.mark.parametrize("name", [*parse_document((TESTS_FOLDER / "asymmetric.yaml").read_text("utf-8"), "").tree.value])
+ASYMMETRIC_VEHICLES = parse_document((TESTS_FOLDER / "asymmetric.yaml").read_text("utf-8"), "").tree.value
+
+
+@pytest.mark.parametrize("name", [*ASYMMETRIC_VEHICLES])
 def test_no_scenario_of_the_tests_is_questioned(name):
     assert questions(load_undesigned(TESTS_FOLDER / f"asymmetric.yaml:{name}")) == []
 

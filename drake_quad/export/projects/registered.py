@@ -1,6 +1,7 @@
 """All projects, and their files."""
 
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from drake_quad.errors import InputError
@@ -45,6 +46,7 @@ def project_files(name: str, code: ExportedCode) -> dict[str, str]:
     }
 
     def filled(text: str) -> str:
+        text = "".join(_selected_lines(text, values))
         # Values may contain placeholders themselves.
         while (after := re.sub("@([A-Z_0-9]+)@", lambda match: values[match[1]], text)) != text:
             text = after
@@ -59,3 +61,28 @@ def project_files(name: str, code: ExportedCode) -> dict[str, str]:
     }
     code_file = filled(f"{project.code_folder}/{description.name}").removeprefix("./")
     return {**files, f"{code_file}.h": code.header, f"{code_file}.c": code.source}
+
+
+def _selected_lines(text: str, values: Mapping[str, str]) -> Iterator[str]:
+    """Yield the lines of a template that apply. The condition `#if @KEY@` or `#if !@KEY@` of a block is a placeholder.
+
+    Args:
+        text: text of the template.
+        values: values of the placeholders, by key. The value of a condition is 0 or 1.
+    """
+    blocks: list[bool | None] = []  # for each open block: whether its lines apply, or None for a block of the compiler
+    for line in text.splitlines(keepends=True):
+        condition = re.fullmatch(r"#if (!?)@(\w+)@\n", line)
+        if condition:
+            negated, key = condition.groups()
+            blocks.append((values[key] == "1") != bool(negated))
+            continue
+        if line.startswith("#if"):
+            blocks.append(None)
+        elif line.startswith("#else") and blocks[-1] is not None:
+            blocks[-1] = not blocks[-1]
+            continue
+        elif line.startswith("#endif") and blocks.pop() is not None:
+            continue
+        if False not in blocks:
+            yield line
