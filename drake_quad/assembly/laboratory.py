@@ -62,7 +62,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     }
 
 
-def build_laboratory_of(
+def build_laboratory_from_recipes(
     recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, user_wind: Any = None
 ) -> Diagram:
     """Build the laboratory diagram from recipes.

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder
 
 from drake_quad.assembly.control import build_control, control_recipes
-from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, build_monitor, laboratory_recipes, wind_period
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
@@ -85,7 +85,7 @@ def build_fleet_diagram(
         control = build_control(scenario, control_recipes(batch, plan, user_systems), num_vehicles, user_systems)
     builder.AddNamedSystem("control", control)
     user_wind = _sampled(user_systems.wind, scenario)
-    laboratory = build_laboratory_of(recipes, num_vehicles, samples, user_wind=user_wind)
+    laboratory = build_laboratory_from_recipes(recipes, num_vehicles, samples, user_wind=user_wind)
     builder.AddNamedSystem("laboratory", laboratory)
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 

@@ -21,7 +21,7 @@ from drake_quad.laboratory.metrics import definitions_of
 from drake_quad.number_parsing import parse_float, parse_int
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME, Mission
-from drake_quad.user_code import located
+from drake_quad.user_code import describe_error
 from drake_quad.visualization.style import Vector
 
 
@@ -124,7 +124,7 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
     try:
         return importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
     except Exception as error:
-        raise InputError(located(error)) from error
+        raise InputError(describe_error(error)) from error
 
 
 def folder_of(

@@ -12,11 +12,11 @@ from drake_quad.geometry.flatness import (
     acceleration_from_quarter_turn,
     angular_accelerations,
     attitude_from_quarter_turn,
-    attitude_of,
+    attitude_from_tilt,
     body_rates,
     in_heading,
     rates_from_quarter_turn,
-    tilt_of,
+    tilt_from_thrust,
 )
 from drake_quad.signals import (
     Acceleration,
@@ -134,10 +134,10 @@ def vectored_thrust(
     if sequence == "zxy":
         # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.geometry.flatness`.
         sin_yaw, cos_yaw = cos_yaw, -sin_yaw
-    tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
+    tilt = tilt_from_thrust(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     heading_jerk = in_heading(jerk, sin_yaw, cos_yaw)
     rates = body_rates(tilt, heading_jerk, reference.yaw_rate)
-    attitude = Attitude(*attitude_of(tilt), reference.yaw)
+    attitude = Attitude(*attitude_from_tilt(tilt), reference.yaw)
     acceleration = AngularAcceleration(0.0, 0.0, 0.0)
     if snap is not None:
         heading_snap = in_heading(snap, sin_yaw, cos_yaw)

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, laboratory_recipes
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.caching import ThreadSafeCache
@@ -142,7 +142,7 @@ def build_laboratory_diagram(
     """
     batch = _identical_vehicles(scenario, num_vehicles)
     samples = None if drake_random else batch.noise_samples
-    return build_laboratory_of(_recipes(batch, plan), num_vehicles, samples)
+    return build_laboratory_from_recipes(_recipes(batch, plan), num_vehicles, samples)
 
 
 def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None) -> FleetSystem:

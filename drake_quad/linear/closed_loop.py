@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
@@ -190,7 +190,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
             )
     plan = plan_route(resting)
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
-    laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
+    laboratory = build_laboratory_from_recipes(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
     hover = _hover_speeds(resting)
     wrench = _hover_wrench(resting, hover)

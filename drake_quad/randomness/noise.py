@@ -10,7 +10,7 @@ from pydrake.systems.primitives import RandomSource
 
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import nearest, where
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, fleet_system
+from drake_quad.framework.fleet_system import AutoDiffXd, CurrentTick, FleetSystem, fleet_system
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
@@ -131,7 +131,7 @@ class NoiseSource(FleetSystem):
         self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in streams}
         parts = tuple(self.packed.values())
         layout = Layout(tuple, parts, sum(part.num_rows for part in parts))
-        ticks = [TickOf(stream.period) for stream in streams]
+        ticks = [CurrentTick(stream.period) for stream in streams]
         self.output("random", stream_numbers, self.parameter("streams", states), kinds, *ticks, layout=layout)
 
 
@@ -242,7 +242,7 @@ class TickByTick(FleetSystem):
         count = round(period / stream.period)
         of_period, of_tick = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
         numbers = self.input("numbers", layout=of_period)
-        self.output("random", numbers_of_tick, numbers, count, TickOf(stream.period), layout=of_tick)
+        self.output("random", numbers_of_tick, numbers, count, CurrentTick(stream.period), layout=of_tick)
 
 
 def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:

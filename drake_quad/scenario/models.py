@@ -74,7 +74,7 @@ from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSettings
 from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
-from drake_quad.signals import numbered
+from drake_quad.signals import sensor_port_name
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
@@ -320,7 +320,8 @@ class Laboratory(Model):
         """Sensors by port name. This is the kind, followed by a number from the second sensor of the kind on."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
-            numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
+            sensor_port_name(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor
+            for i, sensor in enumerate(self.sensors)
         }
 
 

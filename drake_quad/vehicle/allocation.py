@@ -22,10 +22,10 @@ from functools import partial
 from itertools import chain, combinations
 from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where, where_needed
+from drake_quad.framework.elementary import lazy_where, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import RotorRate, RotorSpeed, Row, Wrench
-from drake_quad.vehicle.mixer import Mixer, mixer_of
+from drake_quad.vehicle.mixer import Mixer, mixer_from_parameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 Priority = Literal["roll_pitch", "thrust"]
@@ -55,7 +55,7 @@ class RotorModel(NamedTuple):
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
         """Return the exact rotor model of a vehicle."""
-        return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
+        return cls(mixer_from_parameters(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 
 class Allocated(NamedTuple):
@@ -121,7 +121,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
         level = square.thrust * wrench.thrust
         whole = level + square.tilt + square.yaw * wrench.tau_z
         lowest, highest = minimum(minimum(level, whole), lowest), maximum(maximum(level, whole), highest)
-    kept = where_needed(
+    kept = lazy_where(
         (lowest < low) | (highest > high),
         partial(_within_limits, priority),
         (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),

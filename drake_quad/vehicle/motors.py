@@ -33,12 +33,12 @@ def mean_thrust_factor(parameters: QuadrotorParameters) -> Row:
     return 0.25 * (b_1 + b_2 + b_3 + b_4)
 
 
-def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
+def thrust_from_throttle(throttle: Row, curve: ThrustCurve) -> Row:
     """Return the thrust of a rotor for a throttle in [0, 1], N."""
     return curve.k_0 + throttle * (curve.k_1 + curve.k_2 * throttle)
 
 
-def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
+def throttle_from_thrust(thrust: Row, curve: ThrustCurve) -> Row:
     """Return the throttle for a thrust (N), given a curve that increases over [0, 1]."""
     above = thrust - curve.k_0
     root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
@@ -53,7 +53,7 @@ def speed_range_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Ro
         curve: thrust curve of each rotor, which must increase over [0, 1].
         thrust_factor: thrust factor b of a rotor to which the curve applies exactly, N s².
     """
-    return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_of(1.0, curve) / thrust_factor)
+    return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_from_throttle(1.0, curve) / thrust_factor)
 
 
 def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
@@ -63,7 +63,7 @@ def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters:
     clipped to [0, 1]; NaN becomes 0.
     """
     per_factor = 1.0 / mean_thrust_factor(parameters)
-    thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
+    thrusts = [thrust_from_throttle(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
     return RotorSpeed._make(sqrt(maximum(thrust, TINY) * per_factor) for thrust in thrusts)
 
 
@@ -146,8 +146,8 @@ def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: Thr
         vehicle: exact model of the vehicle.
         nominal: model of the autopilot.
     """
-    throttles = [throttle_for(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
-    thrusts = [thrust_of(throttle, nominal.curve) for throttle in throttles]
+    throttles = [throttle_from_thrust(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
+    thrusts = [thrust_from_throttle(throttle, nominal.curve) for throttle in throttles]
     return RotorSpeed._make(sqrt(thrust / nominal.thrust_factor) for thrust in thrusts)
 
 
@@ -181,7 +181,7 @@ def allocate_throttle(
     slowest, fastest = speed_range_of_throttles(curve, b)
     within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within, priority)
-    throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
+    throttles = [throttle_from_thrust(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
     return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)
 
 

@@ -20,7 +20,7 @@ from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
-from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, numbered
+from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, sensor_port_name
 
 SENSORS_OVERRIDE = (
     "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
@@ -235,7 +235,11 @@ def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(alt
             SENSORS.member(SecondAccelerometer)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
     assert not any(name in SIGNALS for name in ("incomplete", "altimeter_", "altimeter_x"))
-    assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
+    assert [sensor_port_name("altimeter", number) for number in (1, 2, 12)] == [
+        "altimeter",
+        "altimeter_2",
+        "altimeter_12",
+    ]
     with pytest.raises(KeyError):
         SIGNALS["incomplete_2"]
 

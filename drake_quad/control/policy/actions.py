@@ -7,7 +7,7 @@ from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.geometry.axes import Vector
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import (
     Acceleration,
@@ -175,7 +175,7 @@ def offboard_rate_command(action: Action, measurement: State, scale: RatesScale)
         for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(rates), scale.rates), measured, strict=True)
     )
     return Wrench(
-        _scaled_thrust(thrust, scale.thrust), *torque_of(acceleration, measured, scale.i_xx, scale.i_yy, scale.i_zz)
+        _scaled_thrust(thrust, scale.thrust), *euler_torque(acceleration, measured, scale.i_xx, scale.i_yy, scale.i_zz)
     )
 
 

@@ -90,7 +90,7 @@ class OffboardRateActuation(FleetSystem):
 
     .. pydrake_system::
 
-        name: RatesFromTheGround
+        name: OffboardRateActuation
         input_ports:
         - action
         - measurement
@@ -116,7 +116,7 @@ class OnboardRateActuation(FleetSystem):
 
     .. pydrake_system::
 
-        name: RatesOnBoard
+        name: OnboardRateActuation
         input_ports:
         - action
         output_ports:

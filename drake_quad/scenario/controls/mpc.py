@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from drake_quad.control.lqg.design import regulator_of
+from drake_quad.control.lqg.design import design_regulator
 from drake_quad.control.lqg.laws import LqgParameters
 from drake_quad.control.mpc import constraints
 from drake_quad.control.mpc.constraints import Preview
@@ -127,8 +127,8 @@ class MpcControl(LqgControl):
             "tick": times.tick,
             "num_ticks": max(1, round(self.horizon / times.tick)),
             "nominal": nominal,
-            "lateral": regulator_of(self.lateral.model(), times, self.lateral.command_weight),
-            "vertical": regulator_of(self.vertical.model(), times, self.vertical.command_weight),
+            "lateral": design_regulator(self.lateral.model(), times, self.lateral.command_weight),
+            "vertical": design_regulator(self.vertical.model(), times, self.vertical.command_weight),
             "preview": _preview(setting.plan, times.tick),
             "corridor": NO_WALLS if self.corridor is None else self.corridor.walls(),
             "tilt_weight": self.tilt_weight,
