@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.elementary import lazy_where, maximum, minimum, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, accumulators_of, add_tick, compute_metrics
+from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, add_tick, compute_metrics, metric_accumulators
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -284,7 +284,7 @@ class FlightMonitor(FleetSystem):
     ) -> None:
         """Declare ports and states."""
         self._period, self._metrics = period, metrics
-        accumulators = accumulators_of(metrics)
+        accumulators = metric_accumulators(metrics)
         state, reference = self.input("state"), self.input("reference")
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)

@@ -15,7 +15,7 @@ from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Exported
+from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
@@ -123,7 +123,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """
     period = max(loop_periods(hovering).values())
     plan = plan_route(hovering)
-    diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=Exported(period))
+    diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=ExportedRandomNumbers(period))
     context = diagram.CreateDefaultContext()
     ports = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
     for port in ports:

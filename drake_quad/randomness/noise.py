@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 EXPORTED_PREFIX = "random."
 
 
-class Exported(NamedTuple):
+class ExportedRandomNumbers(NamedTuple):
     """Option to export random numbers as input ports of the diagram.
 
     A port supplies all random numbers of a period, tick after tick, and is read at the start of the period.
@@ -245,7 +245,9 @@ class TickByTick(FleetSystem):
         self.output("random", numbers_of_tick, numbers, count, CurrentTick(stream.period), layout=of_tick)
 
 
-def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
+def export_noise(
+    builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: ExportedRandomNumbers, num_vehicles: int
+) -> None:
     """Export random input ports as input ports of the diagram, named `random.` followed by the name of the stream."""
     for stream, port in ports.items():
         system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)

@@ -7,7 +7,7 @@ from drake_quad.framework.elementary import exp, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import TINY
 from drake_quad.signals import Quantity, RotorSpeed, Row, Throttle, Wrench
-from drake_quad.vehicle.allocation import Allocated, Priority, RotorModel, allocate, allocate_to_pairs
+from drake_quad.vehicle.allocation import AllocationOutput, Priority, RotorModel, allocate, allocate_to_pairs
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _Force = Annotated[Row, Quantity("N")]
@@ -151,7 +151,7 @@ def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: Thr
     return RotorSpeed._make(sqrt(thrust / nominal.thrust_factor) for thrust in thrusts)
 
 
-class AllocatedThrottle(NamedTuple):
+class ThrottleAllocationOutput(NamedTuple):
     """Result of an allocation.
 
     Attributes:
@@ -167,8 +167,8 @@ def allocate_throttle(
     wrench: Wrench,
     model: ThrottleModel,
     priority: Priority = "roll_pitch",
-    allocation: Callable[[Wrench, RotorModel, Priority], Allocated] = allocate,
-) -> AllocatedThrottle:
+    allocation: Callable[[Wrench, RotorModel, Priority], AllocationOutput] = allocate,
+) -> ThrottleAllocationOutput:
     """Return the throttles in [0, 1] for a wrench, and the part of the wrench that the rotors cannot produce.
 
     Args:
@@ -182,7 +182,7 @@ def allocate_throttle(
     within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within, priority)
     throttles = [throttle_from_thrust(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
-    return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)
+    return ThrottleAllocationOutput(Throttle._make(throttles), allocated.shortfall)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -197,8 +197,8 @@ class ThrottleAllocation(FleetSystem):
         output_ports:
         - throttle_command_and_shortfall
 
-    The output packs the two signals of `AllocatedThrottle`. The system computes rotor speeds as an `Allocation` does,
-    and converts each to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
+    The output packs the two signals of `ThrottleAllocationOutput`. The system computes rotor speeds as an `Allocation`
+    does, and converts each to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
 
     The only parameter of the context is `model`.
 
@@ -213,4 +213,4 @@ class ThrottleAllocation(FleetSystem):
         """Declare ports and parameters."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
         arguments = wrench, model, priority, allocate_to_pairs if paired else allocate
-        self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, *arguments)
+        self.packed_output("throttle_command_and_shortfall", ThrottleAllocationOutput, allocate_throttle, *arguments)

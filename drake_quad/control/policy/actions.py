@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from drake_quad.control.attitude import MomentOfInertia
 from drake_quad.control.policy.frames import LevelFrame, level_axes
-from drake_quad.control.thrust_vectoring import Vectored
+from drake_quad.control.thrust_vectoring import VectoringOutput
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.kinematics import euler_torque
@@ -138,10 +138,10 @@ def commanded_acceleration(
     return Acceleration(*(components if axes is None else axes.in_world(components)))
 
 
-def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> Vectored:
+def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> VectoringOutput:
     """Return the thrust and the attitude for an action: thrust, roll, pitch, and yaw relative to the reference."""
     thrust, roll, pitch, yaw = action
-    return Vectored(
+    return VectoringOutput(
         Thrust(_scaled_thrust(thrust, scale.thrust)),
         Attitude(
             saturate_action(roll) * scale.tilt,

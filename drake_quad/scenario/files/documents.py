@@ -19,13 +19,13 @@ _SCALAR_TYPES = ("float", "int", "bool", "null", "str")
 
 
 @functools.lru_cache(maxsize=4096)
-def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Tree:
+def parse_document(text: str, source: str, *, with_line_numbers: bool = True, max_nodes: int = MAX_NODES) -> Tree:
     """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
     Args:
         text: text of the document.
         source: name of the document in error messages.
-        numbered: True to add line numbers to the marks.
+        with_line_numbers: True to add line numbers to the marks.
         max_nodes: largest number of YAML nodes (keys and values) that is accepted.
 
     Raises:
@@ -33,17 +33,17 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
             is not text, or a tag.
     """
     yaml = YAML(typ="safe", pure=True)
-    reader = _Reader(source, numbered, max_nodes)
+    reader = _Reader(source, with_line_numbers, max_nodes)
     yaml.Composer = reader.of  # type: ignore[assignment] # any callable will do
     try:
         node = yaml.compose(text)
         return Tree(None, Mark(source, 0)) if node is None else reader.document(node)
     except MarkedYAMLError as error:
         position = error.problem_mark or error.context_mark
-        mark = Mark(source, position.line + 1 if numbered and position else 0)
+        mark = Mark(source, position.line + 1 if with_line_numbers and position else 0)
         raise InputError(f"{mark}: is not YAML: {shorten_text(str(error.problem or error.context), 100)}") from None
     except ReaderError as error:
-        mark = Mark(source, text.count("\n", 0, error.position) + 1 if numbered else 0)
+        mark = Mark(source, text.count("\n", 0, error.position) + 1 if with_line_numbers else 0)
         raise InputError(
             f"{mark}: is not YAML: it contains the character {short_repr(text[error.position])}, which YAML does not"
             " allow"
@@ -61,8 +61,8 @@ class _Reader(Composer):
     counts each time that the alias occurs, since the content may include further aliases or the alias itself.
     """
 
-    def __init__(self, source: str, numbered: bool, max_nodes: int) -> None:
-        self._source, self._numbered, self._max_nodes = source, numbered, max_nodes
+    def __init__(self, source: str, with_line_numbers: bool, max_nodes: int) -> None:
+        self._source, self._with_line_numbers, self._max_nodes = source, with_line_numbers, max_nodes
         self._count = self._level = 0
 
     def of(self, loader: YAML) -> "_Reader":
@@ -71,7 +71,7 @@ class _Reader(Composer):
         return self
 
     def _mark(self, position: Any) -> Mark:
-        return Mark(self._source, position.line + 1 if self._numbered else 0)
+        return Mark(self._source, position.line + 1 if self._with_line_numbers else 0)
 
     def _enter(self, position: Any) -> None:
         self._count += 1
