@@ -284,7 +284,7 @@ class Signals(dict[str, Any]):
         return self[_without_number(name)]
 
 
-def numbered(kind: str, number: int) -> str:
+def sensor_port_name(kind: str, number: int) -> str:
     """Return the port name of the n-th sensor of a type: `accelerometer`, `accelerometer_2`, and so on."""
     return kind if number == 1 else f"{kind}_{number}"
 

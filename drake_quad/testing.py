@@ -11,7 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad.assembly.registered_controllers import COMMANDS
 from drake_quad.assembly.user_systems import PORTS
-from drake_quad.compilation.blocks import block_of
+from drake_quad.compilation.blocks import find_block
 from drake_quad.compilation.compile_diagram import compile_diagram
 from drake_quad.errors import did_you_mean, join_names
 from drake_quad.framework.fleet_system import FleetSystem
@@ -168,7 +168,7 @@ def _number(value: Any) -> float:
 def _can_be_compiled(system: Any) -> bool:
     if isinstance(system, Diagram):
         return all(map(_can_be_compiled, system.GetSystems()))
-    return block_of(system) is not None
+    return find_block(system) is not None
 
 
 def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:

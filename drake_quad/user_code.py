@@ -38,7 +38,7 @@ def user_frames(error: BaseException) -> list[traceback.FrameSummary]:
     return []
 
 
-def located(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return the type and the message of an error in one line, with file and line if the user's code raised it.
 
     An example is "mine.py:12: KeyError: 'gain'". The type is left out for an `InputError`, whose message is a sentence.

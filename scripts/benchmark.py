@@ -33,7 +33,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import FixedTimes, MinimumSnapTiming, MinimumTimeTiming, Timing, plan_path
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.routes.waypoints import WaypointRoute
-from drake_quad.space.around import plan_around
+from drake_quad.space.around import plan_collision_free_path
 from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
@@ -397,11 +397,11 @@ def planning_work() -> dict[str, Callable[[], object]]:
 def through_forest(timing: Timing) -> Callable[[], object]:
     """Return a function that plans a route through the forest, after it has divided the free space into regions."""
     forest = load_scenario("forest")
-    space = forest.room()
+    space = forest.flight_space()
     assert isinstance(forest.route, WaypointRoute)
     assert space is not None
     assert space.bounds is not None
-    return partial(plan_around, space, space.bounds, forest.route.problem(), timing)
+    return partial(plan_collision_free_path, space, space.bounds, forest.route.problem(), timing)
 
 
 def milliseconds(work: Callable[[], object], repetitions: int) -> str:

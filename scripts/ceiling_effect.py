@@ -30,7 +30,7 @@ class Ceiling(NamedTuple):
         return Load(Vector(0.0, 0.0, ratio * ratio * flow.wrench.thrust), Vector(0.0, 0.0, 0.0))
 
 
-@EFFECTS.member
+@EFFECTS.register
 class CeilingEffect(AirLoadEffect):
     """Additional thrust of rotors below a ceiling."""
 

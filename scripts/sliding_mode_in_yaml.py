@@ -43,7 +43,7 @@ class SlidingMode(FleetSystem):
         self.output("acceleration_command", sliding_law, self.input("measurement"), self.input("reference"), parameter)
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class SlidingPosition(PositionController):
     """Sliding mode with a boundary layer, which acts like a PD with a limited response to errors."""
 

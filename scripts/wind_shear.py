@@ -41,7 +41,7 @@ class ShearWind(FleetSystem):
         self.state_output(wind)
 
 
-@WINDS.member
+@WINDS.register
 class ShearSource(BlowingSource):
     """Wind that grows with height by a power law; `velocity` is the wind at the reference height."""
 

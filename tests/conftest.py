@@ -183,13 +183,13 @@ def run(capsys, monkeypatch):
 
 
 @pytest.fixture
-def undrawn(monkeypatch):
+def blank_figures(monkeypatch):
     """Replace `Figure.savefig` by a function that saves a blank picture, without drawing the figure."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
 
 
 @pytest.fixture
-def unpainted(monkeypatch):
+def unrendered_figures(monkeypatch):
     """Replace `Figure.savefig` by a function that draws the figure without rendering it, and saves a blank picture.
 
     This takes a quarter of the time, and still finds errors in the drawing code.

@@ -94,7 +94,7 @@ def few_samples(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "few_samples", "cached_results")
+@pytest.mark.usefixtures("blank_figures", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
     for library in OPTIONAL_LIBRARIES:
@@ -135,7 +135,7 @@ def test_every_scenario_of_the_pages_loads(block, linked_folder):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
+@pytest.mark.usefixtures("blank_figures", "linked_folder", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
     if "qemu" in block and shutil.which(EMULATOR) is None:
@@ -151,7 +151,7 @@ def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "linked_folder", "cached_results")
+@pytest.mark.usefixtures("blank_figures", "linked_folder", "cached_results")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):
     """The blocks of the page run in order. Each line of a text block must be in the output of the previous block."""

@@ -95,6 +95,11 @@ def test_the_port_block_of_a_docstring_lists_all_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())
 
 
+@examples
+def test_the_port_block_of_a_system_names_its_class(example):
+    assert re.search(r"name: (\w+)", example.system.__doc__)[1] == example.system.__name__
+
+
 @pytest.mark.parametrize(("documented", "make"), DIAGRAMS, ids=name_of)
 def test_a_diagram_has_the_name_in_its_port_block(documented, make):
     assert make().get_name() == re.search(r"name: (\w+)", documented.__doc__)[1]

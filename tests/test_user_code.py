@@ -16,7 +16,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.framework.symbols import Listing
 from drake_quad.scenario.files.reading import open_source
 from drake_quad.signals import Row
-from drake_quad.user_code import located, user_frames, user_traceback
+from drake_quad.user_code import describe_error, user_frames, user_traceback
 
 USER_MODULE = """
 import json
@@ -64,7 +64,7 @@ def test_an_error_raised_from_a_user_s_error_is_located_in_the_user_s_code(mine)
         ("law", "return inner(x)"),
         ("inner", "return np.clip(x, 0.0, 1.0)"),
     ]
-    assert located(error).startswith("mine.py:12: TypeError: formula law: numpy.clip does not accept a row")
+    assert describe_error(error).startswith("mine.py:12: TypeError: formula law: numpy.clip does not accept a row")
     first, second, *_ = user_traceback(error).splitlines()
     assert first.endswith('mine.py", line 9, in law')
     assert second == "    return inner(x)"
@@ -73,13 +73,13 @@ def test_an_error_raised_from_a_user_s_error_is_located_in_the_user_s_code(mine)
 def test_an_error_inside_a_library_is_located_at_the_user_s_call_of_the_library(mine):
     error = error_of(entry_of, mine.parsed)
     assert isinstance(error, json.JSONDecodeError)
-    assert located(error) == "mine.py:15: JSONDecodeError: Expecting value: line 1 column 1 (char 0)"
+    assert describe_error(error) == "mine.py:15: JSONDecodeError: Expecting value: line 1 column 1 (char 0)"
 
 
 def test_an_input_error_in_the_user_s_code_is_located_without_its_type(mine):
     error = error_of(entry_of, lambda _: mine.loaded())
     assert isinstance(error, InputError)
-    assert located(error).startswith("mine.py:18: 'no_such_scenario' is neither a file nor a shipped scenario")
+    assert describe_error(error).startswith("mine.py:18: 'no_such_scenario' is neither a file nor a shipped scenario")
 
 
 def test_a_program_that_calls_this_package_is_not_user_code(mine):
@@ -87,8 +87,8 @@ def test_a_program_that_calls_this_package_is_not_user_code(mine):
     error = error_of(lookup, {}, "a", "name")
     assert user_frames(error) == []
     assert user_traceback(error) == ""
-    assert located(error) == "there is no name called 'a'; there are none"
-    assert located(error_of(json.loads, "")).startswith("JSONDecodeError: ")
+    assert describe_error(error) == "there is no name called 'a'; there are none"
+    assert describe_error(error_of(json.loads, "")).startswith("JSONDecodeError: ")
 
 
 def test_the_body_of_a_program_s_with_statement_is_not_user_code():
@@ -96,7 +96,7 @@ def test_the_body_of_a_program_s_with_statement_is_not_user_code():
         with open_source(Path(__file__)):
             raise KeyError("a")
 
-    assert located(error_of(body)) == "KeyError: 'a'"
+    assert describe_error(error_of(body)) == "KeyError: 'a'"
 
 
 def test_the_main_function_of_a_program_is_not_user_code(capsys, monkeypatch):
@@ -112,7 +112,7 @@ def test_the_main_function_of_a_program_is_not_user_code(capsys, monkeypatch):
 def test_a_syntax_error_is_located_in_the_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error = error_of(compile, "def f(:\n  pass", str(tmp_path / "wrong.py"), "exec")
-    assert located(error) == "wrong.py:1: SyntaxError: invalid syntax"
+    assert describe_error(error) == "wrong.py:1: SyntaxError: invalid syntax"
 
 
 def test_errors_that_are_each_other_s_cause_do_not_cause_an_endless_loop():

@@ -23,7 +23,7 @@ def control_setting(scenario: Scenario, plan: Plan) -> ControlSetting:
         frame=laboratory.motion_capture.period,
         loses_frames=can_differ_from_zero(laboratory.motion_capture.dropout_rate),
         autopilot=laboratory.autopilot,
-        space=scenario.room(),
+        space=scenario.flight_space(),
     )
 
 

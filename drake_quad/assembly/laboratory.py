@@ -13,7 +13,7 @@ from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Sur
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.planning.duration import window_end, window_start
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Exported
+from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
@@ -62,16 +62,20 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     }
 
 
-def build_laboratory_of(
-    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, user_wind: Any = None
+def build_laboratory_from_recipes(
+    recipes: dict[str, Recipe],
+    num_vehicles: int,
+    samples: Samples | ExportedRandomNumbers | None,
+    *,
+    user_wind: Any = None,
 ) -> Diagram:
     """Build the laboratory diagram from recipes.
 
     Args:
         recipes: recipes from `laboratory_recipes`, by path.
         num_vehicles: number of vehicles N.
-        samples: source of the random noise: the samples of a study, None for Drake's random sources, or `Exported` for
-            input ports.
+        samples: source of the random noise: the samples of a study, None for Drake's random sources, or
+            `ExportedRandomNumbers` for input ports.
         user_wind: user's source of wind, in addition to the sources in the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
@@ -91,7 +95,7 @@ def wind_period(scenario: Scenario) -> float:
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
     """Build the flight monitor, which detects crashes and computes the metrics of flights along a plan."""
-    space, tilt = scenario.room(), scenario.crash.tilt
+    space, tilt = scenario.flight_space(), scenario.crash.tilt
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     return FlightMonitor(
         num_vehicles=num_vehicles,
@@ -143,7 +147,7 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         )
     x, y, z = map(float, plan.waypoints[0])
     start = HoverPose(x, y, z, plan.initial_yaw)
-    pose, motion = scenario.initial.place(fleet.initial, start), scenario.initial.motion(fleet.initial)
+    pose, motion = scenario.initial.pose(fleet.initial, start), scenario.initial.motion(fleet.initial)
     config = QuadrotorConfig(parameters, _faults(fleet.vehicle, duration), pose, effects, motion)
     return fleet.laboratory.autopilot.vehicle_recipe(structure, config)
 

@@ -32,7 +32,7 @@ from drake_quad.scenario.position_controllers.controller import POSITION_CONTROL
 from drake_quad.scenario.quantities import Number
 from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.scenario.setting import ControlSetting
-from drake_quad.scenario.user_code import file_of
+from drake_quad.scenario.user_code import defining_file
 
 _CONTROL_COMMANDS = ("wrench", "attitude_target")
 COMMANDS = ("acceleration_command", *_CONTROL_COMMANDS)
@@ -53,7 +53,7 @@ class _UserSystemSettings(Model):
         """Return the option `--controller` that imports the system; empty if no importable file defines it."""
         if issubclass(cls.system, ExportedController):
             return f"--controller {shlex.quote(str(shortest_path(cls.system.folder.resolve())))}"
-        file = "" if cls.system.__module__ == "__main__" else file_of(cls.system)
+        file = "" if cls.system.__module__ == "__main__" else defining_file(cls.system)
         return f"--controller {file}:{cls.system.__name__}" if file else ""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -142,7 +142,7 @@ def register_controller(system: Any) -> str:
             **{name: Field(default=value, description="parameter of the controller") for name, value in fields.items()},
         },
     )
-    (CONTROLS if role == "control" else POSITION_CONTROLLERS).member(model)
+    (CONTROLS if role == "control" else POSITION_CONTROLLERS).register(model)
     return kind
 
 

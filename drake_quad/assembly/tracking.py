@@ -13,17 +13,17 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder
 
 from drake_quad.assembly.control import build_control, control_recipes
-from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, build_monitor, laboratory_recipes, wind_period
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError, join_names
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.wiring import subsystem
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
-from drake_quad.randomness.noise import EXPORTED_PREFIX, Exported, NoiseSource
+from drake_quad.randomness.noise import EXPORTED_PREFIX, ExportedRandomNumbers, NoiseSource
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
@@ -46,7 +46,7 @@ def build_fleet_diagram(
     record: bool = False,
     drake_random: bool = False,
     injects: bool = False,
-    exported: Exported | None = None,
+    exported: ExportedRandomNumbers | None = None,
     open_action: bool = False,
 ) -> Diagram:
     """Build the closed loop of a scenario, with one vehicle for each sample in a batch.
@@ -85,7 +85,7 @@ def build_fleet_diagram(
         control = build_control(scenario, control_recipes(batch, plan, user_systems), num_vehicles, user_systems)
     builder.AddNamedSystem("control", control)
     user_wind = _sampled(user_systems.wind, scenario)
-    laboratory = build_laboratory_of(recipes, num_vehicles, samples, user_wind=user_wind)
+    laboratory = build_laboratory_from_recipes(recipes, num_vehicles, samples, user_wind=user_wind)
     builder.AddNamedSystem("laboratory", laboratory)
     monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
@@ -136,7 +136,7 @@ def _connect_monitor(builder: DiagramBuilder, monitor: Any, signals: Mapping[str
     Raises:
         InputError: if an additional metric needs a signal that the diagram lacks.
     """
-    definitions = definitions_of(scenario.metrics_type)
+    definitions = metric_definitions(scenario.metrics_type)
     read = {signal for metric in definitions.values() for signal in metric.signals}
     for port in (monitor.get_input_port(i) for i in range(monitor.num_input_ports())):
         name = port.get_name()

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, parser, resolve_output_folder, scenario_from_arguments
 from drake_quad.command_line.output import (
     flying_command,
     print_columns,
@@ -59,8 +59,8 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    scenario = with_ranges(scenario_of(arguments), arguments.vary)
-    folder = output_folder(folder_of(arguments, scenario))
+    scenario = with_ranges(scenario_from_arguments(arguments), arguments.vary)
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     print_flight_remarks([scenario])
     began = time.perf_counter()
     with new_bar(desc=scenario.name, unit=" loops") as bar:

@@ -28,7 +28,7 @@ from drake_quad.statistics.interval import plus_minus
 from drake_quad.statistics.replicates import Replicates
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import compare, values_without_crashes
-from drake_quad.studies.study import replicates_of
+from drake_quad.studies.study import sample_replicates
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -61,7 +61,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"samples": (1, 10_000)})
     samples = arguments.samples or (4 if arguments.quick else 20)
-    scenarios_by_laboratory = scenarios_of(arguments)
+    scenarios_by_laboratory = scenarios_from_arguments(arguments)
     print_flight_remarks(scenario for scenarios in scenarios_by_laboratory.values() for scenario in scenarios.values())
     for scenarios in scenarios_by_laboratory.values():
         print_comparison_remarks(scenarios)
@@ -84,14 +84,14 @@ def main(arguments: argparse.Namespace) -> None:
         " controller, with its 95 % interval"
     )
     replicates = {
-        laboratory: replicates_of(next(iter(scenarios.values())), range(samples))
+        laboratory: sample_replicates(next(iter(scenarios.values())), range(samples))
         for laboratory, scenarios in scenarios_by_laboratory.items()
     }
     print_comparison(flights, replicates)
     print_files(files)
 
 
-def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
+def scenarios_from_arguments(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
     """Return the scenarios to fly, by laboratory and then by controller."""
     arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _DEFAULT_CONTROLLERS]
     if arguments.quick:

@@ -13,10 +13,10 @@ from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
-    all_overrides_of,
     bare_parser,
     check_ranges,
-    folder_of,
+    overrides_from_arguments,
+    resolve_output_folder,
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
@@ -86,10 +86,12 @@ def main(arguments: argparse.Namespace) -> None:
     if not has_control(arguments.scenario):
         predict_in_open_loop(record, arguments)
         return
-    scenario = load_scenario(arguments.scenario, [_PLACEHOLDER_ROUTE, *all_overrides_of(arguments)])
+    scenario = load_scenario(arguments.scenario, [_PLACEHOLDER_ROUTE, *overrides_from_arguments(arguments)])
     print_flight_remarks([scenario])
     log = Origin.of_file(arguments.log)
-    folder = output_folder(folder_of(arguments, scenario, name=f"{record.name}_{scenario.name}", others=[log]))
+    folder = output_folder(
+        resolve_output_folder(arguments, scenario, name=f"{record.name}_{scenario.name}", others=[log])
+    )
     with progress_bar(scenario.name, unit=" flights") as progress:
         comparison = compare_with_log(
             record,
@@ -105,7 +107,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) -> None:
     """Print the errors of open-loop predictions of a log, for a scenario without a controller."""
-    vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
+    vehicle = load_undesigned(arguments.scenario, overrides_from_arguments(arguments))
     if distributions_in(vehicle):
         remark("the predictions use the medians of the vehicle's random parameters")
     nominal = nominal_estimates(vehicle)

@@ -19,10 +19,10 @@ from drake_quad.command_line.options import (
     add_controller,
     add_vector,
     check_ranges,
-    folder_of,
-    overrides_of,
+    parse_overrides,
     parser,
-    scenario_of,
+    resolve_output_folder,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, print_joint_disk_margin, remark
 from drake_quad.design.cascade import (
@@ -44,7 +44,7 @@ from drake_quad.linear.link_margins import joint_disk_margin
 from drake_quad.linear.modes import modes
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.files.loading import load_undesigned, model_of
+from drake_quad.scenario.files.loading import build_model, load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.hovering import nominal_hover
 from drake_quad.scenario.models import Scenario
@@ -115,7 +115,7 @@ def main(arguments: argparse.Namespace) -> None:
         refuse_design_options(arguments)
         write_firmware_controller(arguments)
         return
-    scenario = scenario_of(arguments, load=load_undesigned)
+    scenario = scenario_from_arguments(arguments, load=load_undesigned)
     print_flight_remarks([scenario])
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
@@ -134,7 +134,7 @@ def main(arguments: argparse.Namespace) -> None:
     for sentence in design_remarks(design, designed):
         remark(sentence)
     loop = closed_loop(nominal_hover(median_scenario(designed)))
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     files = [
         write_atomically(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
@@ -241,7 +241,7 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
             control on the ground although the autopilot controls the attitude on board.
     """
     check_ranges(arguments, _RANGES)
-    requests = model_of(LoopRequests, overrides_of(arguments.loop, "--loop"))
+    requests = build_model(LoopRequests, parse_overrides(arguments.loop, "--loop"))
     period = scenario.laboratory.command_link.period
     requested = [(loop, name) for loop, request in requests for name in request.model_fields_set]
     for loop, name in requested:

@@ -16,9 +16,9 @@ from drake_quad.command_line.options import (
     add_controller,
     add_stability_limits,
     check_ranges,
-    folder_of,
     parser,
-    scenario_of,
+    resolve_output_folder,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
@@ -58,12 +58,12 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _RANGES)
-    scenario = scenario_of(arguments, load=load_undesigned)
+    scenario = scenario_from_arguments(arguments, load=load_undesigned)
     print_flight_remarks([scenario])
     limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
     design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     files = [
         write_atomically(folder / "lqg.yaml", lambda path: write_control(design, path, arguments.command)),
         write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),

@@ -5,7 +5,7 @@ import inspect
 import re
 from typing import Any
 
-from drake_quad.command_line.main import COMMANDS, COMMANDS_BY_PURPOSE, module_of
+from drake_quad.command_line.main import COMMANDS, COMMANDS_BY_PURPOSE, command_module
 from drake_quad.framework import elementary
 from drake_quad.framework.replacements import names_and_replacements
 
@@ -21,7 +21,7 @@ def command_page(page: str) -> str:
     parts = []
     for purpose, commands in COMMANDS_BY_PURPOSE.items():
         parts.append(f"\n## {purpose.capitalize()}\n")
-        parts += [f"\n### {name}\n{_section(name, module_of(name).options())}" for name in commands]
+        parts += [f"\n### {name}\n{_section(name, command_module(name).options())}" for name in commands]
     return _updated(page, "".join(parts))
 
 

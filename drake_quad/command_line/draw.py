@@ -2,7 +2,7 @@
 
 import argparse
 
-from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, parser, resolve_output_folder, scenario_from_arguments
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.flight.mission import build_tracking_diagram
@@ -17,8 +17,8 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    scenario = draw_sample(scenario_of(arguments), 0)
-    folder = output_folder(folder_of(arguments, scenario))
+    scenario = draw_sample(scenario_from_arguments(arguments), 0)
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}
     files = [write_text(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()]
     print_files(files)

@@ -8,7 +8,7 @@ exactly the numbers of the simulation.
 import argparse
 from pathlib import Path
 
-from drake_quad.command_line.options import add_controller, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_controller, parser, resolve_output_folder, scenario_from_arguments
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.export.controller import export_controller
 from drake_quad.export.projects.registered import PROJECTS
@@ -44,8 +44,8 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    scenario = scenario_of(arguments)
-    folder = folder_of(arguments, scenario)
+    scenario = scenario_from_arguments(arguments)
+    folder = resolve_output_folder(arguments, scenario)
     export = export_controller(
         scenario,
         folder,

@@ -16,7 +16,7 @@ from drake_quad.command_line.options import (
     check_extra,
     check_metric,
     check_ranges,
-    scenario_of,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files
 from drake_quad.command_line.progress import counting_bar
@@ -24,7 +24,7 @@ from drake_quad.command_line.searches import open_search, search_parser
 from drake_quad.errors import InputError
 from drake_quad.files import write_table
 from drake_quad.flight.simulation import simulate
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies.falsification import MIN_FLIGHTS, WorstCase, find_worst_case
@@ -66,7 +66,7 @@ def main(arguments: argparse.Namespace) -> None:
             f"--flights {arguments.flights}: one generation needs {MIN_FLIGHTS} candidates with {arguments.noise}"
             f" samples of noise each, so at least {MIN_FLIGHTS * arguments.noise} flights"
         )
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     metric = arguments.minimize or arguments.maximize or "peak_error"
     check_metric(scenario, metric, option="--minimize" if arguments.minimize else "--maximize")
     began = time.perf_counter()
@@ -87,7 +87,7 @@ def main(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - began
     flights = [simulate(each, compiled=not arguments.wired) for each in (found.scenario, found.nominal)]
     worst, nominal = flights
-    unit = definitions_of(scenario.metrics_type)[metric].unit
+    unit = metric_definitions(scenario.metrics_type)[metric].unit
     print(
         f"{scenario.name}: the worst of {found.num_flights:,} flights in {seconds:.0f} s, within {arguments.sigma:g}"
         " standard deviations:"

@@ -8,7 +8,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import all_overrides_of, folder_of
+from drake_quad.command_line.options import overrides_from_arguments, resolve_output_folder
 from drake_quad.command_line.output import flying_command, print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
@@ -30,11 +30,11 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
         InputError: if the file cannot be read, the scenario cannot use the controller, or its rotors cannot fly the
             route.
     """
-    name, overrides = arguments.firmware, all_overrides_of(arguments)
+    name, overrides = arguments.firmware, overrides_from_arguments(arguments)
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
     scenario = load_undesigned(arguments.scenario, overrides)
     layer = firmware_layer(parameters, scenario)
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "controller.yaml")
         write_layer(layer, parameters, path, arguments.command)

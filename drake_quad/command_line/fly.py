@@ -18,9 +18,9 @@ from drake_quad.command_line.options import (
     add_wired,
     check_extra,
     check_ranges,
-    folder_of,
     parser,
-    scenario_of,
+    resolve_output_folder,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import print_files, print_table, remark
 from drake_quad.command_line.progress import FLIGHT_BAR, progress_bar
@@ -63,7 +63,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6)})
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network requires a scenario with a network, but control.network is not given")
     formats = [flight_format for flight_format in FORMATS if getattr(arguments, flight_format.option)]
@@ -71,7 +71,7 @@ def main(arguments: argparse.Namespace) -> None:
         if flight_format.library is not None:
             module, extra = flight_format.library
             check_extra(f"--{flight_format.option}", extra, module)
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = start_meshcat() if arguments.meshcat else None
     print_flight_remarks([scenario])

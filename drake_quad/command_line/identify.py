@@ -15,7 +15,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.default_outputs import Origin, reserve
-from drake_quad.command_line.options import add_vector, bare_parser, overrides_of
+from drake_quad.command_line.options import add_vector, bare_parser, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.errors import short_repr
 from drake_quad.files import output_folder
@@ -78,9 +78,9 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    name = name_of(arguments)
+    name = vehicle_name(arguments)
     path = output_file(arguments, f"{name}.yaml")
-    overrides = overrides_of(arguments.set)
+    overrides = parse_overrides(arguments.set)
     if arguments.mass is not None:
         overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
     records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
@@ -131,7 +131,7 @@ def output_file(arguments: argparse.Namespace, name: str) -> Path:
     )
 
 
-def name_of(arguments: argparse.Namespace) -> str:
+def vehicle_name(arguments: argparse.Namespace) -> str:
     """Return the name of the identified vehicle."""
     if arguments.name is not None:
         if not re.fullmatch(NAME, arguments.name):

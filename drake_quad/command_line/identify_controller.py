@@ -11,8 +11,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, name_of, output_file
-from drake_quad.command_line.options import bare_parser, overrides_of
+from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, output_file, vehicle_name
+from drake_quad.command_line.options import bare_parser, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
 from drake_quad.files import write_atomically
@@ -50,8 +50,8 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    path = output_file(arguments, f"{name_of(arguments)}_controller.yaml")
-    overrides = overrides_of(arguments.set)
+    path = output_file(arguments, f"{vehicle_name(arguments)}_controller.yaml")
+    overrides = parse_overrides(arguments.set)
     if arguments.mass is not None:
         overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
     records = [read_log(log, arguments.mapping) for log in arguments.log]

@@ -4,7 +4,13 @@ import argparse
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.fly import start_meshcat
-from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, check_ranges, scenario_of
+from drake_quad.command_line.options import (
+    add_controller,
+    add_overrides,
+    bare_parser,
+    check_ranges,
+    scenario_from_arguments,
+)
 from drake_quad.command_line.output import remark
 
 
@@ -33,14 +39,14 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     # Meshcat is slow to import, so it is imported after the input has been checked.
     from drake_quad.visualization.live import LiveFlight
 
     print_flight_remarks([scenario])
     # `print_flight_remarks` does not report a vehicle that ignores wind if the scenario has no wind, but the sliders
     # add wind.
-    if not scenario.laboratory.wind and (flaw := scenario.vehicle.wind_flaw()):
+    if not scenario.laboratory.wind and (flaw := scenario.vehicle.explain_missing_wind_effect()):
         remark(f"the sliders for wind and the gust have no effect, since {flaw}")
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = start_meshcat()

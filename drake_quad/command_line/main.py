@@ -82,13 +82,13 @@ def main(*first_arguments: str) -> None:
             _parser().print_help()
             sys.exit()
         command = _parser().parse_args(arguments[:1]).command
-        module = module_of(command)
+        module = command_module(command)
         options = module.options().parse_args(arguments[1:])
         options.command = shlex.join(["drake-quad", *arguments])
     run(lambda: module.main(options))
 
 
-def module_of(command: str) -> ModuleType:
+def command_module(command: str) -> ModuleType:
     """Return the module of a command, with its functions `options` and `main`."""
     return import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
 
@@ -132,7 +132,7 @@ def full_parser(complete: Callable[[argparse.Action], None] = lambda _: None) ->
     )
     commands = result.add_subparsers(metavar="COMMAND", required=True)
     for name, description in COMMANDS.items():
-        options: argparse.ArgumentParser = module_of(name).options()
+        options: argparse.ArgumentParser = command_module(name).options()
         for action in options._actions:
             complete(action)
         commands.add_parser(name, help=description, description=options.description, parents=[options], add_help=False)

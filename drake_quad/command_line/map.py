@@ -23,10 +23,10 @@ from drake_quad.command_line.options import (
     check_metric,
     check_ranges,
     controlled_scenarios,
-    folder_of,
-    overrides_of,
+    parse_overrides,
     parser,
-    scenario_of,
+    resolve_output_folder,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.field_map import FieldMap, field_map
@@ -111,7 +111,7 @@ def map_fields(arguments: argparse.Namespace) -> None:
     scenario = next(iter(scenarios.values()))
     print_flight_remarks(scenarios.values())
     check_metric(scenario, arguments.metric)
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     maps = {}
     for name, each in scenarios.items():
         maps[name] = field_map(each, x, y, size=arguments.size, compiled=not arguments.wired)
@@ -154,7 +154,7 @@ def map_gains(arguments: argparse.Namespace) -> None:
     arguments.controller = arguments.controller[0] if arguments.controller else None
     arguments.loop = arguments.loop or "position"
     size = arguments.size
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     print_flight_remarks([scenario])
     gains = mapped_gains(scenario, arguments.loop)
     axis = 0 if arguments.loop == "position" else 1
@@ -164,7 +164,7 @@ def map_gains(arguments: argparse.Namespace) -> None:
     worst = arguments.worst or _default_worst_case(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
     figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)
@@ -192,7 +192,7 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
     for field in worst:
         if not field.startswith(("vehicle.", "laboratory.")):
             raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; use --set for other fields")
-    return scenario_of(arguments, further=overrides_of(worst, "--worst"))
+    return scenario_from_arguments(arguments, further=parse_overrides(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:

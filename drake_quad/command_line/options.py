@@ -17,11 +17,11 @@ from drake_quad.command_line.parser import Parser
 from drake_quad.errors import did_you_mean, join_names
 from drake_quad.extras import import_extra
 from drake_quad.flight.remarks import replaced_distributions
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.number_parsing import parse_float, parse_int
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME, Mission
-from drake_quad.user_code import located
+from drake_quad.user_code import describe_error
 from drake_quad.visualization.style import Vector
 
 
@@ -124,10 +124,10 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
     try:
         return importlib.import_module(path.stem) if loaded is None else importlib.reload(loaded)
     except Exception as error:
-        raise InputError(located(error)) from error
+        raise InputError(describe_error(error)) from error
 
 
-def folder_of(
+def resolve_output_folder(
     arguments: argparse.Namespace, scenario: Mission, *, name: str | None = None, others: Sequence[Origin] = ()
 ) -> Path:
     """Return the output folder: the value of `--output`, or by default a folder with the name of the scenario.
@@ -196,7 +196,7 @@ def check_metric(
     scenario: Scenario, name: str, allowed: Sequence[str] | None = None, *, option: str = "--metric"
 ) -> None:
     """Raise InputError if the value of an option is not the name of an allowed metric; by default all are allowed."""
-    names = [*definitions_of(scenario.metrics_type)] if allowed is None else [*allowed]
+    names = [*metric_definitions(scenario.metrics_type)] if allowed is None else [*allowed]
     if name not in names:
         known = did_you_mean(name, names, 1) or f"choose one of {join_names(names)}"
         raise InputError(f"{option} {name}: is not a metric of {scenario.name}; {known}")
@@ -211,15 +211,15 @@ def add_wired(options: argparse.ArgumentParser) -> None:
     )
 
 
-def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
+def parse_overrides(assignments: Iterable[str], option: str = "--set") -> list[Override]:
     """Return overrides for assignments such as `vehicle.mass=0.7`. Error messages about an override name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
-def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
+def overrides_from_arguments(arguments: argparse.Namespace) -> list[Override]:
     """Return the overrides from the options `--set` and `--seed`."""
     seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
-    return [*overrides_of(arguments.set), *seed]
+    return [*parse_overrides(arguments.set), *seed]
 
 
 def add_controller(options: argparse.ArgumentParser, *, several: str | None = None) -> None:
@@ -268,7 +268,7 @@ class NamedController(NamedTuple):
         return load(spec, [*self.overrides, *overrides, *self.assignments], layers=self.layers)
 
 
-def controller_of(spec: str, scenario: str, machine: str = "host") -> NamedController:
+def parse_controller(spec: str, scenario: str, machine: str = "host") -> NamedController:
     """Return the controller that `--controller` names.
 
     Args:
@@ -286,7 +286,7 @@ def controller_of(spec: str, scenario: str, machine: str = "host") -> NamedContr
     values = [f"_{path.split('.')[-1]}_{value}" for path, _, value in (each.partition("=") for each in assignments)]
     suffix = re.sub(r"[^A-Za-z0-9.-]+", "_", "".join(values)).rstrip("_")
     return found._replace(
-        name=found.name + suffix, assignments=tuple(overrides_of(assignments, f"--controller {spec}"))
+        name=found.name + suffix, assignments=tuple(parse_overrides(assignments, f"--controller {spec}"))
     )
 
 
@@ -295,7 +295,10 @@ _ASSIGNMENTS = r"\s+(?=[\w.]+=)"
 
 
 def _unchanged_controller(spec: str, scenario: str, machine: str) -> NamedController:
-    """Return the controller that `--controller` names, without assignments; the arguments are as in `controller_of`."""
+    """Return the controller that `--controller` names, without assignments.
+
+    The arguments are as in `parse_controller`.
+    """
     if Path(spec).is_dir():
         return _exported_controller(spec, machine)
     if machine != "host":
@@ -359,7 +362,7 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
     for spec in specs:
         if spec in controllers:
             raise InputError(f"--controller {spec}: is given twice")
-        names, controller = [each.name for each in controllers.values()], controller_of(spec, scenario)
+        names, controller = [each.name for each in controllers.values()], parse_controller(spec, scenario)
         if controller.name in names:
             file = Path(re.split(_ASSIGNMENTS, spec)[0].rpartition(":")[0]).stem
             controller = controller._replace(name=f"{file}_{controller.name}".lstrip("_"))
@@ -371,7 +374,7 @@ def named_controllers(specs: Sequence[str], scenario: str) -> dict[str, NamedCon
     return controllers
 
 
-def scenario_of(
+def scenario_from_arguments(
     arguments: argparse.Namespace,
     *,
     further: Sequence[Override] = (),
@@ -388,8 +391,8 @@ def scenario_of(
     machine = getattr(arguments, "on", "host")
     if machine != "host" and not spec:
         raise InputError(f"--on {machine} needs --controller FOLDER, with a folder that `drake-quad export` wrote")
-    controller = NamedController("") if not spec else controller_of(spec, arguments.scenario, machine)
-    own_overrides = all_overrides_of(arguments)
+    controller = NamedController("") if not spec else parse_controller(spec, arguments.scenario, machine)
+    own_overrides = overrides_from_arguments(arguments)
     scenario = controller.load(arguments.scenario, [*own_overrides, *further], load)
     if spec and not further:
         remark_replaced_distributions(f"--controller {spec}", arguments.scenario, scenario, own_overrides)
@@ -427,7 +430,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
         The scenario with each controller, by the controller's name; or the unchanged scenario, by the scenario's name.
     """
     spec = spec or arguments.scenario
-    overrides = all_overrides_of(arguments)
+    overrides = overrides_from_arguments(arguments)
     if not arguments.controller:
         scenario = load_scenario(spec, overrides)
         return {scenario.name: scenario}

@@ -5,10 +5,10 @@ import itertools
 
 import numpy as np
 
-from drake_quad.command_line.options import add_vector, folder_of, overrides_of, parser
+from drake_quad.command_line.options import add_vector, parse_overrides, parser, resolve_output_folder
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
-from drake_quad.flight.mission import planned
+from drake_quad.flight.mission import plan_route_with_problem
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.planning.nominal import planned_parameters
 from drake_quad.reference.active_constraints import ActiveConstraint, active_constraints
@@ -32,9 +32,9 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    mission = load_mission(arguments.scenario, overrides_of(arguments.set))
-    plan, problem, waypoints, space = planned(mission)
-    folder = output_folder(folder_of(arguments, mission))
+    mission = load_mission(arguments.scenario, parse_overrides(arguments.set))
+    plan, problem, waypoints, space = plan_route_with_problem(mission)
+    folder = output_folder(resolve_output_folder(arguments, mission))
     route = mission.route
     # The planner adds corners to a path around obstacles. These are not waypoints of the route, so they are left out.
     regions = (

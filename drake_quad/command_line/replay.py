@@ -4,7 +4,13 @@ import argparse
 
 from drake_quad import Flight
 from drake_quad.command_line.flight_remarks import print_comparison_remarks, print_flight_remarks
-from drake_quad.command_line.options import add_controller, check_ranges, controlled_scenarios, folder_of, parser
+from drake_quad.command_line.options import (
+    add_controller,
+    check_ranges,
+    controlled_scenarios,
+    parser,
+    resolve_output_folder,
+)
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder
 from drake_quad.flight.simulation import simulate_samples
@@ -28,7 +34,10 @@ def main(arguments: argparse.Namespace) -> None:
     print_comparison_remarks(scenarios)
     samples = range(arguments.first, arguments.first + arguments.samples)
     flights = {name: simulate_samples(each, samples) for name, each in scenarios.items()}
-    file = output_folder(folder_of(arguments, next(iter(scenarios.values())), name="_".join(flights))) / "replay.html"
+    file = (
+        output_folder(resolve_output_folder(arguments, next(iter(scenarios.values())), name="_".join(flights)))
+        / "replay.html"
+    )
     if arguments.samples == 1:
         save_replay({name: first for name, (first,) in flights.items()}, file)
     else:

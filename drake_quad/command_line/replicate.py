@@ -11,7 +11,7 @@ from drake_quad.command_line.progress import new_bar, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.replication.experiment import QUICK, ExperimentSizes, fly_experiment
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.report import CAPTIONS, findings_of, write_report
+from drake_quad.replication.report import CAPTIONS, collect_findings, write_report
 from drake_quad.replication.results import read_experiment
 from drake_quad.replication.table_ii import TableEntry, number_or_dash, percent_or_dash
 from drake_quad.studies.processes import Workers
@@ -49,7 +49,7 @@ def main(arguments: argparse.Namespace) -> None:
             f"interrupted: the finished table cells are in {folder}; --resume continues from them"
         ) from None
     experiment = read_experiment(folder)
-    findings = findings_of(experiment)
+    findings = collect_findings(experiment)
     with new_bar(total=len(CAPTIONS), desc="drawing") as bar:
         files = write_report(folder, experiment, findings, flights, vector=arguments.vector, progress=bar.update)
     print_errors(findings.entries)

@@ -12,7 +12,7 @@ import numpy as np
 
 from drake_quad.command_line.options import (
     check_ranges,
-    scenario_of,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import counting_bar
@@ -70,7 +70,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"flights": (1, 1e9), "noise-period": (1e-3, 1e4)})
     half_width = parse_percent(arguments.to)
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     event = Event.parse(arguments.event, scenario)
     began = time.perf_counter()
     with (

@@ -13,7 +13,7 @@ from typing import Any
 from drake_quad.command_line.interruption import INTERRUPTION_MESSAGE, raise_interruptions
 from drake_quad.command_line.output import remark
 from drake_quad.errors import InputError, InputWarning
-from drake_quad.user_code import located, user_traceback
+from drake_quad.user_code import describe_error, user_traceback
 
 
 def _show_warning(
@@ -66,7 +66,7 @@ def orderly_exit() -> Iterator[None]:
         status, message = 1, f"failed: {str(error) or 'not enough memory'}"
     except Exception as error:
         if trace := user_traceback(error):
-            status, message = 2, f"error: {located(error)}\n{trace}"
+            status, message = 2, f"error: {describe_error(error)}\n{trace}"
         elif isinstance(error, RuntimeError | OSError):
             status, message = 1, f"failed: {error}"
         else:

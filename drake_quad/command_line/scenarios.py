@@ -8,7 +8,7 @@ import argparse
 import sys
 import textwrap
 
-from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, scenario_of
+from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, scenario_from_arguments
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
@@ -27,7 +27,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     if arguments.scenario is not None:
-        save_scenario(scenario_of(arguments), sys.stdout)
+        save_scenario(scenario_from_arguments(arguments), sys.stdout)
         return
     by_file: dict[str, list[str]] = {}
     for name in shipped_scenarios():

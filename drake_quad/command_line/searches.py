@@ -8,7 +8,7 @@ from typing import Any
 
 from drake_quad import Scenario
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_controller, add_vector, folder_of, parser
+from drake_quad.command_line.options import add_controller, add_vector, parser, resolve_output_folder
 from drake_quad.command_line.workers import add_workers, open_executor
 from drake_quad.files import output_folder
 
@@ -33,7 +33,7 @@ def open_search(arguments: argparse.Namespace, scenario: Scenario) -> Iterator[t
 
     The functions of all searches accept these options: `compiled`, `pool`, `folder` and `resume`.
     """
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     print_flight_remarks([scenario])
     with open_executor(arguments) as pool:
         yield folder, {

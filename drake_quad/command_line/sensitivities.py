@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.options import add_controller, add_vector, check_metric, folder_of, parser, scenario_of
+from drake_quad.command_line.options import (
+    add_controller,
+    add_vector,
+    check_metric,
+    parser,
+    resolve_output_folder,
+    scenario_from_arguments,
+)
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.sensitivity import Sensitivities, differentiable_metrics, flight_sensitivities
 from drake_quad.files import output_folder, write_table
@@ -85,10 +92,10 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     check_metric(scenario, arguments.metric, differentiable_metrics(scenario))
     print_flight_remarks([scenario])
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
     sensitivities = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(sensitivities, arguments.metric)

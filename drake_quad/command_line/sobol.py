@@ -11,13 +11,13 @@ from pathlib import Path
 from drake_quad.command_line.options import (
     check_extra,
     check_metric,
-    scenario_of,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.command_line.searches import open_search, search_parser
 from drake_quad.files import write_table
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.studies.sobol_indices import CRASHED, SobolIndex, sobol_indices
 from drake_quad.visualization.sensitivity_plots import plot_sobol_indices
 from drake_quad.visualization.style import save_figures
@@ -42,8 +42,8 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_extra("sobol", "robustness", "SALib")
-    scenario = scenario_of(arguments)
-    check_metric(scenario, arguments.metric, [*definitions_of(scenario.metrics_type), CRASHED])
+    scenario = scenario_from_arguments(arguments)
+    check_metric(scenario, arguments.metric, [*metric_definitions(scenario.metrics_type), CRASHED])
     began = time.perf_counter()
     with (
         open_search(arguments, scenario) as (folder, options),

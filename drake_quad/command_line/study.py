@@ -16,8 +16,8 @@ from drake_quad.command_line.options import (
     check_extra,
     check_metric,
     controlled_scenarios,
-    folder_of,
     parser,
+    resolve_output_folder,
 )
 from drake_quad.command_line.output import flying_command, print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
@@ -27,7 +27,7 @@ from drake_quad.scenario.batch import check_pairs
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.monte_carlo import DRAWS, run_monte_carlo, with_draws
-from drake_quad.studies.statistics import metric_mean, most_influential_path, worst
+from drake_quad.studies.statistics import metric_mean, most_influential_path, worst_samples
 from drake_quad.studies.stopping import StoppingRule
 from drake_quad.studies.study import PARQUET_FILE, Study
 from drake_quad.studies.summary import (
@@ -90,10 +90,10 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    scenarios = scenarios_of(arguments)
+    scenarios = scenarios_from_arguments(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")
-    folder = folder_of(arguments, next(iter(scenarios.values())))
+    folder = resolve_output_folder(arguments, next(iter(scenarios.values())))
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()
@@ -134,7 +134,7 @@ def main(arguments: argparse.Namespace) -> None:
         raise RuntimeError(failure(studies, folders))
 
 
-def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
+def scenarios_from_arguments(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or a single scenario without `--controller`."""
     scenarios = controlled_scenarios(arguments)
     if arguments.draws is not None:
@@ -211,7 +211,9 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, metric: s
         print(f"more: {command}")
     if len(study.samples):
         print("worst samples:")
-    outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
+    outcomes = {
+        sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst_samples(study)
+    }
     width = max(18, *map(len, outcomes.values())) if outcomes else 0
     for sample, outcome in outcomes.items():
         command = flying_command("fly", study.scenario, folder / "scenario.yaml", f"--sample {sample}")
@@ -234,7 +236,7 @@ def print_influences(study: Study, metric: str) -> None:
 
 def _outcome_of(study: Study, index: int) -> str:
     """Return the outcome of the sample at an index: its RMSE, or the time and the obstacle of its crash."""
-    metrics, obstacle = study.metrics.take(index), study.obstacle_of(index)
+    metrics, obstacle = study.metrics.take(index), study.hit_obstacle_name(index)
     if not metrics.crashed:
         return f"{100.0 * metrics.rmse:.1f} cm"
     return f"crashed{'' if obstacle is None else f' into {obstacle}'} at {metrics.crash_time:.2f} s"

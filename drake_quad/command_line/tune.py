@@ -12,9 +12,9 @@ from drake_quad.command_line.options import (
     add_controller,
     add_stability_limits,
     check_ranges,
-    folder_of,
     parser,
-    scenario_of,
+    resolve_output_folder,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
@@ -64,12 +64,12 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _RANGES)
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     print_flight_remarks([scenario])
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
-    folder = output_folder(folder_of(arguments, scenario))
+    folder = output_folder(resolve_output_folder(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
     result = tune([scenario], knobs, limit.limit_fractions, budget=budget)
     tuned = with_numbers(scenario, knobs, result.values)

@@ -27,7 +27,7 @@ from drake_quad.compilation.trace import BlockView, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import REQUIRED, Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, hashable_key, trace_formula
+from drake_quad.framework.formulas import TIME, CurrentTick, hashable_key, trace_formula
 from drake_quad.framework.records import ABSENT
 
 
@@ -75,7 +75,7 @@ class Block(ABC):
         return range(self.system.num_input_ports())
 
 
-def block_of(system: Any) -> Block | None:
+def find_block(system: Any) -> Block | None:
     """Return the block of a leaf system; None if the system cannot be compiled."""
     kind = next((_BLOCK_TYPES[base] for base in type(system).__mro__ if base in _BLOCK_TYPES), None)
     if kind is not None:
@@ -185,7 +185,7 @@ def _results(computation: Computation, view: BlockView) -> list[Rows]:
                 values.append(read.layout.build(view.parameter(int(read.index))))
             case StateGroup():
                 values.append(read.layout.build(view.state(_group_number(read))))
-            case TickOf():
+            case CurrentTick():
                 values.append(view.argument(read))
             case _:
                 values.append(view.argument(read) if read is TIME else read)

@@ -96,7 +96,7 @@ class ClockedFleet:
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, outputs: Sequence[str], monitor: str) -> None:
         self._program = program = _compilable(diagram)
         ports = tuple([program.topology.outputs[name] for name in outputs])
-        instants = program.instants_of(tick)
+        instants = program.num_instants(tick)
         loop, shared = program.tick_loop(instants, ports, monitor)
         self.num_vehicles, self._loop, self._max_clock = program.num_vehicles, loop, num_ticks
         self._table = program.table(shared, program.times(0, instants, num_ticks + 1))

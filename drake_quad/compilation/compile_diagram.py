@@ -5,7 +5,7 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.compilation.blocks import block_of, has_vectors, reason_not_compilable
+from drake_quad.compilation.blocks import find_block, has_vectors, reason_not_compilable
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
 from drake_quad.compilation.placeholder import SystemPlaceholder, has_state
 from drake_quad.compilation.program import Program
@@ -94,7 +94,7 @@ def as_compilable(system: Any) -> Any:
     A diagram with the placeholder can be compiled. The compiled diagram contains the system instead of the placeholder.
     """
     leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
-    return system if all(map(block_of, leaves)) else SystemPlaceholder(system)
+    return system if all(map(find_block, leaves)) else SystemPlaceholder(system)
 
 
 def _connect_uncompiled(

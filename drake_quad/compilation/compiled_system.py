@@ -54,7 +54,7 @@ class CompiledSystem(LeafSystem):
     def __init__(self, program: Program, *, ticks: int | None, tick: float | None, record: bool) -> None:
         super().__init__()
         self.program = program
-        self._instants = program.cycle if tick is None else program.instants_of(tick)
+        self._instants = program.cycle if tick is None else program.num_instants(tick)
         self.tick = self._instants * program.base
         state, parameters = program.read(program.diagram.CreateDefaultContext())
         self._state = self.DeclareDiscreteState(BasicVector(state))

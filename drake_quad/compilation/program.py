@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.compilation.blocks import Block, BlockUpdate, block_of
+from drake_quad.compilation.blocks import Block, BlockUpdate, find_block
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.loop import Loop
 from drake_quad.compilation.parts import PartSizes
@@ -83,7 +83,7 @@ class Program:
     def __init__(self, diagram: Diagram) -> None:
         self.diagram, self.topology = diagram, Topology(diagram)
         leaves = self.topology.leaves
-        blocks = {path: block_of(system) for path, system in leaves.items()}
+        blocks = {path: find_block(system) for path, system in leaves.items()}
         self.blocks: dict[str, Block] = {path: block for path, block in blocks.items() if block is not None}
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
         if not fleets:
@@ -173,7 +173,7 @@ class Program:
         trace, shared = self._trace(1)
         return self._event(trace, shared, 1, _rows(trace, logged_ports))
 
-    def instants_of(self, period: float) -> int:
+    def num_instants(self, period: float) -> int:
         """Return the number of instants in a period (s) of the diagram.
 
         Raises:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.framework.formulas import TickOf
+from drake_quad.framework.formulas import CurrentTick
 
 
 class SharedValueSource(NamedTuple):
@@ -25,11 +25,11 @@ class SharedValueSource(NamedTuple):
 class _Second(NamedTuple):
     """Shared value that is 1 if an instant is the second tick of a pair of ticks, else 0."""
 
-    ticks: TickOf
+    ticks: CurrentTick
 
 
 # A shared value is the time, the number of a pair of ticks, a tick's position in its pair, or an element of a port.
-_SharedValue = str | TickOf | _Second | SharedValueSource
+_SharedValue = str | CurrentTick | _Second | SharedValueSource
 TIME_VALUE = "time"
 """Shared value that is the time of the instant, s."""
 
@@ -54,7 +54,7 @@ class SharedValues:
         """
         return self._columns.setdefault((instant, number), len(self._columns))
 
-    def second(self, instant: int, ticks: TickOf) -> int:
+    def second(self, instant: int, ticks: CurrentTick) -> int:
         """Return the index of the column that is 1 where the instant is the second tick of a pair, else 0."""
         return self.column(instant, _Second(ticks))
 
@@ -83,7 +83,7 @@ class SharedValues:
 
 def _values_at(number: Any, times: np.ndarray) -> np.ndarray:
     match number:
-        case TickOf():
+        case CurrentTick():
             return np.asarray(number.at(times).pair)  # type: ignore[arg-type]
         case _Second(ticks=ticks):
             return np.asarray(ticks.at(times).second, dtype=float)  # type: ignore[arg-type]

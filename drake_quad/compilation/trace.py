@@ -10,7 +10,7 @@ from drake_quad.compilation.shared_values import TIME_VALUE, SharedValues, Share
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.errors import not_connected
 from drake_quad.framework.elementary import untyped, where
-from drake_quad.framework.formulas import TIME, Tick, TickOf
+from drake_quad.framework.formulas import TIME, CurrentTick, Tick
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
 # Rows of a port, state or parameter; each row is a symbol or a number.
@@ -115,7 +115,7 @@ class Trace:
         """Return the time (s), or an element of a port that all vehicles share, at the current instant."""
         return self.listing.shared(self._shared.column(self.instant, number))
 
-    def tick(self, ticks: TickOf) -> Tick:
+    def tick(self, ticks: CurrentTick) -> Tick:
         """Return the tick at the current instant.
 
         If the event consists of whole pairs of ticks, the position of a tick in its pair is a constant, and both ticks
@@ -200,7 +200,7 @@ class BlockView(NamedTuple):
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
-        """Return the value of the placeholder `TIME` or `TickOf` at the current instant."""
+        """Return the value of the placeholder `TIME` or `CurrentTick` at the current instant."""
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:

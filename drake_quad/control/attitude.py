@@ -4,7 +4,7 @@ from typing import Annotated, Any, NamedTuple
 
 from drake_quad.framework.elementary import wrap_angle
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantity, Row, State, Torque
 
@@ -64,7 +64,7 @@ def attitude_law(
     """Return the torque of an `AttitudeController`; the arguments are as in `pd_angular_acceleration`."""
     k_p, k_d, *inertia = parameters
     commanded = pd_angular_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
-    return torque_of(commanded, rates, *inertia)
+    return euler_torque(commanded, rates, *inertia)
 
 
 def attitude_inputs(system: FleetSystem) -> tuple[Any, Any, Any, Any, Any]:

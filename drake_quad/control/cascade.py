@@ -87,7 +87,7 @@ def connect_inner_loop(builder: DiagramBuilder, commanded: Mapping[str, Any], at
 
     Args:
         builder: builder that already contains the attitude controller, if there is one.
-        commanded: ports of the signals of `Vectored`, by name.
+        commanded: ports of the signals of `VectoringOutput`, by name.
         attitude: attitude controller; None if an autopilot on board controls the attitude.
     """
     if attitude is None:

@@ -7,7 +7,7 @@ from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes, Vector, cross
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, State, Torque
 
@@ -80,7 +80,7 @@ def geometric_law(
     total = [value + w_dot for value, w_dot in zip(total, target_acceleration, strict=True)]
     if integral is not None:
         total = [value - term for value, term in zip(total, integral, strict=True)]
-    return torque_of(AngularAcceleration(*total), BodyRates(*measured_rates), *inertia)
+    return euler_torque(AngularAcceleration(*total), BodyRates(*measured_rates), *inertia)
 
 
 def integrating_law(

@@ -8,7 +8,7 @@ from drake_quad.control.disturbance.estimator import ZERO_COMMANDS, estimate, pr
 from drake_quad.control.disturbance.laws import AxisMeasurement, IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
 
 
@@ -64,7 +64,7 @@ def incremental_torque(
     """
     _, commanded = _corrected_command(memory, measurement, attitude, rates, acceleration, parameters, period)
     _, _, *inertia = parameters.attitude
-    return torque_of(commanded, rates, *inertia)
+    return euler_torque(commanded, rates, *inertia)
 
 
 def next_incremental_memory(
@@ -120,7 +120,7 @@ class IncrementalAttitudeController(FleetSystem):
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, parameters: IncrementalAttitudeParameters) -> None:
         """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
-        memory = self.state("memory", lambda parameters: (parameters.law.at_rest(0.0),) * 3)
+        memory = self.state("memory", lambda parameters: (parameters.law.initial_memory(0.0),) * 3)
         following = self.state("following", lambda _: ZERO_COMMANDS)
         in_transit = self.state("commands_in_transit", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
         reads = measurement, attitude, rates, acceleration, parameter, period

@@ -12,11 +12,11 @@ from drake_quad.geometry.flatness import (
     acceleration_from_quarter_turn,
     angular_accelerations,
     attitude_from_quarter_turn,
-    attitude_of,
+    attitude_from_tilt,
     body_rates,
     in_heading,
     rates_from_quarter_turn,
-    tilt_of,
+    tilt_from_thrust,
 )
 from drake_quad.signals import (
     Acceleration,
@@ -67,7 +67,7 @@ class VectoringParameters(NamedTuple):
     limits: ThrustLimits
 
 
-class Vectored(NamedTuple):
+class VectoringOutput(NamedTuple):
     """Commands that produce a commanded acceleration.
 
     Attributes:
@@ -115,7 +115,7 @@ def vectored_thrust(
     parameters: VectoringParameters,
     projects: bool = False,
     sequence: EulerSequence = "zyx",
-) -> Vectored:
+) -> VectoringOutput:
     """Return thrust, attitude, body rates and angular accelerations for a commanded acceleration.
 
     Args:
@@ -134,10 +134,10 @@ def vectored_thrust(
     if sequence == "zxy":
         # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.geometry.flatness`.
         sin_yaw, cos_yaw = cos_yaw, -sin_yaw
-    tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
+    tilt = tilt_from_thrust(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     heading_jerk = in_heading(jerk, sin_yaw, cos_yaw)
     rates = body_rates(tilt, heading_jerk, reference.yaw_rate)
-    attitude = Attitude(*attitude_of(tilt), reference.yaw)
+    attitude = Attitude(*attitude_from_tilt(tilt), reference.yaw)
     acceleration = AngularAcceleration(0.0, 0.0, 0.0)
     if snap is not None:
         heading_snap = in_heading(snap, sin_yaw, cos_yaw)
@@ -148,7 +148,7 @@ def vectored_thrust(
     if sequence == "zxy":
         attitude = attitude_from_quarter_turn(tilt, reference.yaw)
         rates, acceleration = rates_from_quarter_turn(rates), acceleration_from_quarter_turn(acceleration)
-    return Vectored(Thrust(thrust), attitude, rates, acceleration)
+    return VectoringOutput(Thrust(thrust), attitude, rates, acceleration)
 
 
 def _alignment(tilt: ThrustTilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
@@ -175,10 +175,10 @@ class ThrustVectoring(FleetSystem):
         - thrust_and_attitude
 
     Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output packs the
-    signals of `Vectored`. Body rates and angular accelerations are computed from `reference_jerk`, `reference_snap`,
-    and the yaw and yaw rate in `reference`, by differential flatness (`drake_quad.geometry.flatness`). If
-    `reference_jerk` is not connected, the thrust vector is assumed to be constant. If `reference_snap` is not
-    connected, the angular accelerations are zero.
+    signals of `VectoringOutput`. Body rates and angular accelerations are computed from `reference_jerk`,
+    `reference_snap`, and the yaw and yaw rate in `reference`, by differential flatness
+    (`drake_quad.geometry.flatness`). If `reference_jerk` is not connected, the thrust vector is assumed to be constant.
+    If `reference_snap` is not connected, the angular accelerations are zero.
 
     `projects` is meant for geometric control, which also works when the vehicle is upside down. With `projects`, eq (7)
     uses the commanded yaw, and the thrust is the component of the commanded force along the measured thrust axis,
@@ -205,4 +205,4 @@ class ThrustVectoring(FleetSystem):
         reference = self.input("reference")
         jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap", absent=None)
         reads = command, measurement, reference, jerk, snap, parameter, projects, sequence
-        self.packed_output("thrust_and_attitude", Vectored, vectored_thrust, *reads)
+        self.packed_output("thrust_and_attitude", VectoringOutput, vectored_thrust, *reads)

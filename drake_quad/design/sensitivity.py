@@ -18,7 +18,7 @@ from drake_quad.errors import InputError
 from drake_quad.fleets.fleet_simulation import fly, read_metrics
 from drake_quad.flight.mission import build_tracking_diagram, plan_route
 from drake_quad.framework.wiring import subsystem
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.linear.context_vector import ContextVector, leaf_paths
 from drake_quad.linear.sampled_system import to_autodiff
 from drake_quad.planning.duration import flight_duration
@@ -65,7 +65,7 @@ class Sensitivities:
 
 def differentiable_metrics(scenario: Scenario) -> list[str]:
     """Return the names of the metrics that are differentiable as long as the vehicle does not crash."""
-    return [name for name, metric in definitions_of(scenario.metrics_type).items() if metric.differentiable]
+    return [name for name, metric in metric_definitions(scenario.metrics_type).items() if metric.differentiable]
 
 
 def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: int | None = None) -> Sensitivities:

@@ -17,7 +17,7 @@ from drake_quad.evaluation.results import (
     laboratory_with_laps,
 )
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.reports.claims import Claim, reduction, verdict_of
+from drake_quad.reports.claims import Claim, reduction, verdict_from_conditions
 from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import Comparison, compare, values_without_crashes
 
@@ -125,7 +125,7 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     return Claim(
         statement,
         f"reduction of the RMSE: {proportions_text(reductions)}{_crash_text(compared)}",
-        verdict_of([_is_error_smaller(each) for each in compared.values()]),
+        verdict_from_conditions([_is_error_smaller(each) for each in compared.values()]),
         "holds if the error is smaller, without more crashes, in every laboratory; in part if in some",
     )
 
@@ -162,7 +162,7 @@ def judge_learning_in_laps(evaluation: Evaluation, base: str) -> Claim | None:
         f"in lap {counts[-1]} its RMSE is smaller by {reduction(learned.ratio).percent()} than in lap {counts[0]}, and"
         f" by {reduction(gained.ratio).percent()} than without the network in the same lap"
         f"{_crash_text({'compared with the first lap': learned, 'compared with no network': gained})}",
-        verdict_of([_is_error_smaller(learned), _is_error_smaller(gained)]),
+        verdict_from_conditions([_is_error_smaller(learned), _is_error_smaller(gained)]),
         "holds if both reductions are above zero, without more crashes; in part if one of them is",
     )
 
@@ -196,7 +196,7 @@ def judge_price_of_margin(evaluation: Evaluation) -> Claim | None:
     return Claim(
         "a larger stability margin costs accuracy",
         "; ".join(parts),
-        verdict_of(conditions),
+        verdict_from_conditions(conditions),
         "holds if every design has a smaller error than the design with the next larger margin; in part if some have",
     )
 

@@ -10,7 +10,7 @@ from copy import deepcopy
 from typing import Any, NamedTuple
 
 from drake_quad.design.tuning import Knob
-from drake_quad.scenario.paths import steps_of
+from drake_quad.scenario.paths import split_path
 
 Tree = dict[str, Any]
 
@@ -42,7 +42,7 @@ class ControllerEntry(NamedTuple):
         tree = {"control": deepcopy(self.control)}
         for knob, number in zip(self.knobs, numbers, strict=True):
             for path in knob.paths:
-                *steps, last = steps_of(path)
+                *steps, last = split_path(path)
                 part: Any = tree
                 for step in steps:
                     part = part[_key(step)]

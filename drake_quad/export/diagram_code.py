@@ -127,7 +127,7 @@ def _source(name: str, step: Step, functions: Functions) -> str:
     """Return the text of the source file."""
     texts = [*functions.texts, *step.formulas.texts]
     multiplies_and_adds = any("multiply_add(" in text for text in texts)
-    needs_words = multiplies_and_adds or any("bits_of(" in text or "number_of(" in text for text in texts)
+    needs_words = multiplies_and_adds or any("float_bits(" in text or "number_of(" in text for text in texts)
     needs_bool = any("bool " in text for text in texts)
     includes = [
         f'#include "{name}.h"\n',

@@ -8,7 +8,7 @@ from drake_quad.errors import InputError
 from drake_quad.export.structs import Structs, accessors, summary
 from drake_quad.framework.c_code import Body, Functions, function_text, identifier, wrapped
 from drake_quad.framework.fleet_system import REQUIRED, Computation, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, hashable_key, trace_formula
+from drake_quad.framework.formulas import TIME, CurrentTick, hashable_key, trace_formula
 from drake_quad.framework.records import ABSENT, ROW, Layout
 from drake_quad.framework.symbols import LEAVES, Listing, Symbol
 from drake_quad.framework.variable_names import collect_names
@@ -108,7 +108,7 @@ class FormulaFunctions:
                 rows = [listing.row(len(arguments), index) for index in range(read.layout.num_rows)]
                 arguments.append(Argument(read, read.name, read.layout))
                 values.append(read.layout.build(rows))
-            elif isinstance(read, TickOf):
+            elif isinstance(read, CurrentTick):
                 raise InputError(f"{path} cannot be exported: it reads random numbers")
             else:
                 values.append(listing.shared(0) if read is TIME else read)
@@ -152,7 +152,7 @@ class FormulaFunctions:
         heads = [
             f"{real} {argument.name}"
             if argument.layout is ROW
-            else f"const {self._structs.type_of(argument.layout)} *{argument.name}"
+            else f"const {self._structs.c_type(argument.layout)} *{argument.name}"
             for argument in arguments
         ]
         results = [result.text for result in body.results]
@@ -162,7 +162,7 @@ class FormulaFunctions:
             head = f"static {real} {name}({', '.join(heads) or 'void'})"
             lines.append(f"return {results[0]};")
         else:
-            pointers = [f"{self._structs.type_of(layout)} *{target}" for target, layout in zip(targets, present)]
+            pointers = [f"{self._structs.c_type(layout)} *{target}" for target, layout in zip(targets, present)]
             head = f"static void {name}({', '.join([*heads, *pointers])})"
             places = [
                 f"{target}->{accessor[1:]}" if accessor else f"*{target}"

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.compilation.blocks import Block, BlockUpdate, block_of, reason_not_compilable
+from drake_quad.compilation.blocks import Block, BlockUpdate, find_block, reason_not_compilable
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.compilation.trace import ROUNDING
 from drake_quad.errors import InputError
@@ -95,7 +95,7 @@ class _BlockView(NamedTuple):
 
     def parameter(self, index: int) -> list[_Row]:
         """Return the values of a parameter, which is a constant in the code."""
-        values = self.step.context_of(self.path).get_numeric_parameter(index).value()
+        values = self.step.default_context(self.path).get_numeric_parameter(index).value()
         return self.step.as_rows([constant_text(value, self.step.precision) for value in values])
 
     def state(self, group: int) -> list[_Row]:
@@ -182,7 +182,7 @@ class Step:
             real, period = self.precision.real, constant_text(self.period, self.precision)
             lines.append(f"const {real} time = ({real})controller->step * {period};")
         for member in self._changed:
-            lines.append(f"{self._structs.type_of(self.states[member].layout)} next_{member} = controller->{member};")
+            lines.append(f"{self._structs.c_type(self.states[member].layout)} next_{member} = controller->{member};")
         lines += self._block(1)
         lines += [f"controller->{member} = next_{member};" for member in self._changed]
         return [*lines, "controller->step += 1;"]
@@ -297,13 +297,13 @@ class Step:
         """Return rows with the given texts."""
         return [_Row(text, self.precision) for text in texts]
 
-    def context_of(self, path: str) -> Any:
+    def default_context(self, path: str) -> Any:
         """Return the default context of a system."""
         return self._leaves[path].GetMyContextFromRoot(self._context)
 
     def held_rows(self, path: str) -> list[str]:
         """Return the rows of the state of a system of Drake, which has a single group."""
-        layout = rows_layout(self.context_of(path).get_discrete_state(0).size())
+        layout = rows_layout(self.default_context(path).get_discrete_state(0).size())
         return self._struct_rows(f"controller->{_member(path, _HELD_VALUE)}", layout)
 
     def _rows_of_block(self, port: Port) -> list[str]:
@@ -314,7 +314,7 @@ class Step:
             return texts
         name, layout = _system(port.path), signal_layout(port.path.split(".")[-1], len(texts))
         self.num_operations += num_operations
-        kind = self._structs.type_of(layout)
+        kind = self._structs.c_type(layout)
         self._statements[self._divisors[port]].append(f"const {kind} {name} = {initializer(layout, texts)};")
         return self._struct_rows(name, layout)
 
@@ -328,7 +328,7 @@ class Step:
         arguments = self._arguments(port.path, self._divisors[port], function)
         lines = self._statements[self._divisors[port]]
         lines.append(f"/* {port.path}: {summary(type(system))} */")
-        kind = self._structs.type_of(layout)
+        kind = self._structs.c_type(layout)
         if layout is ROW:
             lines.append(f"const {kind} {name} = {function.name}({', '.join(arguments)});")
         else:
@@ -365,7 +365,7 @@ class Step:
         if struct := self._whole_struct(rows, layout):
             return struct
         name = f"{_system(path)}_input_{len(self._types)}"
-        kind = self._structs.type_of(layout)
+        kind = self._structs.c_type(layout)
         self._statements[divisor].append(f"const {kind} {name} = {initializer(layout, rows)};")
         self._remember(name, layout)
         return name
@@ -382,7 +382,7 @@ class Step:
         """Return all state groups, by the name of the struct member."""
         states: dict[str, Member] = {}
         for path, system in self._leaves.items():
-            context = self.context_of(path)
+            context = self.default_context(path)
             if isinstance(system, FleetSystem):
                 for group in system.states.values():
                     value = context.get_discrete_state(group.index).value()
@@ -398,7 +398,7 @@ class Step:
             self._parameter_member(path, parameter): Member(
                 path,
                 parameter.layout,
-                self.context_of(path).get_numeric_parameter(parameter.index).value(),
+                self.default_context(path).get_numeric_parameter(parameter.index).value(),
             )
             for path, system in self._leaves.items()
             if isinstance(system, FleetSystem)
@@ -441,7 +441,7 @@ def _block(path: str, system: Any) -> Block:
     Raises:
         InputError: if the system cannot be exported.
     """
-    block = block_of(system)
+    block = find_block(system)
     if block is None:
         label = f"{path} ({summary(type(system)).rstrip('.')})"
         raise InputError(f"{label} cannot be exported: {reason_not_compilable(system)}")

@@ -69,7 +69,7 @@ class Structs:
         self._prefix, self._real = prefix, real
         self._names: dict[Layout, str] = {}
 
-    def type_of(self, layout: Layout) -> str:
+    def c_type(self, layout: Layout) -> str:
         """Return the name of the C type of a layout; the struct is defined at the first request."""
         if layout is ROW:
             return self._real
@@ -85,7 +85,7 @@ class Structs:
 
     def member(self, name: str, layout: Layout, comment: str = "") -> StructMember:
         """Return a struct member that has the C type of a layout."""
-        return StructMember(self.type_of(layout), identifier(name), comment)
+        return StructMember(self.c_type(layout), identifier(name), comment)
 
     def _field(self, name: str, layout: Layout, comment: str = "") -> StructMember:
         """Return a struct member, which is an array for a tuple of equal parts."""
@@ -93,7 +93,7 @@ class Structs:
         while layout.kind is tuple and _is_uniform(layout):
             sizes += (len(layout.parts),)
             layout = layout.parts[0]
-        return StructMember(self.type_of(layout), identifier(name), comment, sizes)
+        return StructMember(self.c_type(layout), identifier(name), comment, sizes)
 
     def _members(self, layout: Layout) -> list[StructMember]:
         if layout.kind is tuple:

@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.fleets.fleet_simulation import simulate_fleet
-from drake_quad.laboratory.metrics import Metrics, recorded_metrics_of
+from drake_quad.laboratory.metrics import Metrics, recorded_metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -56,7 +56,7 @@ class StudyFleet:
         self.plan = plan
         self.duration = flight_duration(scenario, plan)
         batch = Batch.draw(scenario, range(num_vehicles))
-        record = bool(recorded_metrics_of(scenario.metrics_type))
+        record = bool(recorded_metrics(scenario.metrics_type))
         systems = user_systems.build(num_vehicles)
         self.simulation = simulate_fleet(batch, plan, user_systems=systems, record=record, compiled=compiled)
 

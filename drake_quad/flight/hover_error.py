@@ -14,7 +14,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.planning.route import plan_in
+from drake_quad.planning.route import plan_route_in_space
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.hovering import in_hover, with_nominal_vehicle
 from drake_quad.scenario.models import MetricWindow, Scenario
@@ -77,7 +77,7 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
         InputError: if the scenario contains a distribution, or a hover crashes.
     """
     hovering = _hover_scenario(scenario, seed)
-    fleet = StudyFleet(hovering, plan_in(hovering, None).plan, _FLEET_SIZE)
+    fleet = StudyFleet(hovering, plan_route_in_space(hovering, None).plan, _FLEET_SIZE)
     squares = np.empty((4, 0))
     while True:
         num_flown = squares.shape[1]
@@ -110,7 +110,7 @@ def nominal_tracking_error(scenario: Scenario) -> HoverError:
     nominal = with_nominal_vehicle(scenario).model_copy(update={"space": None})
     points = [np.array(HoverRoute(kind="hover").position)]
     if any(source.depends_on_position for source in scenario.laboratory.wind):
-        path = plan_in(nominal, None).plan.path
+        path = plan_route_in_space(nominal, None).plan.path
         points = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_ROUTE_POINTS))))
     routes = [HoverRoute(kind="hover", position=tuple(point.tolist())) for point in points]
     errors = (hover_error(nominal.model_copy(update={"route": route})) for route in routes)

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, laboratory_recipes
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.caching import ThreadSafeCache
@@ -14,17 +14,17 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.recipe import Recipe
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
-from drake_quad.planning.route import plan_in
+from drake_quad.planning.route import plan_route_in_space
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
-from drake_quad.scenario.routes.route import Planned
+from drake_quad.scenario.routes.route import PlannedRoute
 from drake_quad.space.space import Space
 
 _MAX_OBSTACLE_PLANS = 16  # largest number of cached plans
 # Cache of plans around obstacles. The key is the part of the scenario on which the plan depends, as JSON.
-_obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
+_obstacle_plans: "ThreadSafeCache[PlannedRoute]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 
 
 def plan_route(mission: Mission) -> Plan:
@@ -34,22 +34,22 @@ def plan_route(mission: Mission) -> Plan:
         InputError: if the route contains a distribution, if no path satisfies the conditions of the route, if the
             rotors cannot fly the path, or if obstacles block every path.
     """
-    return planned(mission).plan
+    return plan_route_with_problem(mission).plan
 
 
-def planned(mission: Mission) -> Planned:
+def plan_route_with_problem(mission: Mission) -> PlannedRoute:
     """Return the plan for the route of a scenario, with the problem that it solves.
 
     Planning around obstacles takes seconds, so these plans are cached. The function raises the errors of `plan_route`.
     """
     if mission.space is None:
-        return plan_in(mission, None)
+        return plan_route_in_space(mission, None)
     # Fields of the scenario that are not part of `Mission` affect the plan only through the predicted tracking error.
     key_fields = None if mission.space.tracking_error_factor else set(Mission.model_fields)
 
-    def make() -> Planned:
+    def make() -> PlannedRoute:
         space = planning_space(mission)
-        return plan_in(mission, space)._replace(space=space)
+        return plan_route_in_space(mission, space)._replace(space=space)
 
     return _obstacle_plans.get(mission.model_dump_json(include=key_fields), make)
 
@@ -142,7 +142,7 @@ def build_laboratory_diagram(
     """
     batch = _identical_vehicles(scenario, num_vehicles)
     samples = None if drake_random else batch.noise_samples
-    return build_laboratory_of(_recipes(batch, plan), num_vehicles, samples)
+    return build_laboratory_from_recipes(_recipes(batch, plan), num_vehicles, samples)
 
 
 def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None) -> FleetSystem:
@@ -193,7 +193,7 @@ def planning_space(mission: Mission) -> Space | None:
         InputError: if the prediction is not possible, see `nominal_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking_error_factor:
-        return mission.room()
+        return mission.flight_space()
     if not isinstance(mission, Scenario):
         raise InputError(
             "space.tracking_error_factor multiplies a predicted tracking error; the prediction requires a scenario with"
@@ -203,4 +203,4 @@ def planning_space(mission: Mission) -> Space | None:
         predicted = nominal_tracking_error(mission)
     except InputError as error:
         raise InputError(f"space.tracking_error_factor: {error}") from error
-    return mission.room(tracking_error=predicted.rms.value)
+    return mission.flight_space(tracking_error=predicted.rms.value)

@@ -222,10 +222,10 @@ def _implausible_values(scenario: Scenario) -> list[str]:
             for condition in field.metadata
             if isinstance(condition, Plausible | PlausibleDelay)
             for leaf_path, leaf in leaves(getattr(mapping, name), name)
-            if (clause := condition.question(leaf, period))
+            if (clause := condition.explain_implausibility(leaf, period))
         }
         # A mapping with an implausible field is also implausible as a whole.
-        questions |= found or {join_path(path, inner): clause for inner, clause in mapping.questions()}
+        questions |= found or {join_path(path, inner): clause for inner, clause in mapping.implausible_fields()}
     # A vehicle has the values of `nominal` unless it gives others.
     return [
         f"{path} {clause}"

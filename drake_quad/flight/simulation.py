@@ -14,7 +14,7 @@ from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.cause import non_finite_value
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import Metric, Metrics, check_range, recorded_metrics_of
+from drake_quad.laboratory.metrics import Metric, Metrics, check_range, recorded_metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.reference.plan import Plan
@@ -76,7 +76,7 @@ def simulate(
     sample = scenario.sample if sample is None else sample
     if sample is None:
         refuse_distributions(distributions_in(scenario))
-    drawn = Batch.draw(scenario, [sample or 0], seed=seed).scenario_of(0)
+    drawn = Batch.draw(scenario, [sample or 0], seed=seed).vehicle_scenario(0)
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
     end = flight_duration(drawn, plan)
@@ -105,7 +105,7 @@ def simulate(
             f" needs steps shorter than {_MIN_INTEGRATOR_STEP:g} s, for example near the singularity at a pitch of 90"
             " degrees; set vehicle.time_step to a positive number"
         ) from None
-    return flights_of(batch, plan, simulation, user_systems)[0]
+    return collect_flights(batch, plan, simulation, user_systems)[0]
 
 
 def simulate_samples(
@@ -148,7 +148,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | N
         compiled = _is_compiled_by_default(batch.scenario)
     simulation = simulate_fleet(batch, plan, record=True, compiled=compiled)
     simulation.fly(flight_duration(batch.scenario, plan))
-    return flights_of(batch, plan, simulation)
+    return collect_flights(batch, plan, simulation)
 
 
 def _is_compiled_by_default(scenario: Scenario) -> bool:
@@ -156,7 +156,7 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
     return scenario.vehicle.time_step > 0.0
 
 
-def flights_of(
+def collect_flights(
     batch: Batch, plan: Plan, simulation: FleetSimulation, user_systems: UserSystems = UserSystems()
 ) -> list[Flight]:
     """Return the flight of each vehicle of a fleet, up to the current time of the simulation, with all its metrics."""
@@ -178,9 +178,16 @@ def flights_of(
         recorded = {name: values[ticks, :, i] for name, values in rows.items()}
         obstacle = obstacles[obstacle_hit[i]]
         flight = Flight(
-            batch.scenario_of(i), plan, time[ticks], recorded, metrics_of_vehicle, simulation.compiled, obstacle, cause
+            batch.vehicle_scenario(i),
+            plan,
+            time[ticks],
+            recorded,
+            metrics_of_vehicle,
+            simulation.compiled,
+            obstacle,
+            cause,
         )
-        functions = recorded_metrics_of(type(metrics))
+        functions = recorded_metrics(type(metrics))
         values = {name: _checked_metric(name, metric, metric.value(flight)) for name, metric in functions.items()}
         flights.append(replace(flight, metrics=metrics_of_vehicle._replace(**values)))
     return flights
@@ -203,7 +210,7 @@ def fly_with_metrics(
 ) -> Metrics:
     """Fly a batch and return all metrics of its n vehicles, (n,) arrays, including those of recorded flights."""
     metrics = fleet.fly_batch(batch, progress=progress)
-    if not recorded_metrics_of(type(metrics)):
+    if not recorded_metrics(type(metrics)):
         return metrics
-    flights = flights_of(batch.padded(fleet.num_vehicles), fleet.plan, fleet.simulation)[: len(batch)]
+    flights = collect_flights(batch.padded(fleet.num_vehicles), fleet.plan, fleet.simulation)[: len(batch)]
     return metrics.with_values(np.transpose([flight.metrics for flight in flights]))

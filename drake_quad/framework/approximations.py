@@ -15,7 +15,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from drake_quad.framework.symbols import Symbol, SymbolKind, add_function, number, operation, to_symbols, truth
+from drake_quad.framework.symbols import (
+    Symbol,
+    SymbolKind,
+    add_function,
+    as_number,
+    as_truth_value,
+    operation,
+    to_symbols,
+)
 
 _Formula = TypeVar("_Formula", bound=Callable[..., Any])
 
@@ -183,8 +191,8 @@ def select(mask: Symbol, x: Any, y: Any) -> Symbol:
     """Return x where the mask is true, else y. If only one of x and y is a truth value, it is converted to a number."""
     _, x, y = to_symbols(mask, x, y)
     if x.kind is not y.kind:
-        x, y = number(x), number(y)
-    return operation("select", truth(mask), x, y, kind=x.kind)
+        x, y = as_number(x), as_number(y)
+    return operation("select", as_truth_value(mask), x, y, kind=x.kind)
 
 
 def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
@@ -253,7 +261,7 @@ def copysign(x: Any, y: Symbol) -> Symbol:
 def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
     """Return sine and cosine of an angle, rad."""
     rounded = multiply_add(x, 2.0 / math.pi, _ROUNDING_OFFSET)
-    quadrant, bits = rounded - _ROUNDING_OFFSET, bits_of(rounded)
+    quadrant, bits = rounded - _ROUNDING_OFFSET, float_bits(rounded)
     r = multiply_add(quadrant, -_HALF_PI_PARTS[1], multiply_add(quadrant, -_HALF_PI_PARTS[0], x))
     r = select(abs(x) <= _MAX_ANGLE, r, math.nan)
     z = r * r
@@ -269,7 +277,7 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
 
 def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
     """Return x, with opposite sign where the highest bit of a word is set."""
-    return _number_of(bits_of(x) ^ (sign & _SIGN_MASK))
+    return _number_of(float_bits(x) ^ (sign & _SIGN_MASK))
 
 
 @_function
@@ -282,7 +290,7 @@ def exp(x: Symbol) -> Symbol:
     exponent = rounded - _ROUNDING_OFFSET
     r = multiply_add(exponent, -_LN_2_PARTS[1], multiply_add(exponent, -_LN_2_PARTS[0], clamped))
     mantissa = 1.0 + multiply_add(r * r, polynomial(r, _EXP_COEFFICIENTS), r)
-    return mantissa * _number_of((bits_of(rounded) + _EXPONENT_BIAS) << _EXPONENT_SHIFT)
+    return mantissa * _number_of((float_bits(rounded) + _EXPONENT_BIAS) << _EXPONENT_SHIFT)
 
 
 @_function
@@ -308,7 +316,7 @@ def log(x: Symbol, *, normal: bool) -> Symbol:
     """Return the natural logarithm of x; `normal` selects a faster variant for positive normal numbers."""
     # This addition increments the exponent of numbers whose mantissa is at least √2. Reduced mantissas are then from √½
     # to √2.
-    bits = bits_of(x) + (_BITS_OF_ONE - _BITS_OF_SQRT_HALF)
+    bits = float_bits(x) + (_BITS_OF_ONE - _BITS_OF_SQRT_HALF)
     f = _number_of((bits & _MANTISSA_MASK) + _BITS_OF_SQRT_HALF) - 1.0
     # The exponent is converted to a float by adding it to the bits of the rounding offset.
     exponent = _number_of((bits >> _EXPONENT_SHIFT) + np.float64(_ROUNDING_OFFSET).view(np.uint64)) - (
@@ -377,19 +385,19 @@ def wrap_angle(angle: Symbol) -> Symbol:
     return angle - math.tau * nearest(angle * (1.0 / math.tau))
 
 
-def float_of(word: Symbol) -> Symbol:
+def from_uint64(word: Symbol) -> Symbol:
     """Convert a 64-bit unsigned integer below 2**52 to a float."""
     return _number_of(word | _BITS_OF_TWO_52) - _TWO_52
 
 
-def word_of(x: Symbol) -> Symbol:
+def to_uint64(x: Symbol) -> Symbol:
     """Convert a whole number from 0 to 2**52 - 1 to a 64-bit unsigned integer."""
-    return bits_of(x + _TWO_52) ^ _BITS_OF_TWO_52
+    return float_bits(x + _TWO_52) ^ _BITS_OF_TWO_52
 
 
-def bits_of(x: Symbol) -> Symbol:
+def float_bits(x: Symbol) -> Symbol:
     """Return the bits of a float as a word."""
-    return operation("bits_of", x, kind=SymbolKind.WORD)
+    return operation("float_bits", x, kind=SymbolKind.WORD)
 
 
 def _number_of(bits: Symbol) -> Symbol:

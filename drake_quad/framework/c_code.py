@@ -83,7 +83,7 @@ EXPRESSIONS = {
     "equal": _left_associative("==", 9),
     "not_equal": _left_associative("!=", 9),
     "select": _Template("{0} ? {1} : {2}", 3, (9, 4, 4)),
-    "bits_of": _call("bits_of({0})"),
+    "float_bits": _call("float_bits({0})"),
     "number_of": _call("number_of({0})"),
     "sign_bit": _Template("{0} >> 63 != 0", 9, (_UNARY,)),
     "word_of_truth": _call("(uint64_t)({0})"),
@@ -123,7 +123,7 @@ _SINGLE_PRECISION_FUNCTIONS = {
 }
 # Functions that the C code of words needs.
 WORD_FUNCTIONS = """\
-static uint64_t bits_of(double number)
+static uint64_t float_bits(double number)
 {
     uint64_t word;
     memcpy(&word, &number, sizeof word);
@@ -181,7 +181,7 @@ static double multiply_add(double x, double y, double z)
     const double sum = exact_sum(product, upper, &sum_error);
     double odd = exact_sum(lower, sum_error, &odd_error);
     /* The sum of both errors is rounded to a number with an odd last digit, so that no digit is rounded twice. */
-    uint64_t word = bits_of(odd);
+    uint64_t word = float_bits(odd);
     if (odd_error != 0.0 && (word & 1) == 0) {
         word += (odd_error > 0.0) == (odd > 0.0) ? 1 : (uint64_t)-1;
         odd = number_of(word);
@@ -206,7 +206,7 @@ _TABLE_COLUMNS = 6
 _RESERVED_WORDS = """
 auto bool break case char const continue default do double else enum extern false float for goto if inline int long
 register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile while
-result results time bits_of number_of acos asin atan atan2 ceil copysign cos cosh erf exp fabs floor fma
+result results time float_bits number_of acos asin atan atan2 ceil copysign cos cosh erf exp fabs floor fma
 multiply_add exact_sum upper_half fmod gamma hypot j0 j1 jn ldexp log log1p pow rint round sin sinh sqrt tan tanh
 trunc y0 y1 yn INFINITY NAN NULL I main
 and asm catch class compl concept const_cast constexpr decltype delete dynamic_cast explicit export friend mutable

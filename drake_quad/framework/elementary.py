@@ -150,7 +150,7 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     return untyped(_of_one_type(np.where(mask, x, y)))
 
 
-def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
+def lazy_where(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
     """Return `where(mask, formula(*arguments), otherwise)`, but evaluate the formula only where it is needed.
 
     Use this function for expensive formulas that few vehicles need. Python evaluates the formula only for vehicles for
@@ -240,16 +240,16 @@ def nearest(x: Row) -> Row:
     return untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(without_derivatives(x))
 
 
-def word_of(x: Row) -> Any:
+def to_uint64(x: Row) -> Any:
     """Convert whole numbers from 0 to 2**52 - 1 to uint64; the result is an array or a symbol, even for one vehicle."""
     if x.__class__ is Symbol:
-        return approximations.word_of(untyped(x))
+        return approximations.to_uint64(untyped(x))
     return np.atleast_1d(np.asarray(without_derivatives(x), dtype=float)).astype(np.uint64)
 
 
-def float_of(word: Any) -> Row:
+def from_uint64(word: Any) -> Row:
     """Convert a uint64 below 2**52 to a float."""
-    return untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
+    return untyped(approximations.from_uint64(word) if word.__class__ is Symbol else word.astype(float))
 
 
 def without_derivatives(x: Row) -> Row:

@@ -45,7 +45,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_quad.errors import lookup, not_connected
 from drake_quad.framework.elementary import identity
-from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, pack_rows
+from drake_quad.framework.formulas import INTERPRETED, TIME, CurrentTick, interpret, kernel, pack_rows
 from drake_quad.framework.records import ABSENT, Layout, check_signs, layout_of
 from drake_quad.signals import SIGNALS
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 else:
     _Base = object
 
-__all__ = ["REQUIRED", "TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_system"]
+__all__ = ["REQUIRED", "TIME", "AutoDiffXd", "CurrentTick", "Expression", "FleetSystem", "fleet_system"]
 
 
 class _Connection(Enum):
@@ -179,7 +179,7 @@ class Computation:
 
     Attributes:
         formula: function of records and constants.
-        reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+        reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
         results: layouts of the results; `ABSENT` for the result of an optional state that is not declared.
         writes: state groups to which the results are written; empty for an output.
     """
@@ -188,7 +188,7 @@ class Computation:
         self.formula, self.reads = formula, tuple(reads)
         self.results = tuple([_layout_of_target(target) for target in targets])
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
-        self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
+        self._timed = any(read is TIME or isinstance(read, CurrentTick) for read in self.reads)
         # If a state is both read and written, its previous value is read from the vector that receives the result.
         written = {write.index: argument_index for argument_index, write in enumerate(self.writes)}
         self._sources = [
@@ -390,7 +390,7 @@ class FleetSystem(_Base):
         Args:
             name: name of the port.
             formula: function that returns the value of the port.
-            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
             layout: layout of the port; by default the layout of the signal `name` in `drake_quad.signals`.
 
         Raises:
@@ -412,7 +412,7 @@ class FleetSystem(_Base):
             name: name of the port.
             kind: type of a record whose fields are the signals.
             formula: function that returns a record of this type.
-            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
         """
         layout = layout_of(kind)
         self.packed = dict(zip(kind._fields, layout.parts, strict=True))
@@ -451,7 +451,7 @@ class FleetSystem(_Base):
         Args:
             period: period h, s.
             formula: function that returns the new value of the group, or a tuple with the new values of several groups.
-            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
                 States are passed with their values before the update.
             writes: groups that this update writes, and no other update. None or an empty tuple stands for an optional
                 group that is not declared; the corresponding result is ignored.
@@ -475,7 +475,7 @@ class FleetSystem(_Base):
 
         Args:
             formula: function that returns the new values of the groups.
-            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `CurrentTick`, or constants.
             writes: groups to update, as in `update`.
         """
         computation = Computation(formula, reads, writes)

@@ -14,8 +14,8 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compile_kernel
 from drake_quad.framework.records import ABSENT, Layout
-from drake_quad.framework.replacements import explained
-from drake_quad.framework.symbols import Listing, Symbol, element_of, number
+from drake_quad.framework.replacements import explain_formula_error
+from drake_quad.framework.symbols import Listing, Symbol, as_number, scalar_element
 from drake_quad.signals import Row
 
 # True if Python executes all formulas, so that a debugger can stop inside a formula.
@@ -45,7 +45,7 @@ class Tick(NamedTuple):
     second: bool
 
 
-class TickOf(NamedTuple):
+class CurrentTick(NamedTuple):
     """Placeholder, among the arguments of a formula, for the `Tick` nearest to the current time.
 
     Attributes:
@@ -71,7 +71,7 @@ def kernel(
 
     Args:
         formula: function to compile.
-        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `TickOf`, or a constant.
+        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `CurrentTick`, or a constant.
         results: layout of the result if it is a single record; else the layouts of all parts of a tuple or record.
         single_vehicle: True for machine code that computes only one vehicle.
 
@@ -124,14 +124,14 @@ def trace_formula(formula: Callable[..., Any], values: Sequence[Any], results: S
     except (TypeError, AttributeError, IndexError) as error:
         name = getattr(formula, "__name__", repr(formula))
         kind = IndexError if isinstance(error, IndexError) else TypeError
-        raise kind(f"formula {name}: {explained(error)}") from error
+        raise kind(f"formula {name}: {explain_formula_error(error)}") from error
 
 
 def _number(row: Any) -> Any:
     if row.__class__ is Symbol:
-        return number(row)
+        return as_number(row)
     if row.__class__ is np.ndarray:
-        return _number(element_of(row))
+        return _number(scalar_element(row))
     return float(row) if isinstance(row, bool | np.bool) else row
 
 
@@ -147,7 +147,7 @@ def interpret(
 
     Args:
         formula: function to execute.
-        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `TickOf`, or a constant.
+        arguments: arguments of the formula: a `Layout` for a record to read, `TIME`, a `CurrentTick`, or a constant.
         sources: elements of the records to read, one array for each layout among the arguments.
         results: layout of the result if it is a single record; else the layouts of all parts of a tuple or record.
         num_vehicles: number N of vehicles.
@@ -168,10 +168,10 @@ def interpret(
 
 
 def at_time(argument: Any, time: Any) -> Any:
-    """Return the value of an argument (`TIME`, a `TickOf` or a constant) at a time, s."""
+    """Return the value of an argument (`TIME`, a `CurrentTick` or a constant) at a time, s."""
     if argument is TIME:
         return time
-    return argument.at(time) if isinstance(argument, TickOf) else argument
+    return argument.at(time) if isinstance(argument, CurrentTick) else argument
 
 
 def flatten_results(returned: Any, results: Sequence[Layout]) -> list[Any]:

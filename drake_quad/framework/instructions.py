@@ -49,7 +49,7 @@ INSTRUCTIONS = {
     "equal": "fcmp oeq {t} {0}, {1}",
     "not_equal": "fcmp une {t} {0}, {1}",
     "select": "select {t} {0}, {r} {1}, {r} {2}",
-    "bits_of": "bitcast {t} {0} to {r}",
+    "float_bits": "bitcast {t} {0} to {r}",
     "number_of": "bitcast {t} {0} to {r}",
     "sign_bit": "icmp slt {t} {0}, zeroinitializer",
     "word_of_truth": "zext {t} {0} to {r}",

@@ -107,7 +107,7 @@ def names_and_replacements() -> list[tuple[list[str], str]]:
     return [(each, expression) for expression, each in names.items()]
 
 
-def refusal(function: str, expression: str | None) -> TypeError:
+def unsupported_operation(function: str, expression: str | None) -> TypeError:
     """Return the error for a function or operator that does not accept rows.
 
     Args:
@@ -118,24 +118,26 @@ def refusal(function: str, expression: str | None) -> TypeError:
     return TypeError(f"{function} does not accept a row of a formula; {hint}")
 
 
-def numpy_refusal(name: str) -> TypeError:
+def numpy_function_error(name: str) -> TypeError:
     """Return the error for a function of NumPy, or of `scipy.special`, that does not accept rows."""
     modules = {"numpy": np, "numpy.linalg": np.linalg}
     module = next((module for module, contents in modules.items() if hasattr(contents, name)), "scipy.special")
-    return refusal(f"{module}.{name}", replacement(name))
+    return unsupported_operation(f"{module}.{name}", replacement(name))
 
 
-def power_refusal(exponent: object) -> TypeError:
+def power_error(exponent: object) -> TypeError:
     """Return the error for a row that is raised to a power."""
     known = {2: "x * x", 3: "x * x * x", 0.5: "sqrt(x)"}
-    return refusal("`**`", known.get(exponent, replacement("power")) if isinstance(exponent, int | float) else None)
+    return unsupported_operation(
+        "`**`", known.get(exponent, replacement("power")) if isinstance(exponent, int | float) else None
+    )
 
 
-def explained(error: Exception) -> str:
+def explain_formula_error(error: Exception) -> str:
     """Return the message of an error in a formula, reworded for an author who does not know symbols."""
     message = str(error)
     if function := re.search(r"type Symbol which has no callable (\w+) method", message):
-        return str(numpy_refusal(function[1]))
+        return str(numpy_function_error(function[1]))
     if isinstance(error, AttributeError):
         fields = getattr(type(error.obj), "_fields", ())
         expression, question = replacement(error.name or ""), did_you_mean(error.name, fields)

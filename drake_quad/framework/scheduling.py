@@ -27,7 +27,7 @@ _LINES_PER_CYCLE = 3
 # A number and its bits share a register, so their conversion takes no time. The result of a comparison is written to a
 # mask register: without this latency in the schedule, a tick with some arctangents was 15 % slower for one vehicle.
 _LATENCIES = {
-    **dict.fromkeys(("bits_of", "number_of"), 0),
+    **dict.fromkeys(("float_bits", "number_of"), 0),
     **dict.fromkeys(("add", "subtract", "nearest", "multiply"), 3),
     "multiply_add": 4,
     **dict.fromkeys(("less", "less_equal", "greater", "greater_equal", "equal", "not_equal", "sign_bit"), 5),

@@ -6,7 +6,7 @@ constant, is executed during tracing. A formula cannot branch on a row. `drake_q
 replacements:
 
 - `where` selects one of two rows.
-- `where_needed` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
+- `lazy_where` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
   `Branch`.
 - `dense` evaluates a layer of a network. It records a `SymbolLayer`, which becomes a loop, instead of thousands of
   similar lines.
@@ -27,10 +27,10 @@ import numpy as np
 from drake_quad.framework.replacements import (
     ALLOWED,
     calling_numpy_function,
-    numpy_refusal,
-    power_refusal,
-    refusal,
+    numpy_function_error,
+    power_error,
     replacement,
+    unsupported_operation,
 )
 
 
@@ -212,7 +212,7 @@ class Listing:
         if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD_FORMAT.unpack(_FLOAT_FORMAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray):
-            value = element_of(value)
+            value = scalar_element(value)
         if isinstance(value, bool | np.bool):
             return self.add("constant", (int(value),), SymbolKind.TRUTH)
         if isinstance(value, np.uint64):
@@ -222,7 +222,7 @@ class Listing:
         return self.add("constant", (int(np.float64(value).view(np.uint64)),), SymbolKind.NUMBER)
 
 
-def element_of(array: np.ndarray) -> Any:
+def scalar_element(array: np.ndarray) -> Any:
     """Return the element of a zero-dimensional array.
 
     Raises:
@@ -313,7 +313,7 @@ def _refused(function: str, name: str) -> Callable[..., Any]:
     """
 
     def method(*_: Any) -> Any:
-        raise refusal(function, replacement(name))
+        raise unsupported_operation(function, replacement(name))
 
     return method
 
@@ -358,7 +358,7 @@ class Symbol:
         return operation("absolute", self)
 
     def __pow__(self, exponent: Any) -> "Symbol":
-        raise power_refusal(exponent)
+        raise power_error(exponent)
 
     __rpow__ = _refused("`**`", "power")
     __floordiv__ = __rfloordiv__ = _refused("`//`", "floor_divide")
@@ -373,16 +373,16 @@ class Symbol:
         """Compute arithmetic and comparisons with NumPy's scalars; raise TypeError for all other functions of NumPy."""
         name = function.__name__
         if name not in _ACCEPTED_UFUNCS or method != "__call__" or options:
-            raise numpy_refusal(calling_numpy_function() or name)
+            raise numpy_function_error(calling_numpy_function() or name)
         return operation(name, *inputs)
 
     def __array_function__(self, function: Callable[..., Any], *_: Any) -> Any:
         """Raise TypeError for functions of NumPy that are not universal functions."""
-        raise numpy_refusal(function.__name__)
+        raise numpy_function_error(function.__name__)
 
     def __float__(self) -> float:
         if caller := calling_numpy_function():
-            raise numpy_refusal(caller)
+            raise numpy_function_error(caller)
         raise TypeError(
             "a row cannot be converted to a float; use functions of drake_quad.framework.elementary instead of those of"
             " math, as in sqrt(x), and a list instead of an array of floats"
@@ -396,7 +396,7 @@ class Symbol:
 
     def __bool__(self) -> bool:
         if caller := calling_numpy_function():
-            raise numpy_refusal(caller)
+            raise numpy_function_error(caller)
         raise TypeError(
             "a formula cannot branch on a row, which differs from vehicle to vehicle; use where(x > 0.0, x, y) instead"
             " of `if`, maximum(x, y) and minimum(x, y) instead of max and min, and `&` and `|` instead of `and` and"
@@ -457,7 +457,7 @@ def _of_truths(name: str, symbols: Sequence[Symbol], kind: SymbolKind) -> Symbol
             return operation("bitwise_and", *symbols)
         if name in _AMBIGUOUS_OPERATIONS:
             raise TypeError(_TRUTH_ARITHMETIC_MESSAGE)
-    return operation(name, *map(number, symbols), kind=kind)
+    return operation(name, *map(as_number, symbols), kind=kind)
 
 
 # Operations whose results on truth values differ between Python and NumPy.
@@ -468,7 +468,7 @@ _TRUTH_ARITHMETIC_MESSAGE = (
 )
 
 
-def number(symbol: Symbol) -> Symbol:
+def as_number(symbol: Symbol) -> Symbol:
     """Return the number 1 if a truth value is true, else 0; other symbols are returned unchanged."""
     if symbol.kind is not _TRUTH:
         return symbol
@@ -476,7 +476,7 @@ def number(symbol: Symbol) -> Symbol:
     return operation("select", symbol, one, zero, kind=_NUMBER)
 
 
-def truth(symbol: Symbol) -> Symbol:
+def as_truth_value(symbol: Symbol) -> Symbol:
     """Return whether a number differs from zero; other symbols are returned unchanged."""
     return operation("not_equal", symbol, 0.0) if symbol.kind is _NUMBER else symbol
 
@@ -512,7 +512,7 @@ def are_same(x: Any, y: Any) -> bool:
 
 
 _FOREIGN_SYMBOL_MESSAGE = (
-    "the formula of `where_needed` or an activation uses a row that is not one of its arguments; add it to them"
+    "the formula of `lazy_where` or an activation uses a row that is not one of its arguments; add it to them"
 )
 
 
@@ -531,7 +531,7 @@ def add_branch(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[An
     parts = returned if isinstance(returned, tuple) else (returned,)
     symbols = [part for part in parts if part.__class__ is Symbol]
     branch = _branch(inside, symbols)
-    operands = tuple([symbol.line for symbol in to_symbols(truth(mask), *inputs)])
+    operands = tuple([symbol.line for symbol in to_symbols(as_truth_value(mask), *inputs)])
     results = iter(
         [mask.listing.add("branch", operands, symbol.kind, (branch, index)) for index, symbol in enumerate(symbols)]
     )
@@ -553,9 +553,9 @@ def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any])
     Raises:
         TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.
     """
-    symbols = [number(symbol) for symbol in to_symbols(*rows)]
+    symbols = [as_number(symbol) for symbol in to_symbols(*rows)]
     inside = Listing(calls_functions=symbols[0].listing.calls_functions)
-    result = number(to_symbols(inside.row(0, 0), activation(inside.row(0, 0)))[1])
+    result = as_number(to_symbols(inside.row(0, 0), activation(inside.row(0, 0)))[1])
     symbol_layer = SymbolLayer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
     return [
@@ -576,7 +576,7 @@ def add_function(name: str, approximation: Callable[..., Any], arguments: Sequen
     returned = approximation(*[inside.row(0, index) for index in range(len(arguments))])
     results = returned if isinstance(returned, tuple) else (returned,)
     function = Function(name, _branch(inside, results))
-    symbols = [number(symbol) for symbol in to_symbols(*arguments)]
+    symbols = [as_number(symbol) for symbol in to_symbols(*arguments)]
     operands, listing = tuple([symbol.line for symbol in symbols]), symbols[0].listing
     calls = [listing.add("function", operands, _NUMBER, (function, index)) for index in range(len(results))]
     return tuple(calls) if isinstance(returned, tuple) else calls[0]

@@ -64,7 +64,7 @@ class ThrustTilt(NamedTuple):
     cos_pitch: Row
 
 
-def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
+def tilt_from_thrust(specific_thrust: HeadingVector) -> ThrustTilt:
     """Return the tilt for a specific thrust (m/s²), which must not point exactly to the left or right."""
     forward, left, up = specific_thrust
     sagittal_squared = forward * forward + up * up
@@ -72,7 +72,7 @@ def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
     return ThrustTilt(thrust, -left / thrust, sagittal / thrust, forward / sagittal, up / sagittal)
 
 
-def attitude_of(tilt: ThrustTilt) -> tuple[Row, Row]:
+def attitude_from_tilt(tilt: ThrustTilt) -> tuple[Row, Row]:
     """Return roll and pitch, eq (7), rad. The magnitude of the pitch exceeds π/2 if the thrust points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 

@@ -46,7 +46,7 @@ def angle_rates(body_rates: BodyRates, attitude: Attitude) -> Attitude:
     return Attitude(p + sin_pitch * yaw_rate, q * cos_roll - r * sin_roll, yaw_rate)
 
 
-def torque_of(acceleration: AngularAcceleration, rates: BodyRates, i_xx: Row, i_yy: Row, i_zz: Row) -> Torque:
+def euler_torque(acceleration: AngularAcceleration, rates: BodyRates, i_xx: Row, i_yy: Row, i_zz: Row) -> Torque:
     """Return the torque of Euler's equation, τ = I ω̇ + ω × I ω, with principal moments of inertia (kg m²)."""
     p, q, r = rates
     return Torque(

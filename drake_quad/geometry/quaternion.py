@@ -47,7 +47,7 @@ class Quaternion(NamedTuple):
             return Quaternion(0.0, p, q, r)
         return Quaternion(-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
 
-    def turn_to(self, other: "Quaternion") -> "Quaternion":
+    def relative_quaternion(self, other: "Quaternion") -> "Quaternion":
         """Return the rotation from this attitude to another as a quaternion, with components along the axes of B."""
         w, x, y, z = self
         return Quaternion(
@@ -57,9 +57,9 @@ class Quaternion(NamedTuple):
             w * other.z - z * other.w - x * other.y + y * other.x,
         )
 
-    def rotation_to(self, other: "Quaternion") -> Vector:
+    def relative_rotation_vector(self, other: "Quaternion") -> Vector:
         """Return the rotation vector from this attitude to another, along the axes of B, of length at most π, rad."""
-        cosine, x, y, z = self.turn_to(other)
+        cosine, x, y, z = self.relative_quaternion(other)
         sine = sqrt(x * x + y * y + z * z + TINY)
         # A quaternion and its negative represent the same rotation; the shorter rotation vector is returned.
         factor = 2.0 / sine * where(cosine < 0.0, -arctan2(sine, -cosine), arctan2(sine, cosine))

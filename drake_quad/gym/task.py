@@ -12,7 +12,7 @@ from drake_quad.scenario.files.loading import Overrides, load_scenario, with_fie
 from drake_quad.scenario.models import Scenario
 
 
-def task_of(
+def environment_scenario(
     scenario: Scenario | str | Path,
     overrides: Overrides = (),
     *,

@@ -18,8 +18,8 @@ from drake_quad.gym.episodes import Episode, Episodes
 from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
 from drake_quad.gym.rollout import ActionLog, replay_episode
-from drake_quad.gym.task import task_of
-from drake_quad.laboratory.metrics import Metrics, definitions_of, recorded_metrics_of, values_of
+from drake_quad.gym.task import environment_scenario
+from drake_quad.laboratory.metrics import Metrics, metric_definitions, metric_values, recorded_metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.planning.nominal import nominal_parameters
@@ -120,7 +120,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for name, names in (("signals", signals), ("metrics", metrics)):
             if isinstance(names, str) or not isinstance(names, Iterable):
                 raise InputError(f"{name} is {short_repr(names)}, but must be a list of names")
-        self.scenario = task_of(scenario, overrides, action=action, observation=observation)
+        self.scenario = environment_scenario(scenario, overrides, action=action, observation=observation)
         self.plan = plan or plan_route(self.scenario)
         self._tick = self.scenario.laboratory.command_link.period
         self._num_ticks = round(flight_duration(self.scenario, self.plan) / self._tick)
@@ -130,7 +130,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._available_metrics = _available_metrics(self._metrics_type, diagram)
         rewarded = reward.metrics if isinstance(reward, TrackingReward) else ()
         self._metrics = _checked_metrics(dict.fromkeys((*metrics, *rewarded)), self._metrics_type, diagram)
-        self._recorded_metrics = tuple(recorded_metrics_of(self._metrics_type))
+        self._recorded_metrics = tuple(recorded_metrics(self._metrics_type))
         if self._recorded_metrics and not record:
             raise InputError(
                 f"{join_names([*self._recorded_metrics])} in metrics.additional is computed from a recorded flight;"
@@ -360,7 +360,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         fleet = self._fleet
         metrics: dict[str, np.ndarray] = {}
         if self._metrics:
-            metrics = values_of(self._metrics, fleet.next_state("sums"), self._tick, self._metrics_type)
+            metrics = metric_values(self._metrics, fleet.next_state("sums"), self._tick, self._metrics_type)
         return Transition(
             self._observation(),
             actions,
@@ -379,7 +379,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
-        metrics = values_of(self._available_metrics, sums, self._tick, self._metrics_type)
+        metrics = metric_values(self._available_metrics, sums, self._tick, self._metrics_type)
         obstacle = self._fleet.next_state("obstacle_hit").number.astype(int)
         flight: dict[str, Any] = {}
         recorded = self._metrics_of_recorded_flights(ended)
@@ -418,7 +418,7 @@ def _available_metrics(kind: type[Metrics], diagram: Any) -> tuple[str, ...]:
     """Return the names of the metrics that are computed from signals of the diagram."""
     return tuple(
         name
-        for name, metric in definitions_of(kind).items()
+        for name, metric in metric_definitions(kind).items()
         if metric.accumulator is not None and all(map(diagram.HasOutputPort, metric.signals))
     )
 
@@ -430,7 +430,7 @@ def _checked_metrics(names: Iterable[str], kind: type[Metrics], diagram: Any) ->
         InputError: if there is no metric of this name, or the environment cannot compute it at every step.
     """
     for name in names:
-        metric = lookup(definitions_of(kind), name, "metric")
+        metric = lookup(metric_definitions(kind), name, "metric")
         if metric.accumulator is None:
             raise InputError(
                 f"the metric {name} is computed from a recorded flight, so it is not available during the flight and"

@@ -1,6 +1,6 @@
 """Forward model of a log: the vehicle of the simulation, driven by logged commands.
 
-The formulas are those of the simulation: `step_of_flight`, or `attitude_response_step` for an autopilot whose closed
+The formulas are those of the simulation: `flying_step`, or `attitude_response_step` for an autopilot whose closed
 attitude loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
 
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
@@ -59,14 +59,14 @@ from drake_quad.vehicle.attitude_response import (
     DampingRatios,
     NaturalFrequencies,
     attitude_response_step,
-    state_of,
+    state_from_body,
 )
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.motors import decay_factors, lagged_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
+from drake_quad.vehicle.stepping import VehicleState, flying_step, rotor_target
 
 NUM_BODY = len(State._fields)
 NUM_DISTURBANCE = 8
@@ -149,7 +149,7 @@ def step(
     after: Any
     if response is None:
         before = VehicleState(body, rotors)
-        after = step_of_flight(before, target, wind, parameters, effects, h, h, RIGID_KINEMATICS)
+        after = flying_step(before, target, wind, parameters, effects, h, h, RIGID_KINEMATICS)
     else:
         target_attitude = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
         settings = wind, None, parameters, response, None, effects, 0.0, h, "exact"
@@ -391,7 +391,7 @@ class LogModel:
     def measured_state(self, state: np.ndarray) -> np.ndarray:
         """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
         if self.responds:
-            state = np.stack(state_of(AttitudeResponseBody(*state), small_rotation))
+            state = np.stack(state_from_body(AttitudeResponseBody(*state), small_rotation))
         return self._turned(state)
 
     def _turned(self, state: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ from drake_quad.identification.windows import (
     split_into_windows,
 )
 from drake_quad.scenario.models import Scenario
-from drake_quad.vehicle.motors import thrust_of
+from drake_quad.vehicle.motors import thrust_from_throttle
 
 # Shortest sampling period of a prepared log, s, about a tenth of the time constant of a small motor. Faster logs are
 # averaged.
@@ -238,7 +238,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
         if record.thrust_fraction is None or curve is None:
             return record
         fractions: Any = np.repeat(record.thrust_fraction[:, None], 4, axis=1)
-        thrust = np.asarray(thrust_of(fractions, curve)).sum(axis=1)
+        thrust = np.asarray(thrust_from_throttle(fractions, curve)).sum(axis=1)
     to_body = rotations_of(record.attitude).inv()
     force = to_body.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
     return replace(record, specific_force=force / scenario.vehicle.mass)

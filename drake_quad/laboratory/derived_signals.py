@@ -21,7 +21,7 @@ from drake_quad.signals import SIGNALS, Reference, Row, State, Wind, field_quant
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-class RowOf(NamedTuple):
+class RowSelector(NamedTuple):
     """Formula that returns a row of a record, given the name of the row."""
 
     name: str
@@ -87,7 +87,7 @@ def scalar_signal(name: str) -> ScalarSignal:
     if signal in SIGNALS:
         rows = field_quantities(SIGNALS[signal]) if hasattr(SIGNALS[signal], "_fields") else {}
         if row in rows:
-            return ScalarSignal(name, rows[row].unit, cast(Callable[..., Row], RowOf(row)), (signal,))
+            return ScalarSignal(name, rows[row].unit, cast(Callable[..., Row], RowSelector(row)), (signal,))
         rows_text = join_names([f"{signal}.{each}" for each in rows]) if rows else "none that have names"
         raise InputError(f"{short_repr(name)} is not a row of the signal {signal}; its rows are {rows_text}")
     raise InputError(

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from pydrake.systems.framework import Context
 
-from drake_quad.framework.elementary import maximum, minimum, where, where_needed
+from drake_quad.framework.elementary import lazy_where, maximum, minimum, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, accumulators_of, add_tick, compute_metrics
+from drake_quad.laboratory.metrics import Accumulator, Metrics, Sums, add_tick, compute_metrics, metric_accumulators
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -210,7 +210,7 @@ def detect_contact(
     def nearest(x: Row, y: Row, z: Row) -> tuple[Row, Row]:
         return nearest_solid(x, y, z, surroundings.solids)
 
-    distance, number = where_needed(has_left, nearest, position, (math.inf, 0.0))
+    distance, number = lazy_where(has_left, nearest, position, (math.inf, 0.0))
     around = FreeBall(*position, maximum(0.0, distance - (surroundings.radius + _DISTANCE_TOLERANCE)))
     return CollidedSolid(where(distance < surroundings.radius, number, 0.0)), where(has_left, around, free)
 
@@ -227,7 +227,7 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
         if bound is None:
             distance = solid.distance(x, y, z)
         else:
-            distance = where_needed(bound < smallest, solid.distance, (x, y, z), math.inf)
+            distance = lazy_where(bound < smallest, solid.distance, (x, y, z), math.inf)
         nearer = distance < smallest
         smallest, number = where(nearer, distance, smallest), where(nearer, float(i), number)
     return smallest, number
@@ -284,7 +284,7 @@ class FlightMonitor(FleetSystem):
     ) -> None:
         """Declare ports and states."""
         self._period, self._metrics = period, metrics
-        accumulators = accumulators_of(metrics)
+        accumulators = metric_accumulators(metrics)
         state, reference = self.input("state"), self.input("reference")
         command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
         sent = self.input("wrench", absent=None), self.input("attitude_target", absent=None)

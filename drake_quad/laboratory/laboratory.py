@@ -27,7 +27,7 @@ from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.laboratory.sensors.sensor import build_sensors
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import (
-    Exported,
+    ExportedRandomNumbers,
     Stream,
     connect_noise,
     connect_random_sources,
@@ -46,7 +46,7 @@ def build_laboratory(
     autopilot: Any = None,
     wind: Mapping[str, Any],
     sensors: Mapping[str, Any] = MappingProxyType({}),
-    samples: Samples | Exported | None,
+    samples: Samples | ExportedRandomNumbers | None,
 ) -> Diagram:
     """Build the diagram `laboratory` around a vehicle.
 
@@ -85,7 +85,7 @@ def build_laboratory(
         sensors: sensors by name, each with one output port. The input ports of a sensor have the names of the signals
             that it measures: an output port of the vehicle, `wind`, the rotor speed or throttle command, or `wrench`.
         samples: samples of a study, which determine the noise; None to connect the random input ports to Drake's random
-            sources; `Exported` to make these ports input ports of the diagram.
+            sources; `ExportedRandomNumbers` to make these ports input ports of the diagram.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
@@ -141,13 +141,16 @@ def build_laboratory(
 
 
 def _feed_noise(
-    builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples | Exported | None, num_vehicles: int
+    builder: DiagramBuilder,
+    ports: Mapping[Stream, Any],
+    samples: Samples | ExportedRandomNumbers | None,
+    num_vehicles: int,
 ) -> None:
     """Connect or export the random input port of each stream, depending on `samples`; see `build_laboratory`."""
     match samples:
         case None:
             connect_random_sources(builder, ports)
-        case Exported():
+        case ExportedRandomNumbers():
             export_noise(builder, ports, samples, num_vehicles)
         case Samples():
             connect_noise(builder, ports, samples)

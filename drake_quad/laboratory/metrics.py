@@ -347,7 +347,7 @@ class Metrics(NamedTuple):
     @property
     def definitions(self) -> "Mapping[str, Metric]":
         """Definition of each metric by name, without the crash time."""
-        return definitions_of(type(self))
+        return metric_definitions(type(self))
 
     def take(self, indices: Any) -> "Metrics":
         """Return the metrics of some vehicles, given their indices or a mask."""
@@ -378,25 +378,25 @@ def metrics_type(additional: tuple[tuple[str, Metric], ...] = ()) -> type[Metric
     return type("Metrics", (fields,), {**members, "_additional": dict(additional), "__slots__": ()})
 
 
-def definitions_of(kind: type[Metrics]) -> Mapping[str, Metric]:
+def metric_definitions(kind: type[Metrics]) -> Mapping[str, Metric]:
     """Return the metric definitions of a class from `metrics_type`, by name, without the crash time."""
     return {**METRICS, **getattr(kind, "_additional", {})}
 
 
-def accumulators_of(kind: type[Metrics]) -> tuple[Accumulator, ...]:
+def metric_accumulators(kind: type[Metrics]) -> tuple[Accumulator, ...]:
     """Return the accumulators of a metrics class from `metrics_type`, without duplicates."""
-    accumulators = (metric.accumulator for metric in definitions_of(kind).values())
+    accumulators = (metric.accumulator for metric in metric_definitions(kind).values())
     return tuple(dict.fromkeys(each for each in accumulators if each is not None))
 
 
-def recorded_metrics_of(kind: type[Metrics]) -> dict[str, Metric]:
+def recorded_metrics(kind: type[Metrics]) -> dict[str, Metric]:
     """Return the metrics of a class from `metrics_type` that are computed from a recorded flight, by name."""
-    return {name: metric for name, metric in definitions_of(kind).items() if metric.accumulator is None}
+    return {name: metric for name, metric in metric_definitions(kind).items() if metric.accumulator is None}
 
 
-def unit_of(kind: type[Metrics], name: str) -> str:
+def metric_unit(kind: type[Metrics], name: str) -> str:
     """Return the unit of a metric or of the crash time."""
-    return "s" if name == "crash_time" else definitions_of(kind)[name].unit
+    return "s" if name == "crash_time" else metric_definitions(kind)[name].unit
 
 
 def check_range(name: str, metric: Metric, values: Any) -> None:
@@ -431,14 +431,14 @@ def compute_metrics(
     """
     known = [
         name
-        for name, metric in definitions_of(kind).items()
+        for name, metric in metric_definitions(kind).items()
         if metric.accumulator is not None and (connected is None or all(map(connected, metric.signals)))
     ]
-    unknown = dict.fromkeys(definitions_of(kind), np.full_like(crash_time, np.nan))
-    return kind(**{**unknown, **values_of(known, sums, period, kind)}, crash_time=crash_time)
+    unknown = dict.fromkeys(metric_definitions(kind), np.full_like(crash_time, np.nan))
+    return kind(**{**unknown, **metric_values(known, sums, period, kind)}, crash_time=crash_time)
 
 
-def values_of(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:
+def metric_values(names: Iterable[str], sums: Sums, period: float, kind: type[Metrics]) -> dict[str, np.ndarray]:
     """Return the (N,) values of some metrics, by name.
 
     Args:
@@ -451,10 +451,10 @@ def values_of(names: Iterable[str], sums: Sums, period: float, kind: type[Metric
         InputError: if a metric is outside the range that its definition states.
     """
     ticks: Any = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
-    records = dict(zip(accumulators_of(kind), sums.records, strict=True))
+    records = dict(zip(metric_accumulators(kind), sums.records, strict=True))
     values = {}
     for name in names:
-        metric = definitions_of(kind)[name]
+        metric = metric_definitions(kind)[name]
         assert metric.accumulator is not None
         values[name] = metric.value(records[metric.accumulator], ticks, period)
         check_range(name, metric, values[name])

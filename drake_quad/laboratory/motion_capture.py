@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import exp, sqrt, where, where_needed
+from drake_quad.framework.elementary import exp, lazy_where, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes, Tilt
 from drake_quad.geometry.kinematics import small_rotation
@@ -267,13 +267,13 @@ def _rotation(before: Pose, middle: Attitude, after: Pose) -> BodyRates:
     limit = _MAX_ANGLE_CHANGE
     large = (abs(steps.roll) > limit) | (abs(steps.pitch) > limit) | (abs(steps.yaw) > limit)
     angles = before.roll, before.pitch, before.yaw, after.roll, after.pitch, after.yaw
-    return where_needed(large, _rotation_vector, angles, small_rotation(steps, middle))
+    return lazy_where(large, _rotation_vector, angles, small_rotation(steps, middle))
 
 
 def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_after: Row, yaw_after: Row) -> BodyRates:
     """Return the rotation vector from one attitude to another along the axes of B, rad."""
     before, after = Quaternion.of(roll, pitch, yaw), Quaternion.of(roll_after, pitch_after, yaw_after)
-    return BodyRates(*before.rotation_to(after))
+    return BodyRates(*before.relative_rotation_vector(after))
 
 
 def _zero_state(_: CameraParameters) -> State:

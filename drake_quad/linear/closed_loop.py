@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
+from drake_quad.assembly.laboratory import build_laboratory_from_recipes, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
@@ -15,7 +15,7 @@ from drake_quad.framework.wiring import split_output
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.planning.nominal import nominal_parameters
-from drake_quad.randomness.noise import Exported
+from drake_quad.randomness.noise import ExportedRandomNumbers
 from drake_quad.randomness.streams import Samples
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
@@ -123,7 +123,7 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """
     period = max(loop_periods(hovering).values())
     plan = plan_route(hovering)
-    diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=Exported(period))
+    diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=ExportedRandomNumbers(period))
     context = diagram.CreateDefaultContext()
     ports = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
     for port in ports:
@@ -190,7 +190,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
             )
     plan = plan_route(resting)
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
-    laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
+    laboratory = build_laboratory_from_recipes(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
     hover = _hover_speeds(resting)
     wrench = _hover_wrench(resting, hover)

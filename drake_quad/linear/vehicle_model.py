@@ -28,7 +28,7 @@ from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.motion import accelerations, rotor_state
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorConfig
-from drake_quad.vehicle.slung_load import HANGING, rod_of
+from drake_quad.vehicle.slung_load import HANGING, rod_from_swing
 
 if TYPE_CHECKING:
     import control
@@ -96,7 +96,7 @@ def find_trim(
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = rotor_state(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
         derivatives = accelerations(
-            axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects
+            axes, motion, rod_from_swing(HANGING), position[2], rotors, Wind(*wind), parameters, effects
         )
         return np.array(derivatives.motion)
 

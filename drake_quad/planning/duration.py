@@ -67,7 +67,7 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
             _check_boxes(evaluate(plan.extended_path, times), scenario)
             if scenario.space is not None:
                 braking = PolynomialPath(plan.extended_path.times[-3:-1], plan.extended_path.coefficients[-2:-1])
-                check_obstacles(braking, scenario.room())
+                check_obstacles(braking, scenario.flight_space())
     except InputError as error:
         raise InputError(
             f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"

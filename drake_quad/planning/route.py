@@ -6,11 +6,11 @@ from drake_quad.reference.feasibility import sample_times
 from drake_quad.scenario.limits import MAX_DURATION
 from drake_quad.scenario.models import Mission
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.scenario.routes.route import Planned
+from drake_quad.scenario.routes.route import PlannedRoute
 from drake_quad.space.space import Space
 
 
-def plan_in(mission: Mission, space: Space | None) -> Planned:
+def plan_route_in_space(mission: Mission, space: Space | None) -> PlannedRoute:
     """Return the plan of a scenario's route around the obstacles of a space, for the nominal vehicle.
 
     To plan in the space of the scenario itself, use `drake_quad.flight.mission.plan_route`.

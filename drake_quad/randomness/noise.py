@@ -10,7 +10,7 @@ from pydrake.systems.primitives import RandomSource
 
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import nearest, where
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, fleet_system
+from drake_quad.framework.fleet_system import AutoDiffXd, CurrentTick, FleetSystem, fleet_system
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 EXPORTED_PREFIX = "random."
 
 
-class Exported(NamedTuple):
+class ExportedRandomNumbers(NamedTuple):
     """Option to export random numbers as input ports of the diagram.
 
     A port supplies all random numbers of a period, tick after tick, and is read at the start of the period.
@@ -131,7 +131,7 @@ class NoiseSource(FleetSystem):
         self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in streams}
         parts = tuple(self.packed.values())
         layout = Layout(tuple, parts, sum(part.num_rows for part in parts))
-        ticks = [TickOf(stream.period) for stream in streams]
+        ticks = [CurrentTick(stream.period) for stream in streams]
         self.output("random", stream_numbers, self.parameter("streams", states), kinds, *ticks, layout=layout)
 
 
@@ -242,10 +242,12 @@ class TickByTick(FleetSystem):
         count = round(period / stream.period)
         of_period, of_tick = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
         numbers = self.input("numbers", layout=of_period)
-        self.output("random", numbers_of_tick, numbers, count, TickOf(stream.period), layout=of_tick)
+        self.output("random", numbers_of_tick, numbers, count, CurrentTick(stream.period), layout=of_tick)
 
 
-def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
+def export_noise(
+    builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: ExportedRandomNumbers, num_vehicles: int
+) -> None:
     """Export random input ports as input ports of the diagram, named `random.` followed by the name of the stream."""
     for stream, port in ports.items():
         system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)

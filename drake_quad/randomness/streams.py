@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.framework.elementary import float_of, log, sin_cos, sqrt, untyped, where, word_of
+from drake_quad.framework.elementary import from_uint64, log, sin_cos, sqrt, to_uint64, untyped, where
 from drake_quad.framework.formulas import Tick
 from drake_quad.randomness.seeding import child_words
 from drake_quad.signals import Number, Row
@@ -108,7 +108,7 @@ class StreamState(NamedTuple):
     @property
     def word(self) -> Any:
         """State as a single word, uint64."""
-        return (word_of(self.high) << _HALF_WORD_SHIFT) | word_of(self.low)
+        return (to_uint64(self.high) << _HALF_WORD_SHIFT) | to_uint64(self.low)
 
 
 def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) -> tuple[Row, ...]:
@@ -132,7 +132,7 @@ def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) 
 
 def state_of_number(word: Any, index: Row) -> Any:
     """Return the state for the random number with an index, counted from 0, given the initial state, both uint64."""
-    return word + word_of(index + 1.0) * _GAMMA
+    return word + to_uint64(index + 1.0) * _GAMMA
 
 
 def splitmix64(state: Any) -> Any:
@@ -144,7 +144,7 @@ def splitmix64(state: Any) -> Any:
 
 def uniform_number(state: Any) -> Row:
     """Return a uniform number in the open interval (0, 1), given the SplitMix64 state of the number, uint64."""
-    return (float_of(splitmix64(state) >> _FRACTION_SHIFT) + 0.5) * 2.0**-52
+    return (from_uint64(splitmix64(state) >> _FRACTION_SHIFT) + 0.5) * 2.0**-52
 
 
 def normal_pair(state: Any) -> tuple[Row, Row]:
@@ -154,8 +154,8 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
     each.
     """
     word = splitmix64(state)
-    radius = sqrt(-2.0 * log((float_of(word & _LOW_HALF_MASK) + 0.5) * 2.0**-32, normal=True))
-    sine, cosine = sin_cos(float_of(word >> _HALF_WORD_SHIFT) * (math.tau * 2.0**-32))
+    radius = sqrt(-2.0 * log((from_uint64(word & _LOW_HALF_MASK) + 0.5) * 2.0**-32, normal=True))
+    sine, cosine = sin_cos(from_uint64(word >> _HALF_WORD_SHIFT) * (math.tau * 2.0**-32))
     return radius * sine, radius * cosine
 
 

@@ -59,8 +59,8 @@ def _active_walls(path: PolynomialPath, corridors: Sequence[Corridor | None]) ->
     """Return the points at which a path touches a wall of a corridor."""
     active = []
     for approach in wall_approaches(path, corridors):
-        for side, room in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
-            if room < _RELATIVE_TOLERANCE * approach.size:
+        for side, clearance in (("min", approach.position - approach.low), ("max", approach.high - approach.position)):
+            if clearance < _RELATIVE_TOLERANCE * approach.size:
                 # The face of a polytope has no lower wall.
                 where = f"{approach.wall} {side}" if np.isfinite(approach.low) else approach.wall
                 active.append(

@@ -9,7 +9,7 @@ from drake_quad.reference.minimum_snap_program import (
     WALL_MARGIN,
     MinimumSnapProgram,
     RelaxedBounds,
-    path_within,
+    constrained_minimum_snap,
 )
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
@@ -25,7 +25,7 @@ _QUANTITY_AND_UNIT = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     """Explain in one sentence why no path satisfies the constraints for the given durations, (segments,) in s."""
     try:
-        unlimited = path_within(problem.without_limits(), durations)
+        unlimited = constrained_minimum_snap(problem.without_limits(), durations)
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
@@ -71,13 +71,13 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
     def feasible(factor: float) -> bool:
         try:
-            path_within(problem, factor * durations)
+            constrained_minimum_snap(problem, factor * durations)
         except PLANNING_ERRORS:
             return False
         return True
 
     low = 1.0
-    factors = (1.001 * enough,) if problem.stretchable else _TRIED_FACTORS
+    factors = (1.001 * enough,) if problem.is_time_scalable else _TRIED_FACTORS
     for high in factors:
         if feasible(high):
             break
@@ -98,11 +98,11 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
         path = relaxed.solve()
     except PLANNING_ERRORS:
         return unknown
-    worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.room, default=None)
-    if worst is None or worst.room >= 0.0:
+    worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.clearance, default=None)
+    if worst is None or worst.clearance >= 0.0:
         # The relaxed path stays in the corridors, so a path exists and only the solver failed.
         return unknown
-    wider = WALL_MARGIN * worst.size - worst.room
+    wider = WALL_MARGIN * worst.size - worst.clearance
     return (
         f"the corridor of segment {worst.segment} cannot be kept at these times with the derivatives given at the"
         f" waypoints: it would have to be {_rounded_up(wider):g} m wider"

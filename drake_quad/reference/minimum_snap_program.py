@@ -55,7 +55,7 @@ PLANNING_ERRORS = (InfeasibleError, SolverError)
 """Errors that mean that no path was found."""
 
 
-def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+def constrained_minimum_snap(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
     """Return the path with the smallest integrated squared snap that satisfies the constraints of a problem.
 
     Args:
@@ -66,7 +66,7 @@ def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
         InfeasibleError: if there is no such path.
         SolverError: if the solver fails.
     """
-    if problem.passes_points:
+    if problem.has_closed_form_path:
         path = MinimumSnap(problem.representatives(), durations, problem.derivatives).path()
         if all(peak_norm(path, order) <= _with_rounding(limit) for order, limit in problem.limits.by_order.items()):
             return path
@@ -209,9 +209,9 @@ class MinimumSnapProgram:
         self._base = np.zeros((len(self._points), NUM_FREE + 1, axes))
         self._base[:, 1:] = problem.derivatives / self.scales[:, 1:, np.newaxis]
         for i in range(len(self._points)):
-            room = problem.room(i)
-            if room is not None:
-                self._base[i, 0, room.low < room.high] = np.nan
+            box = problem.allowed_box(i)
+            if box is not None:
+                self._base[i, 0, box.low < box.high] = np.nan
             else:
                 self._base[i, 0] = np.nan
         for i, corridor in enumerate(problem.corridors):
@@ -245,12 +245,12 @@ class MinimumSnapProgram:
         """Constrain the path to pass through the region of each waypoint."""
         for i, region in enumerate(self._problem.waypoints):
             position, length = self.variables[i, 0], self.scales[i, 0]
-            room = self._problem.room(i)
+            box = self._problem.allowed_box(i)
             for axis, variable in enumerate(position):
-                if variable is not None and room is not None:
-                    low, high = room.low[axis] - self._points[i, axis], room.high[axis] - self._points[i, axis]
+                if variable is not None and box is not None:
+                    low, high = box.low[axis] - self._points[i, axis], box.high[axis] - self._points[i, axis]
                     self.program.AddBoundingBoxConstraint(low / length, high / length, variable)
-            free, faces = self._free[i, 0], self._problem.faces(i)
+            free, faces = self._free[i, 0], self._problem.allowed_polytope(i)
             if faces is not None and free.any():
                 offsets = (faces.offsets - faces.normals @ self._points[i]) / length
                 unbounded = np.full(len(offsets), -np.inf)
@@ -339,7 +339,7 @@ class MinimumSnapProgram:
         is_violated = False
         allowed_excess = self.excess if self._slack is RelaxedBounds.CORRIDORS else 0.0
         for approach in wall_approaches(path, self._problem.corridors):
-            if approach.room >= -(_WALL_TOLERANCE * approach.size + allowed_excess):
+            if approach.clearance >= -(_WALL_TOLERANCE * approach.size + allowed_excess):
                 continue
             is_violated = True
             low, high = self._walls_with_margin(approach)
@@ -358,10 +358,10 @@ class MinimumSnapProgram:
             depths = [approach.high - approach.direction @ self._problem.inner_point(i) for i in ends]
             return approach.low, approach.high - max(min(margin, *(0.5 * depth for depth in depths)), 0.0)
         axis = int(np.argmax(approach.direction))
-        rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
+        boxes = [box for i in ends if (box := self._problem.allowed_box(i)) is not None]
         return (
-            approach.low + min([margin, *(0.5 * (room.high[axis] - approach.low) for room in rooms)]),
-            approach.high - min([margin, *(0.5 * (approach.high - room.low[axis]) for room in rooms)]),
+            approach.low + min([margin, *(0.5 * (box.high[axis] - approach.low) for box in boxes)]),
+            approach.high - min([margin, *(0.5 * (approach.high - box.low[axis]) for box in boxes)]),
         )
 
 

@@ -123,12 +123,12 @@ class PathProblem:
         return len(self.waypoints) - 1
 
     @property
-    def passes_points(self) -> bool:
+    def has_closed_form_path(self) -> bool:
         """True if all waypoints are points and there are no corridors, so the path without limits has a closed form."""
         return all(map(_is_point, self.waypoints)) and not any(self.corridors)
 
     @property
-    def stretchable(self) -> bool:
+    def is_time_scalable(self) -> bool:
         """True if all given derivatives are zero, so a path can be slowed down without changing its shape."""
         return not np.nan_to_num(self.derivatives).any()
 
@@ -140,16 +140,16 @@ class PathProblem:
         vars(problem).pop("_representatives", None)
         return problem
 
-    def room(self, waypoint: int) -> Box | None:
+    def allowed_box(self, waypoint: int) -> Box | None:
         """Return the intersection of all boxes that apply at a waypoint: its region and adjacent corridors."""
-        room = None
+        box = None
         for region in self._regions(waypoint):
             if isinstance(region, Box):
-                room = region if room is None else room.intersection(region)
-                assert room is not None, "checked by the constructor"
-        return room
+                box = region if box is None else box.intersection(region)
+                assert box is not None, "checked by the constructor"
+        return box
 
-    def faces(self, waypoint: int) -> Polytope | None:
+    def allowed_polytope(self, waypoint: int) -> Polytope | None:
         """Return the intersection of all polytopes that apply at a waypoint: its region and adjacent corridors.
 
         The result is None if the waypoint is a point, since the constructor has checked that the polytopes contain it.
@@ -161,11 +161,11 @@ class PathProblem:
 
         The result is the waypoint's representative if no polytope applies at the waypoint.
         """
-        faces, room = self.faces(waypoint), self.room(waypoint)
+        faces, box = self.allowed_polytope(waypoint), self.allowed_box(waypoint)
         region = self.waypoints[waypoint]
         if faces is None or isinstance(region, Sphere):
             return self.representatives()[waypoint]
-        intersection = faces if room is None else faces.intersection(room)
+        intersection = faces if box is None else faces.intersection(box)
         assert intersection is not None, "checked by the constructor"
         return intersection.centre
 
@@ -185,11 +185,11 @@ class PathProblem:
         targets = [region.centre for region in self.waypoints] if self.start is None else self.start
         points = []
         for i, target in enumerate(targets):
-            room, faces = self.room(i), self.faces(i)
-            if faces is None or faces.max_violation(target if room is None else room.nearest(target)) <= 0.0:
-                points.append(target if room is None else room.nearest(target))
+            box, faces = self.allowed_box(i), self.allowed_polytope(i)
+            if faces is None or faces.max_violation(target if box is None else box.nearest(target)) <= 0.0:
+                points.append(target if box is None else box.nearest(target))
             else:
-                points.append((faces if room is None else faces.intersection(room) or faces).nearest(target))
+                points.append((faces if box is None else faces.intersection(box) or faces).nearest(target))
         return np.array(points)
 
     @cached_property
@@ -214,9 +214,9 @@ class PathProblem:
         axes = len(self.waypoints[0].centre)
         points = program.NewContinuousVariables(len(self.waypoints), axes)
         for i, region in enumerate(self.waypoints):
-            room, faces = self.room(i), self.faces(i)
-            if room is not None:
-                program.AddBoundingBoxConstraint(room.low, room.high, points[i])
+            box, faces = self.allowed_box(i), self.allowed_polytope(i)
+            if box is not None:
+                program.AddBoundingBoxConstraint(box.low, box.high, points[i])
             if faces is not None:
                 program.AddLinearConstraint(faces.normals, np.full(faces.faces, -np.inf), faces.offsets, points[i])
             if isinstance(region, Sphere):
@@ -235,7 +235,10 @@ class PathProblem:
             )
         solution = result.GetSolution(points)
         return np.array(
-            [solution[i] if (room := self.room(i)) is None else room.nearest(solution[i]) for i in range(len(solution))]
+            [
+                solution[i] if (box := self.allowed_box(i)) is None else box.nearest(solution[i])
+                for i in range(len(solution))
+            ]
         )
 
     def _check_waypoints(self) -> None:

@@ -25,7 +25,7 @@ COLUMNS = ("duration", *(f"{axis}^{power}" for axis in AXES for power in range(P
 """Names of the columns of a file."""
 
 
-def pieces_of(plan: Plan) -> np.ndarray:
+def plan_to_pieces(plan: Plan) -> np.ndarray:
     """Convert a plan exactly to a (pieces, 33) table with the columns of `COLUMNS`.
 
     A piece ends at each knot of the position and at each knot of the yaw. If a plan begins later than at time 0, the
@@ -45,7 +45,7 @@ def pieces_of(plan: Plan) -> np.ndarray:
     return rows
 
 
-def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
+def pieces_to_plan(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
     """Return the plan of a table of polynomial pieces.
 
     The yaw of a piece is shifted by whole turns so that it begins nearest to the end of the preceding piece. A table
@@ -85,7 +85,7 @@ def save_pieces(plan: Plan, path: Path | str) -> Path:
         InputError: if a polynomial has a degree higher than 7.
         OSError: if the file cannot be written.
     """
-    return write_table(Path(path), dict(zip(COLUMNS, pieces_of(plan).T, strict=True)))
+    return write_table(Path(path), dict(zip(COLUMNS, plan_to_pieces(plan).T, strict=True)))
 
 
 def minsnap_trajectory(plan: Plan) -> Any:
@@ -114,7 +114,7 @@ def minsnap_waypoints(plan: Plan) -> list[Any]:
     ]
 
 
-def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
+def minsnap_to_plan(trajectory: Any, yaw: float = 0.0) -> Plan:
     """Return the plan that follows a trajectory of minsnap-trajectories with a constant yaw.
 
     Args:

@@ -90,7 +90,7 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
     shorten = isinstance(timing, MinimumTimeTiming)
     problem = without_repeats(problem)
     _check_duration(problem)
-    if not problem.stretchable:
+    if not problem.is_time_scalable:
         return path_with_fixed_derivatives(problem, shorten=shorten)
     return minimum_time_path(problem) if shorten else heuristic_path(problem)
 

@@ -9,7 +9,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import Contact, snap_cost
-from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, path_within
+from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, constrained_minimum_snap
 from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
@@ -53,7 +53,7 @@ def path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPat
         InputError: if there is no path; the message gives the reason.
     """
     try:
-        return path_within(problem, durations)
+        return constrained_minimum_snap(problem, durations)
     except PLANNING_ERRORS:
         raise InputError(explain_infeasibility(problem, durations)) from None
 
@@ -88,7 +88,7 @@ def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarr
     """Raise durations that are much shorter than the longest one; return 1 s for each segment if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
-    fraction = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
+    fraction = _MIN_POINT_DURATION_RATIO if problem.has_closed_form_path else _MIN_DURATION_RATIO
     return np.maximum(durations, fraction * durations.max())
 
 
@@ -125,7 +125,7 @@ def minimum_time_path(problem: PathProblem) -> PolynomialPath:
     # optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
     # The local optimum can depend on the start, for example on whether the path touches a wall.
-    if not problem.passes_points or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
+    if not problem.has_closed_form_path or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
         best = min(best, _local_minimum_time_path(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
 
@@ -155,9 +155,9 @@ def _local_minimum_time_path(problem: PathProblem, path: PolynomialPath, *, smoo
             contacts=_contacts(problem, path),
             max_log_change=max_log_change,
         )
-        return _scaled_to_limits(path_within(unlimited, durations), problem.limits)
+        return _scaled_to_limits(constrained_minimum_snap(unlimited, durations), problem.limits)
 
-    if problem.passes_points:
+    if problem.has_closed_form_path:
         return min(path, shortened(start, np.inf), key=_DURATION)
     return improve_repeatedly(start, shortened, _DURATION)
 
@@ -211,7 +211,7 @@ def path_with_fixed_derivatives(problem: PathProblem, *, shorten: bool) -> Polyn
     paths: list[PolynomialPath] = []
     for durations in _durations_to_try(problem, stopping, shorten=shorten):
         with suppress(*PLANNING_ERRORS):
-            paths.append(path_within(problem, durations))
+            paths.append(constrained_minimum_snap(problem, durations))
         if paths and not shorten:
             break
     if not paths:
@@ -238,20 +238,22 @@ def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bo
 
 def _minimum_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
     """Return the path with the smallest snap for the same total duration, without limits."""
-    if problem.passes_points:
+    if problem.has_closed_form_path:
         durations = minimum_snap_durations(problem.representatives(), durations, problem.derivatives)
-        return path_within(problem, durations)
+        return constrained_minimum_snap(problem, durations)
 
     def smoothed(path: PolynomialPath, max_log_change: float) -> PolynomialPath:
         points, contacts = path.waypoints, _contacts(problem, path)
-        return path_within(
+        return constrained_minimum_snap(
             problem,
             minimum_snap_durations(
                 points, path.durations, problem.derivatives, contacts=contacts, max_log_change=max_log_change
             ),
         )
 
-    return improve_repeatedly(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
+    return improve_repeatedly(
+        constrained_minimum_snap(problem, durations), smoothed, lambda path: float(snap_cost(path).sum())
+    )
 
 
 def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
@@ -273,9 +275,9 @@ def minimum_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
     except PLANNING_ERRORS:
         raise InputError(explain_infeasibility(problem, start * (total / start.sum()))) from None
     try:
-        return path_within(problem, durations)
+        return constrained_minimum_snap(problem, durations)
     except PLANNING_ERRORS:
-        if not problem.stretchable:
+        if not problem.is_time_scalable:
             raise InputError(explain_infeasibility(problem, durations)) from None
         return _nearest_within_limits(problem, durations)
 
@@ -298,7 +300,7 @@ def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> Polyn
         fraction = 0.5 * (low + high)
         between = durations ** (1.0 - fraction) * shortest**fraction
         try:
-            best = path_within(problem, between * (total / between.sum()))
+            best = constrained_minimum_snap(problem, between * (total / between.sum()))
             high = fraction
         except PLANNING_ERRORS:
             low = fraction
@@ -310,6 +312,6 @@ def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
     return [
         Contact(approach.segment, approach.s, approach.direction, approach.position)
         for approach in wall_approaches(path, problem.corridors)
-        if approach.room < _CONTACT_TOLERANCE * approach.size
+        if approach.clearance < _CONTACT_TOLERANCE * approach.size
         and _CONTACT_END_MARGIN < approach.s < 1.0 - _CONTACT_END_MARGIN
     ]

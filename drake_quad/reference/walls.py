@@ -33,7 +33,7 @@ class WallApproach(NamedTuple):
     size: float
 
     @property
-    def room(self) -> float:
+    def clearance(self) -> float:
         """Distance to the nearer wall, m; negative beyond the wall."""
         return min(self.position - self.low, self.high - self.position)
 

@@ -71,7 +71,7 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     )
 
 
-def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
+def yaw_along_path(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
     """Return a smooth profile that points in the direction of flight.
 
     The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and

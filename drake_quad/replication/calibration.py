@@ -24,7 +24,7 @@ _DAMPING_RATIO = 0.7
 _FIT_TOLERANCE = 1e-3  # relative tolerance of the fitted parameters, which reproduces the errors to within 1 mm
 
 
-class FreeNumber(NamedTuple):
+class FreeParameter(NamedTuple):
     """Parameter of a scenario that is fitted.
 
     Attributes:
@@ -52,8 +52,8 @@ class Hypothesis(NamedTuple):
 
     label: str
     overrides: list[str]
-    pd: FreeNumber
-    network: FreeNumber
+    pd: FreeParameter
+    network: FreeParameter
 
 
 class Calibration(NamedTuple):
@@ -84,8 +84,8 @@ def pd_gains(bandwidth: float) -> list[str]:
     ]
 
 
-def _bandwidth_number(low: float, high: float) -> FreeNumber:
-    return FreeNumber("bandwidth of the PD (rad/s)", low, high, pd_gains)
+def _bandwidth_number(low: float, high: float) -> FreeParameter:
+    return FreeParameter("bandwidth of the PD (rad/s)", low, high, pd_gains)
 
 
 def _offset_overrides(offset: float) -> list[str]:
@@ -109,19 +109,19 @@ HYPOTHESES = {
         "derivative on the measurement",
         [],
         _bandwidth_number(0.9, 1.6),
-        FreeNumber("slope λ (1/s)", 0.5, 2.5, _slope_overrides),
+        FreeParameter("slope λ (1/s)", 0.5, 2.5, _slope_overrides),
     ),
     "low_gain": Hypothesis(
         "derivative of the error, low gains",
         [_TRACKING_ERROR_DERIVATIVE],
         _bandwidth_number(0.35, 1.2),
-        FreeNumber("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
+        FreeParameter("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
     ),
     "bias": Hypothesis(
         "derivative of the error, constant bias",
         [_TRACKING_ERROR_DERIVATIVE, *_BIAS_GAINS],
-        FreeNumber("centre of mass, x and y (m)", 0.0, 0.005, _offset_overrides),
-        FreeNumber("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
+        FreeParameter("centre of mass, x and y (m)", 0.0, 0.005, _offset_overrides),
+        FreeParameter("initial covariance p₀ (1/s), λ = 1/s", 0.03, 30.0, _covariance_overrides),
     ),
 }
 
@@ -155,7 +155,7 @@ def calibrate(
     return Calibration(hypothesis, x, y, predicted)
 
 
-def _fit(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
+def _fit(number: FreeParameter, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
     """Return the value of a parameter for which the mean error is equal to a target.
 
     Args:

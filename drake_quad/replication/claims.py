@@ -6,9 +6,9 @@ import numpy as np
 import scipy
 
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
-from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment, cells_of
+from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment, select_cells
 from drake_quad.replication.sweeps import EXPONENTS, NOISE_LEVELS, Q_VALUES, SLOPES, Sweep
-from drake_quad.reports.claims import Claim, reduction, verdict_of
+from drake_quad.reports.claims import Claim, reduction, verdict_from_conditions
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import linearized_ratio, ratio_of_means
@@ -39,7 +39,7 @@ def all_claims(experiment: Experiment) -> list[Claim]:
 
 def judge_half_the_error(experiment: Experiment) -> Claim:
     """Judge the claim that type 2 is 50 % better than PD."""
-    reductions = {cell: _reduction(experiment, cell, "pd") for cell in cells_of(_TYPE_2_CONTROLLERS)}
+    reductions = {cell: _reduction(experiment, cell, "pd") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     over_slope = {wind: [_reduction_at_slope(experiment, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max(
         (decrease for reductions in over_slope.values() for decrease in reductions), key=lambda decrease: decrease.value
@@ -49,7 +49,7 @@ def judge_half_the_error(experiment: Experiment) -> Claim:
         "PD+T2FNN is 50 % better than PD",
         f"reductions of {_range_text(reductions.values())} over winds and widths; at most {best.percent()} with another"
         " λ, which is a fitted number",
-        verdict_of([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
+        verdict_from_conditions([decrease.is_above(0.5) for decrease in reductions.values()], best.is_above(0.5)),
         "holds if all reductions are above 50 %; in part if some are, or with another λ",
         printed=f"Table II: {_span_text(_published_reductions(reductions, 'pd'), 100.0, '.0f')} %",
         details=f"{_listed_text(reductions)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
@@ -60,7 +60,9 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
     """Judge the claim that the error without wind is about 43 % smaller."""
     pd, network = (published_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
     decrease = _reduction(experiment, Cell("no_wind", "pd_t2fnn"), "pd")
-    other = {cell: _reduction(experiment, cell, "pd") for cell in cells_of(("pd_t1fnn", "pd_t2fnn_wide"), ["no_wind"])}
+    other = {
+        cell: _reduction(experiment, cell, "pd") for cell in select_cells(("pd_t1fnn", "pd_t2fnn_wide"), ["no_wind"])
+    }
     return Claim(
         "without wind the error is about 43 % smaller",
         f"{decrease.percent()}, which was fitted; other networks, not fitted: {_listed_text(other)}",
@@ -72,7 +74,7 @@ def judge_reduction_without_wind(experiment: Experiment) -> Claim:
 
 def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
     """Judge the claim that type 2 beats type 1 by 2 to 7 %."""
-    gains = {cell: _reduction(experiment, cell, "pd_t1fnn") for cell in cells_of(_TYPE_2_CONTROLLERS)}
+    gains = {cell: _reduction(experiment, cell, "pd_t1fnn") for cell in select_cells(_TYPE_2_CONTROLLERS)}
     windy = {cell: gain for cell, gain in gains.items() if cell.wind != "no_wind"}
     over_noise = [_best_advantage(experiment.noise, "noise", level) for level in NOISE_LEVELS]
     over_q = [_best_advantage(experiment.q, "q", q) for q in Q_VALUES]
@@ -83,7 +85,7 @@ def judge_type_2_beats_type_1(experiment: Experiment) -> Claim:
         f"reductions of {_range_text(windy.values())} in wind; without wind, with the better width,"
         f" {_range_text(over_noise)} with noise from 0 to 20 mm, {_range_text(mixed)} with q from 0.25 to 0.75, and"
         f" {only_upper.percent()} with q = 0, where only the upper memberships count",
-        verdict_of([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
+        verdict_from_conditions([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
         "holds if all reductions in wind are above 2 %; in part if some are, or with other noise or 0 < q < 1",
         printed=f"Table II in wind: {_span_text(_published_reductions(windy, 'pd_t1fnn'), 100.0, '.0f')} %,"
         f" from three runs each, which is not significant (in low wind, {_welch_text('pd_t1fnn', 'pd_t2fnn')})",
@@ -108,7 +110,7 @@ def judge_wider_under_noise(experiment: Experiment) -> Claim:
         "more noise favours wider membership functions",
         f"wider sets have an error that is larger by {(-gains[0]).percent()} without position noise and by"
         f" {(-gains[-1]).percent()} with 20 mm, so noise reduces their disadvantage by {trend.percent()} of the error",
-        verdict_of([gains[-1].is_above(0.0), trend.is_above(0.0)]),
+        verdict_from_conditions([gains[-1].is_above(0.0), trend.is_above(0.0)]),
         "holds if noise favours the wider sets and they are better at 20 mm; in part if one of these is true",
         printed=f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant"
         f" ({_welch_text(*_TYPE_2_CONTROLLERS)}); noise is not varied",
@@ -126,7 +128,7 @@ def judge_peak_without_wind(experiment: Experiment) -> Claim:
     return Claim(
         "without wind the peak error falls from 1.3 to 0.8 m",
         f"{pd.metres()} and {network.metres()}, a reduction of {decrease.percent()}",
-        verdict_of([decrease.is_above(0.38)], decrease.is_above(0.0)),
+        verdict_from_conditions([decrease.is_above(0.38)], decrease.is_above(0.0)),
         "holds if the peak falls by more than 38 %; in part if it falls at all",
         printed="Fig. 9: about 1.3 and 0.8 m, 38 %",
     )
@@ -136,13 +138,13 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
     """Judge the claim that type 2 has smaller error peaks than type 1 in wind."""
     differences = {
         cell: experiment.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
-        for cell in cells_of(_TYPE_2_CONTROLLERS, _WINDS_WITH_FANS)
+        for cell in select_cells(_TYPE_2_CONTROLLERS, _WINDS_WITH_FANS)
     }
     low, high = _smallest_and_largest(differences.values())
     return Claim(
         "in wind type 2 has smaller error peaks than type 1",
         f"peaks of type 2 minus those of type 1: {low.millimetres()} to {high.millimetres()}",
-        verdict_of([(-each).is_above(0.0) for each in differences.values()]),
+        verdict_from_conditions([(-each).is_above(0.0) for each in differences.values()]),
         "holds if all differences are below zero; in part if some are",
         printed="Figs 10 and 11, one run each",
         details=_listed_text(differences, Interval.millimetres),
@@ -152,7 +154,7 @@ def judge_smaller_peaks_in_wind(experiment: Experiment) -> Claim:
 def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
     """Judge the claim that the PD's output tends to zero as the network learns, and increases at changes of segment."""
     fades, returns = (
-        {cell: _mean(experiment.recorded[cell][measure]) for cell in cells_of(("pd", "pd_t2fnn"))}
+        {cell: _mean(experiment.recorded[cell][measure]) for cell in select_cells(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
     )
     fade, back = (each[Cell("no_wind", "pd_t2fnn")] for each in (fades, returns))
@@ -161,7 +163,7 @@ def judge_pd_tends_to_zero(experiment: Experiment) -> Claim:
         f"without wind, the RMS of the PD's output in the last quarter of a flight is {fade.percent()} of its value in"
         f" the quarter after the rise; in the 1 s after a change of segment, it is {back.percent()} of its value in the"
         " 1 s before",
-        verdict_of([(-fade).is_above(-0.5), back.is_above(1.0)]),
+        verdict_from_conditions([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if the first ratio is below 50 % and the second above 100 %; in part if one of these is true",
         printed="Figs 12 and 13, one run",
         details=f"ratio of the last quarter: {_listed_text(fades)}; ratio after a change of segment:"
@@ -173,7 +175,7 @@ def judge_least_effort(experiment: Experiment) -> Claim:
     """Judge the claim that the PD has the smallest control effort."""
     fractions = {
         (cell, axis): experiment.comparison(cell, Cell(cell.wind, "pd"), f"effort_{axis}").ratio
-        for cell in cells_of(_NETWORK_CONTROLLERS)
+        for cell in select_cells(_NETWORK_CONTROLLERS)
         for axis in "xy"
     }
     low, high = _smallest_and_largest(fractions.values())
@@ -184,7 +186,7 @@ def judge_least_effort(experiment: Experiment) -> Claim:
     return Claim(
         "the PD costs the least effort",
         f"the networks need {low.ratio()} to {high.ratio()} times the PD's effort",
-        verdict_of([each.is_above(1.0) for each in fractions.values()]),
+        verdict_from_conditions([each.is_above(1.0) for each in fractions.values()]),
         "holds if all ratios are above 1; in part if some are",
         printed=f"Table II: the networks need {_span_text(printed, 1.0, '.1f')} times the PD's effort",
         details=text,
@@ -196,12 +198,12 @@ def judge_insensitive_to_wind(experiment: Experiment) -> Claim:
     rises = {
         cell: experiment.comparison(cell, Cell("no_wind", name)).ratio.plus(-1.0)
         for name in CONTROLLERS
-        for cell in cells_of([name], _WINDS_WITH_FANS)
+        for cell in select_cells([name], _WINDS_WITH_FANS)
     }
     return Claim(
         "the controllers are insensitive to wind",
         f"errors increase by {_range_text(rises.values())}",
-        verdict_of(
+        verdict_from_conditions(
             [(-each).is_above(-0.02) for each in rises.values()],
             *((-each).is_above(-0.1) for each in rises.values()),
         ),
@@ -232,7 +234,7 @@ def judge_straight_against_curved(experiment: Experiment) -> Claim:
         f"the best gains are {gains[0]} on straight lines, and {gains[1]} on curves; on other samples, the former have"
         f" a {error_increase.percent()} larger error on curves, and with the latter the command varies"
         f" {variation_ratio.ratio()} times as much on straight lines",
-        verdict_of([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
+        verdict_from_conditions([error_increase.is_above(0.0), variation_ratio.is_above(1.0)]),
         "holds if the former have a larger error on curves and the command varies more with the latter; in part if one"
         " of these is true",
         printed="a statement without numbers",
@@ -250,7 +252,7 @@ def judge_circle_of_gains(experiment: Experiment) -> Claim:
         f"of the gains that stabilise the loop, {pd.percent()} have an error within 20 % of the best with the PD, and"
         f" {network.percent()} with PD+T2FNN; the median error is {typical[0].ratio()} times the best one with the PD,"
         f" and {typical[1].ratio()} times with PD+T2FNN; the best errors are {best[0].metres()} and {best[1].metres()}",
-        verdict_of([more.is_above(0.0), network.is_above(0.5)]),
+        verdict_from_conditions([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the network increases the share and the share is above 50 %; in part if one of these is true",
         printed="a statement without numbers",
         details=f"{_grid_text(experiment.maps['pd'])}; a sample crashes with"

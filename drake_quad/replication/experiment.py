@@ -17,7 +17,7 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.replication.measures import measures
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, cells_of, write_recorded
+from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, select_cells, write_recorded
 from drake_quad.replication.sweeps import (
     BEST_GAIN_RANGES,
     NOISE_SETTINGS,
@@ -147,10 +147,10 @@ def fly_experiment(
     if (folder / "cells").exists() and not resume:
         shutil.rmtree(folder / "cells")
     jobs, plans = [], sweep_plans(sizes)
-    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
+    for cell in select_cells((*CONTROLLERS, *FAIR_CONTROLLERS)):
         fly = partial(_fly_cell, load(cell), sizes.cells, folder / "cells" / cell.scenario, compiled=compiled)
         jobs.append(Job(cell.scenario, sizes.cells, fly))
-    for cell in cells_of(CONTROLLERS):
+    for cell in select_cells(CONTROLLERS):
         record = partial(_record_cell, load(cell), sizes.recorded, compiled=compiled)
         jobs.append(Job(f"recorded {cell.scenario}", sizes.recorded, record))
     for name, plan in plans.items():
@@ -159,7 +159,7 @@ def fly_experiment(
     for job, result in zip(jobs, run_jobs(jobs, workers, progress=progress), strict=True):
         results[job.name].append(result)
 
-    recorded = {cell: results[f"recorded {cell.scenario}"][0] for cell in cells_of(CONTROLLERS)}
+    recorded = {cell: results[f"recorded {cell.scenario}"][0] for cell in select_cells(CONTROLLERS)}
     write_recorded(folder / "recorded.csv", {cell: record.measures for cell, record in recorded.items()})
     for name, plan in plans.items():
         kind = type(results[name][0])

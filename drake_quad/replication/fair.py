@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drake_quad.replication.published import CONTROLLERS, Cell
-from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, select_cells
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, values_without_crashes
@@ -38,7 +38,7 @@ class FairEntry(NamedTuple):
 def fair_entries(experiment: Experiment) -> list[FairEntry]:
     """Return the results of all compared controllers, sorted by wind."""
     entries = []
-    for cell in cells_of(COMPARED_CONTROLLERS):
+    for cell in select_cells(COMPARED_CONTROLLERS):
         means = [
             mean_interval(values_without_crashes(experiment.cells[cell].metrics, name))
             for name in ("rmse", "peak_error", "effort_x", "effort_y")

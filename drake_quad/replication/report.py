@@ -86,7 +86,7 @@ class Findings(NamedTuple):
     efforts: Sequence[EffortMatch]
 
 
-def findings_of(experiment: Experiment) -> Findings:
+def collect_findings(experiment: Experiment) -> Findings:
     """Return the findings of an experiment."""
     return Findings(
         table_entries(experiment.cells), all_claims(experiment), fair_entries(experiment), effort_matches(experiment)

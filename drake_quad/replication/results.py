@@ -58,7 +58,9 @@ def read_experiment(folder: Path) -> Experiment:
     Raises:
         InputError: if a file is missing or invalid.
     """
-    cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS))}
+    cells = {
+        cell: read_study(folder / "cells" / cell.scenario) for cell in select_cells((*CONTROLLERS, *FAIR_CONTROLLERS))
+    }
     recorded = {Cell(*group): columns for group, columns in read_groups(folder / "recorded.csv", Cell._fields).items()}
     noise, q = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
     slopes = {wind: load_sweep(folder / f"slope_{wind}.csv", Metrics) for wind in WINDS}
@@ -75,6 +77,6 @@ def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]
     )
 
 
-def cells_of(controllers: Collection[str], winds: Iterable[str] = WINDS) -> list[Cell]:
+def select_cells(controllers: Collection[str], winds: Iterable[str] = WINDS) -> list[Cell]:
     """Return the cells of the given controllers, sorted by wind."""
     return [Cell(wind, controller) for wind in winds for controller in controllers]

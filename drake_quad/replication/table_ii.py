@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
-from drake_quad.replication.results import cells_of
+from drake_quad.replication.results import select_cells
 from drake_quad.reports.page import row
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
@@ -60,7 +60,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
     printed = published_table()
     entries = []
     for quantity in QUANTITIES:
-        for cell in cells_of(CONTROLLERS):
+        for cell in select_cells(CONTROLLERS):
             metrics = cells[cell].metrics
             first, second, third = map(float, np.where(metrics.crashed, np.nan, getattr(metrics, quantity))[:3])
             entries.append(

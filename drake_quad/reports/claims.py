@@ -34,7 +34,7 @@ class Claim(NamedTuple):
     figure: str = ""
 
 
-def verdict_of(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
+def verdict_from_conditions(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
     """Return the verdict that follows from conditions. A condition is None if its interval is inconclusive.
 
     Args:

@@ -12,7 +12,7 @@ from drake_quad.scenario.correlation import MIN_PROBABILITY, drawn_values, share
 from drake_quad.scenario.draws import LATIN_HYPERCUBE, SOBOL
 from drake_quad.scenario.inertia import rigid_inertias
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, join_path, map_leaves, steps_of
+from drake_quad.scenario.paths import distributions_in, join_path, map_leaves, split_path
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Batch:
         seeds, noise = self.seeds and padded(self.seeds), self.noise and tuple(map(padded, self.noise))
         return Batch(self.scenario, padded(self.samples), varying, seeds, noise)
 
-    def scenario_of(self, vehicle: int) -> Scenario:
+    def vehicle_scenario(self, vehicle: int) -> Scenario:
         """Return the scenario of one vehicle, counted from 0, with its drawn values and its sample index."""
 
         def number(path: str, value: Any) -> Any:
@@ -198,7 +198,7 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     Raises:
         InputError: if the seed or the index is negative or too large.
     """
-    return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
+    return Batch.draw(scenario, [sample], seed=seed).vehicle_scenario(0)
 
 
 def scenario_at_quantile(scenario: Scenario, probability: float) -> Scenario:
@@ -211,7 +211,7 @@ def scenario_at_quantile(scenario: Scenario, probability: float) -> Scenario:
         probability: probability, between 0 and 1.
     """
     varying = {path: np.array([each.quantile(probability)]) for path, each in distributions_in(scenario).items()}
-    return Batch(scenario, (0,), _with_rigid_bodies(scenario, varying)).scenario_of(0)
+    return Batch(scenario, (0,), _with_rigid_bodies(scenario, varying)).vehicle_scenario(0)
 
 
 def median_scenario(scenario: Scenario) -> Scenario:
@@ -245,5 +245,5 @@ def _stream_name(path: str) -> str:
     Earlier versions wrote paths in this form. The names of streams still use it, so that the samples of existing
     studies do not change.
     """
-    first, *steps = steps_of(path)
+    first, *steps = split_path(path)
     return first + "".join(f"[{step}]" if step.isdecimal() else f".{step}" for step in steps)

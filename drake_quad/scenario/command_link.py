@@ -9,7 +9,7 @@ from drake_quad.framework.records import record_like
 from drake_quad.laboratory import command_link
 from drake_quad.laboratory.command_link import LinkParameters
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_of, max_ticks
+from drake_quad.scenario.quantities import Period, Probability, Ticks, any_nonzero, field_from_record, max_ticks
 from drake_quad.signals import AttitudeTarget, Wrench
 
 
@@ -18,7 +18,7 @@ class CommandLinkSettings(Model):
 
     period: Period = Field(default=0.02, description="control period (s); the default is the paper's")
     delay_ticks: Ticks = Field(default=1, description="delay from sending to arrival, in whole control ticks")
-    loss_rate: Probability = field_of(LinkParameters, "loss_rate", "fraction of packets that are lost")
+    loss_rate: Probability = field_from_record(LinkParameters, "loss_rate", "fraction of packets that are lost")
 
     def recipe(self, fleet: Any, signal: command_link.Command, initial: Wrench | AttitudeTarget) -> Recipe:
         """Return the recipe for the links of a fleet.

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
-from drake_quad.scenario.description import unit_in
+from drake_quad.scenario.description import unit_from_description
 from drake_quad.scenario.distributions import Model, is_number_or_distribution
 from drake_quad.scenario.limits import MAX_MAGNITUDE
 from drake_quad.scenario.quantities import Rule
@@ -48,7 +48,12 @@ def _quantities(hint: Any, metadata: Sequence[Any], description: str) -> Iterato
         hint, *inner = get_args(hint)
         yield from _quantities(hint, [*inner, *metadata], description)
     elif is_number_or_distribution(hint):
-        yield "", _declaration(unit_in(description) or "1", [rule for rule in metadata if isinstance(rule, Rule)])
+        yield (
+            "",
+            _declaration(
+                unit_from_description(description) or "1", [rule for rule in metadata if isinstance(rule, Rule)]
+            ),
+        )
     elif get_origin(hint) is tuple:
         items = get_args(hint)
         for path, declaration in _quantities(items[0], (), description) if Ellipsis not in items else ():

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from drake_quad.scenario.models import Mission
-from drake_quad.scenario.paths import parts_of, steps_of
+from drake_quad.scenario.paths import children, split_path
 
 
 def description_at(scenario: Mission, path: str) -> str:
@@ -16,19 +16,19 @@ def description_at(scenario: Mission, path: str) -> str:
     """
     value: Any = scenario
     text = ""
-    for step in steps_of(path):
+    for step in split_path(path):
         if not step.isdecimal():
             text = type(value).model_fields[step].description or text
-        value = dict(parts_of(value))[step]
+        value = dict(children(value))[step]
     return text
 
 
 def unit_at(scenario: Mission, path: str) -> str:
     """Return the unit of a field, "" if it has none."""
-    return unit_in(description_at(scenario, path))
+    return unit_from_description(description_at(scenario, path))
 
 
-def unit_in(description: str) -> str:
+def unit_from_description(description: str) -> str:
     """Return the unit in a description, "" if it has none.
 
     The unit is the first text in parentheses that is neither an equation number nor a squared expression.

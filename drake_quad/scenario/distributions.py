@@ -71,7 +71,7 @@ class Model(BaseModel):
         """Yield the settings of this mapping that have no effect on a flight, excluding nested mappings."""
         yield from declared_inactive_settings(self, path)
 
-    def questions(self) -> Iterator[tuple[str, str]]:
+    def implausible_fields(self) -> Iterator[tuple[str, str]]:
         """Yield the path and a clause with the reason for each field that is implausible given other fields."""
         return iter(())
 
@@ -133,7 +133,7 @@ class PositiveRange(Range):
     min: Annotated[float, Field(ge=MIN_MAGNITUDE, le=MAX_MAGNITUDE)] = Field(description="smallest value")
 
 
-class Bell(Model):
+class NormalParameters(Model):
     """A normal distribution, truncated at its limits if it has any."""
 
     mean: Real = Field(description="mean of the normal distribution before truncation")
@@ -166,7 +166,7 @@ class Bell(Model):
     _serialized = omits_defaults("shared")
 
     @model_validator(mode="after")
-    def _limits_around_mean(self) -> "Bell":
+    def _limits_around_mean(self) -> "NormalParameters":
         if self.min is not None and self.min > self.mean:
             raise self.field_error(f"must not be larger than the mean, {self.mean}", "min")
         if self.max is not None and self.max < self.mean:
@@ -257,7 +257,7 @@ class LogUniform(Distribution):
 class Normal(Distribution):
     """Normal distribution, optionally correlated with other normal distributions. A bounded quantity needs limits."""
 
-    normal: Bell
+    normal: NormalParameters
     dimensionless: ClassVar = ("shared",)
 
     def __repr__(self) -> str:

@@ -53,7 +53,7 @@ class Needs:
     def unmet(self, mapping: Any) -> tuple[str, ...]:
         """Return the names of the fields that do not meet the condition; empty if one field meets it."""
         values = [getattr(mapping, name) for name in self.fields]
-        is_met = self.value in values if self.value is not None else any(map(can_act, values))
+        is_met = self.value in values if self.value is not None else any(map(can_have_effect, values))
         return () if is_met else self.fields
 
 
@@ -62,15 +62,15 @@ def needs(*fields: str, value: str | None = None) -> Needs:
     return Needs(fields, value)
 
 
-def can_act(value: Any) -> bool:
+def can_have_effect(value: Any) -> bool:
     """Return whether a value in a scenario can have an effect, that is, is not missing, false, empty or zero.
 
     A mapping can have an effect if one of its `strength_fields` can, or if it has no `strength_fields`.
     """
     if hasattr(value, "strength_fields"):
-        return not value.strength_fields or any(can_act(getattr(value, name)) for name in value.strength_fields)
+        return not value.strength_fields or any(can_have_effect(getattr(value, name)) for name in value.strength_fields)
     if isinstance(value, tuple):
-        return any(map(can_act, value))
+        return any(map(can_have_effect, value))
     if isinstance(value, bool | int | float | Mapping):
         return bool(value)
     return value is not None
@@ -81,7 +81,7 @@ def declared_inactive_settings(mapping: Any, path: str) -> Iterator[InactiveSett
 
     Only fields that differ from their defaults are reported, because saved scenarios contain all fields.
     """
-    if not can_act(mapping):
+    if not can_have_effect(mapping):
         yield InactiveSetting(path, _reason(mapping, mapping.strength_fields, path))
         return
     for name, field in type(mapping).model_fields.items():

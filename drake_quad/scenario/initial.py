@@ -33,7 +33,7 @@ class InitialState(Model):
         default=(1.0, 1.0, 1.0, 1.0), description="speed of each rotor, as a multiple (1) of its speed in hover"
     )
 
-    def place(self, fleet: Any, start: HoverPose) -> HoverPose:
+    def pose(self, fleet: Any, start: HoverPose) -> HoverPose:
         """Return the initial position and yaw of a fleet's vehicles.
 
         Args:
@@ -41,10 +41,10 @@ class InitialState(Model):
             start: position and yaw of the reference at time 0.
         """
         x, y, z = fleet.position
-        place = HoverPose(x, y, z, fleet.attitude[2])
+        pose = HoverPose(x, y, z, fleet.attitude[2])
         if self.frame == "world":
-            return place
-        return HoverPose._make(offset + value for offset, value in zip(place, start, strict=True))
+            return pose
+        return HoverPose._make(offset + value for offset, value in zip(pose, start, strict=True))
 
     @staticmethod
     def motion(fleet: Any) -> InitialMotion:

@@ -92,7 +92,7 @@ class _Alternating(RotorLayout):
         )
 
 
-@LAYOUTS.member
+@LAYOUTS.register
 class PlusLayout(_Alternating):
     """Rotor 1 in front, 2 on the right, 3 at the rear, 4 on the left."""
 
@@ -101,14 +101,14 @@ class PlusLayout(_Alternating):
     _distance_per_arm: ClassVar = 2.0
 
 
-@LAYOUTS.member
+@LAYOUTS.register
 class XLayout(_Alternating):
     """Rotor 1 in front on the right, 2 at the rear on the right, 3 at the rear on the left, 4 in front on the left."""
 
     kind: Literal["x"]
 
 
-@LAYOUTS.member
+@LAYOUTS.register
 class HLayout(_Alternating):
     """Rotors numbered as in the layout `x`, with a length that differs from the width."""
 
@@ -136,7 +136,7 @@ class RotorPlacement(Model):
     )
 
 
-@LAYOUTS.member
+@LAYOUTS.register
 class RotorsLayout(RotorLayout):
     """Four rotors at any positions, numbered from 1 in the order of the list."""
 
@@ -162,7 +162,7 @@ def rotors_of(airframe: Any) -> Rotors:
     return airframe.layout.rotors_of(airframe)
 
 
-def arms_of(airframe: Any) -> tuple[float, float]:
+def arm_length_range(airframe: Any) -> tuple[float, float]:
     """Return the smallest and the largest horizontal distance between a rotor and the middle of an airframe, m."""
     arms = [sqrt(float(rotor.x * rotor.x + rotor.y * rotor.y)) for rotor in rotors_of(airframe)]
     return min(arms), max(arms)
@@ -170,7 +170,7 @@ def arms_of(airframe: Any) -> tuple[float, float]:
 
 def arm_length_of(airframe: Any) -> float:
     """Return the arm length of an airframe, m, or the mean of shortest and longest arm if the layout has distances."""
-    return 0.5 * sum(arms_of(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
+    return 0.5 * sum(arm_length_range(airframe)) if airframe.layout.has_distances else float(airframe.arm_length)
 
 
 def _rotor(placement: Any, airframe: Any) -> Rotor:

@@ -33,15 +33,15 @@ from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
 from drake_quad.scenario.draws import DesignedDraws
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
-from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_act, late_setting, needs
+from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, can_have_effect, late_setting, needs
 from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
 from drake_quad.scenario.initial import InitialState
-from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arms_of, rotors_of
+from drake_quad.scenario.layouts import LAYOUTS, Layout, PlusLayout, arm_length_range, rotors_of
 from drake_quad.scenario.limits import MAX_SHARED, MAX_SOURCES, MAX_TICKS
 from drake_quad.scenario.metrics.metric import METRICS, AnyMetric
 from drake_quad.scenario.motion_capture import MotionCaptureSettings
 from drake_quad.scenario.motors import Motors, NominalMotors, SpeedMotors
-from drake_quad.scenario.paths import distributions_in, join_path, keys_of
+from drake_quad.scenario.paths import distributions_in, join_path, path_keys
 from drake_quad.scenario.plausible import (
     PLAUSIBLE_LAG,
     PLAUSIBLE_RELATIVE_ERROR,
@@ -52,7 +52,7 @@ from drake_quad.scenario.plausible import (
     not_in_rpm,
 )
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
-from drake_quad.scenario.proportions import proportion_questions
+from drake_quad.scenario.proportions import implausible_proportions
 from drake_quad.scenario.quantities import (
     FixedMoment,
     FixedNonNegative,
@@ -67,14 +67,14 @@ from drake_quad.scenario.quantities import (
     Step,
     bounds,
     extremes,
-    field_of,
+    field_from_record,
 )
 from drake_quad.scenario.requirements import Requirement
 from drake_quad.scenario.routes.route import ROUTES, AnyRoute
 from drake_quad.scenario.sensors.sensor import SENSORS, AnySensor, SensorSettings
 from drake_quad.scenario.space import SpaceSettings
 from drake_quad.scenario.winds.source import WINDS, AnyWindSource
-from drake_quad.signals import numbered
+from drake_quad.signals import sensor_port_name
 from drake_quad.space.space import Space
 from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.attitude_response import ATTITUDE_RESPONSE_EFFECTS
@@ -107,26 +107,26 @@ _NonNegative = TypeVar("_NonNegative")
 class Airframe(Model, Generic[_Positive, _NonNegative]):
     """Airframe of a vehicle. The defaults are from the paper's Table I where it gives a value."""
 
-    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_of(_PAPER_VEHICLE, "mass", "mass m")
-    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_of(
+    mass: Annotated[_Positive, _PLAUSIBLE_MASS] = field_from_record(_PAPER_VEHICLE, "mass", "mass m")
+    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = field_from_record(
         _PAPER_VEHICLE, "inertia", "moments of inertia I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
-    rotor_inertia: _NonNegative = field_of(_PAPER_VEHICLE, "rotor_inertia", "moment of inertia J_r of a rotor")
-    thrust_factor: _Positive = field_of(_PAPER_ROTOR, "thrust_factor", "thrust factor b of a rotor")
-    drag_factor: _Positive = field_of(_PAPER_ROTOR, "drag_factor", "drag factor d of a rotor")
-    arm_length: Annotated[_Positive, PLAUSIBLE_SIZE] = field_of(
+    rotor_inertia: _NonNegative = field_from_record(_PAPER_VEHICLE, "rotor_inertia", "moment of inertia J_r of a rotor")
+    thrust_factor: _Positive = field_from_record(_PAPER_ROTOR, "thrust_factor", "thrust factor b of a rotor")
+    drag_factor: _Positive = field_from_record(_PAPER_ROTOR, "drag_factor", "drag factor d of a rotor")
+    arm_length: Annotated[_Positive, PLAUSIBLE_SIZE] = field_from_record(
         _PAPER_ROTOR, "x", "arm length l from the middle of a plus or an x to its rotors"
     )
     layout: Layout = Field(
         default=PlusLayout(kind="plus"), description="positions and directions of rotation of the rotors"
     )
-    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_of(
+    gravity: Annotated[_Positive, _PLAUSIBLE_GRAVITY] = field_from_record(
         _PAPER_VEHICLE, "gravity", "gravitational acceleration g"
     )
-    min_rotor_speed: Annotated[_NonNegative, _PLAUSIBLE_ROTOR_SPEED] = field_of(
+    min_rotor_speed: Annotated[_NonNegative, _PLAUSIBLE_ROTOR_SPEED] = field_from_record(
         _PAPER_VEHICLE, "min_rotor_speed", "idle speed of the rotors"
     )
-    max_rotor_speed: Annotated[_Positive, _PLAUSIBLE_ROTOR_SPEED] = field_of(
+    max_rotor_speed: Annotated[_Positive, _PLAUSIBLE_ROTOR_SPEED] = field_from_record(
         _PAPER_VEHICLE, "max_rotor_speed", "top speed of the rotors"
     )
 
@@ -160,7 +160,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         # If the distances of a layout are random, no arm length can contradict them.
         if distributions_in(self.layout):
             return
-        shortest, longest = arms_of(self)
+        shortest, longest = arm_length_range(self)
         if not (1.0 - _ARM_TOLERANCE) * shortest <= written <= (1.0 + _ARM_TOLERANCE) * longest:
             arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             raise self.field_error(
@@ -179,7 +179,7 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
     @classmethod
     def _nominal(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
-            raise layout.field_error("must be a number, since planner and controllers use it", *keys_of(path))
+            raise layout.field_error("must be a number, since planner and controllers use it", *path_keys(path))
         return layout
 
     @model_validator(mode="after")
@@ -193,9 +193,9 @@ class Nominal(Airframe[FixedPositive, FixedNonNegative]):
             raise self.field_error(f"must produce thrust without torque: {flaw}", "layout")
         return self
 
-    def questions(self) -> Iterator[tuple[str, str]]:
+    def implausible_fields(self) -> Iterator[tuple[str, str]]:
         """Yield questions about implausible ratios between mass, inertia, thrust and drag."""
-        yield from proportion_questions(self)
+        yield from implausible_proportions(self)
 
 
 class Vehicle(Airframe[Positive, NonNegative]):
@@ -208,9 +208,11 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0),
         description="x and y in B relative to the origin of `layout` (m), which is the middle of a plus, an x or an h",
     )
-    linear_drag: NonNegative = field_of(_PAPER_VEHICLE, "linear_drag", "drag force over airspeed")
-    quadratic_drag: NonNegative = field_of(_PAPER_VEHICLE, "quadratic_drag", "drag force over squared airspeed")
-    rotor_time_constant: Annotated[Span, PLAUSIBLE_LAG] = field_of(
+    linear_drag: NonNegative = field_from_record(_PAPER_VEHICLE, "linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = field_from_record(
+        _PAPER_VEHICLE, "quadratic_drag", "drag force over squared airspeed"
+    )
+    rotor_time_constant: Annotated[Span, PLAUSIBLE_LAG] = field_from_record(
         _PAPER_VEHICLE, "rotor_time_constant", "time constant of the rotor speed"
     )
     rotor_time_constant_down: Annotated[Span | None, PLAUSIBLE_LAG] = Field(
@@ -257,11 +259,11 @@ class Vehicle(Airframe[Positive, NonNegative]):
             loads=tuple([record for name, record in numbers.items() if name not in named]),
         )
 
-    def wind_flaw(self) -> str:
+    def explain_missing_wind_effect(self) -> str:
         """Return a clause that explains why wind does not change the forces on the vehicle; empty if it does."""
         effects = [name for name, effect in EFFECTS.members.items() if effect.depends_on_wind]
         names = ["linear_drag", "quadratic_drag", *effects]
-        if can_act(tuple([getattr(self, name) for name in names])):
+        if can_have_effect(tuple([getattr(self, name) for name in names])):
             return ""
         return f"the vehicle has no drag: {join_names([f'vehicle.{name}' for name in names])} are zero or not given"
 
@@ -312,7 +314,7 @@ class Laboratory(Model):
     def inactive_settings(self, flight: FlightConditions, path: str) -> Iterator[InactiveSetting]:
         """Yield settings without effect, such as wind if the vehicle has no drag."""
         yield from super().inactive_settings(flight, path)
-        if self.wind and (flaw := flight.scenario.vehicle.wind_flaw()):
+        if self.wind and (flaw := flight.scenario.vehicle.explain_missing_wind_effect()):
             yield InactiveSetting(f"{path}.wind", flaw)
 
     @property
@@ -320,7 +322,8 @@ class Laboratory(Model):
         """Sensors by port name. This is the kind, followed by a number from the second sensor of the kind on."""
         kinds = [sensor.kind for sensor in self.sensors]
         return {
-            numbered(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor for i, sensor in enumerate(self.sensors)
+            sensor_port_name(sensor.kind, kinds[: i + 1].count(sensor.kind)): sensor
+            for i, sensor in enumerate(self.sensors)
         }
 
 
@@ -434,7 +437,7 @@ class Mission(Model):
 
     _serialized = omits_defaults("space")
 
-    def room(self, *, tracking_error: float = 0.0) -> Space | None:
+    def flight_space(self, *, tracking_error: float = 0.0) -> Space | None:
         """Return the obstacles with the clearances for the nominal vehicle, or None if there are no obstacles.
 
         Args:
@@ -444,7 +447,7 @@ class Mission(Model):
             return None
         # The nominal vehicle's centre of mass is at the origin of its rotor layout.
         farthest = max(math.sqrt(r.x**2 + r.y**2 + r.z**2) for r in rotors_of(self.nominal))
-        return self.space.room(farthest, tracking_error)
+        return self.space.flight_space(farthest, tracking_error)
 
     def __repr__(self) -> str:
         """Return a short summary, such as the kinds of route, control and wind."""
@@ -593,7 +596,7 @@ class Scenario(Mission):
             names.update(shared_names([distribution]))
             if len(names) > MAX_SHARED:
                 demand = f"must not add a shared variable, since the scenario already has {MAX_SHARED}, the limit"
-                raise validation_error(demand, path=(*keys_of(path), "normal", "shared"))
+                raise validation_error(demand, path=(*path_keys(path), "normal", "shared"))
         return self
 
     @model_validator(mode="after")
@@ -612,7 +615,7 @@ class Scenario(Mission):
     def _few_ticks(self) -> "Scenario":
         """Raise an error if it is clear before planning that the flight has more than `MAX_TICKS` ticks."""
         longest = MAX_TICKS * min(self.periods.values())
-        path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
+        path, end = self.route.known_end_time() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:
             raise self.field_error(f"must be at most {longest:g} s, {MAX_TICKS:,} times the shortest period", *path)
         return self

@@ -27,7 +27,7 @@ from drake_quad.scenario.quantities import (
     Span,
     Ticks,
     any_nonzero,
-    field_of,
+    field_from_record,
     max_ticks,
 )
 
@@ -39,16 +39,16 @@ class MotionCaptureSettings(Model):
     """Cameras that measure position and attitude. Velocity and body rates are measured or differentiated."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the default is the paper's")
-    position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_of(
+    position_noise: Annotated[NonNegative, PLAUSIBLE_POSITION_NOISE] = field_from_record(
         CameraParameters, "position_noise", "standard deviation of each coordinate"
     )
-    attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = field_of(
+    attitude_noise: Annotated[AngleNoise, PLAUSIBLE_ATTITUDE_NOISE] = field_from_record(
         CameraParameters, "attitude_noise", "standard deviation of roll, pitch and yaw"
     )
-    misalignment: Annotated[Misalignment, _PLAUSIBLE_MISALIGNMENT] = field_of(
+    misalignment: Annotated[Misalignment, _PLAUSIBLE_MISALIGNMENT] = field_from_record(
         CameraParameters, "misalignment", "roll, pitch and yaw of the marker axes in B"
     )
-    derivative_bandwidth: Positive | None = field_of(
+    derivative_bandwidth: Positive | None = field_from_record(
         CameraParameters,
         "derivative_bandwidth",
         "bandwidth of the filters that compute velocity and body rates",
@@ -56,14 +56,14 @@ class MotionCaptureSettings(Model):
     )
     velocity_error: Annotated[
         tuple[RelativeError, RelativeError, RelativeError], Field(strict=False), PLAUSIBLE_RELATIVE_ERROR
-    ] = field_of(CameraParameters, "velocity_error", "relative error of the velocity along X, Y, Z")
-    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_of(
+    ] = field_from_record(CameraParameters, "velocity_error", "relative error of the velocity along X, Y, Z")
+    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = field_from_record(
         CameraParameters, "velocity_drift", "standard deviation of a slowly varying error of the velocity along X, Y, Z"
     )
-    drift_time: Annotated[Span, needs("velocity_drift")] = field_of(
+    drift_time: Annotated[Span, needs("velocity_drift")] = field_from_record(
         CameraParameters, "drift_time", "correlation time of velocity_drift"
     )
-    dropout_rate: Probability = field_of(CameraParameters, "dropout_rate", "fraction of frames that are lost")
+    dropout_rate: Probability = field_from_record(CameraParameters, "dropout_rate", "fraction of frames that are lost")
     latency_frames: Ticks = Field(default=0, description="delay from exposure to arrival, in whole frame periods")
 
     def recipe(self, fleet: Any) -> Recipe:

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import keys_of, value_at
+from drake_quad.scenario.paths import path_keys, value_at
 
 
 def number_at(scenario: Scenario, path: str) -> float:
@@ -36,7 +36,7 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     whole: Any = scenario.model_dump(mode="json")
     tree = scenario.model_dump(mode="json", exclude_unset=True)
     node: Any = tree
-    keys = keys_of(path)
+    keys = path_keys(path)
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):

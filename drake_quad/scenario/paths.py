@@ -32,7 +32,7 @@ def is_item(step: str) -> bool:
     return step.isascii() and step.isdecimal()
 
 
-def steps_of(path: str) -> list[str]:
+def split_path(path: str) -> list[str]:
     """Split a path into steps. List items, including rotors, become indices counted from 0.
 
     Raises:
@@ -52,12 +52,12 @@ def steps_of(path: str) -> list[str]:
     return steps
 
 
-def keys_of(path: str) -> list[str | int]:
+def path_keys(path: str) -> list[str | int]:
     """Return the steps of a path as keys of mappings and indices of lists."""
-    return [int(step) if step.isdecimal() else step for step in steps_of(path)]
+    return [int(step) if step.isdecimal() else step for step in split_path(path)]
 
 
-def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
+def children(value: Any) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of each field of a mapping, or the index and value of each item of a list.
 
     Other values, including distributions, have no parts.
@@ -76,7 +76,7 @@ def mappings_in(value: Any, path: str = "") -> Iterator[tuple[str, Model]]:
     """Yield the path and value of each mapping in a part of a scenario, outer mappings first."""
     if isinstance(value, Model) and not isinstance(value, Distribution):
         yield path, value
-    for step, part in parts_of(value):
+    for step, part in children(value):
         yield from mappings_in(part, join_path(path, step))
 
 
@@ -88,7 +88,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         path: path of the part; empty for a whole scenario.
     """
     has_parts = isinstance(value, dict)
-    for step, part in parts_of(value):
+    for step, part in children(value):
         has_parts = True
         yield from leaves(part, join_path(path, step))
     if not has_parts and not isinstance(value, tuple):
@@ -107,8 +107,8 @@ def value_at(scenario: Model, path: str) -> Any:
         InputError: if the field does not exist.
     """
     value: Any = scenario
-    for step in steps_of(path):
-        parts = dict(parts_of(value))
+    for step in split_path(path):
+        parts = dict(children(value))
         if step not in parts:
             question = did_you_mean(step, parts, 1)
             raise InputError(f"the scenario has no field {path}{f'; {question}' if question else ''}")
@@ -124,7 +124,7 @@ def map_leaves(value: Any, replace: Callable[[str, Any], Any], path: str = "") -
         replace: function that returns the new value of a leaf, given the path and the old value.
         path: path of the part; empty for a whole scenario.
     """
-    parts = dict(parts_of(value))
+    parts = dict(children(value))
     if not parts:
         return value if isinstance(value, tuple | dict) else replace(path, value)
     new_parts = {step: map_leaves(part, replace, join_path(path, step)) for step, part in parts.items()}

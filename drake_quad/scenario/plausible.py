@@ -2,8 +2,8 @@
 
 A number outside the plausible range is questioned but accepted, since the language also describes unusual vehicles. The
 ranges cover vehicles from 20 g to 20 kg, with a margin. They are declared in the field annotations. A mapping that
-checks whether several fields are plausible in combination extends the method `questions`. `drake_quad.flight.remarks`
-collects the questions.
+checks whether several fields are plausible in combination extends the method `implausible_fields`.
+`drake_quad.flight.remarks` collects the questions.
 """
 
 import math
@@ -33,7 +33,7 @@ class Plausible:
     lower: float = 0.0
     upper: float = math.inf
 
-    def question(self, value: Any, period: float) -> str:
+    def explain_implausibility(self, value: Any, period: float) -> str:
         """Return a clause that questions an implausible number or distribution; empty if it is plausible.
 
         Args:
@@ -62,8 +62,8 @@ class PlausibleDelay:
 
     upper: float
 
-    def question(self, value: Any, period: float) -> str:
-        """Return a clause that questions an implausible number of ticks; see `Plausible.question`."""
+    def explain_implausibility(self, value: Any, period: float) -> str:
+        """Return a clause that questions an implausible number of ticks; see `Plausible.explain_implausibility`."""
         ticks = max(numbers_in(value), default=0.0)
         if ticks * period <= self.upper:
             return ""

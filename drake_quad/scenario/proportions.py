@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from drake_quad.scenario.layouts import arms_of, rotors_of
+from drake_quad.scenario.layouts import arm_length_range, rotors_of
 
 # Largest plausible ratio of total thrust to weight. Racing quadrotors have about 15.
 _MAX_THRUST_RATIO = 30.0
@@ -22,9 +22,9 @@ _RPM = math.tau / 60.0  # one revolution per minute, rad/s
 _INERTIA_UNITS = {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 
 
-def proportion_questions(nominal: Any) -> Iterator[tuple[str, str]]:
+def implausible_proportions(nominal: Any) -> Iterator[tuple[str, str]]:
     """Yield a field and a question about it for each implausible ratio of a nominal vehicle."""
-    arm = arms_of(nominal)[1]
+    arm = arm_length_range(nominal)[1]
     clauses = {axis: _inertia_clause(moment, nominal.mass, arm) for axis, moment in enumerate(nominal.inertia)}
     for axis, clause in clauses.items():
         if clause:

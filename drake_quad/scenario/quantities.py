@@ -29,7 +29,7 @@ def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
     return value.extremes()
 
 
-def field_of(record: Any, name: str, text: str, *, rule: str = "") -> Any:
+def field_from_record(record: Any, name: str, text: str, *, rule: str = "") -> Any:
     """Return a model field whose default and unit are copied from a field of a record.
 
     Args:

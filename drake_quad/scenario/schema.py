@@ -140,7 +140,9 @@ def _referenced_mappings(schema: dict[str, Any], definitions: dict[str, Any]) ->
         if name not in names:
             names[name] = None
             pending = [*_references(definitions[name].get("properties", {})), *pending]
-    return sorted(names, key=lambda name: name in _DISTRIBUTION_MODELS or name in ("Range", "PositiveRange", "Bell"))
+    return sorted(
+        names, key=lambda name: name in _DISTRIBUTION_MODELS or name in ("Range", "PositiveRange", "NormalParameters")
+    )
 
 
 def _references(node: Any) -> list[str]:

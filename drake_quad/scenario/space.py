@@ -13,9 +13,9 @@ from drake_quad.scenario.limits import MAX_CORNERS, MAX_OBSTACLES, MAX_POINTS
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
 from drake_quad.scenario.quantities import FixedDirections, FixedNonNegative, FixedPositive, FixedPositives, Point
 from drake_quad.scenario.regions import BoxRegion
-from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, convex_hull, transformed_points
 from drake_quad.space.simplification import MAX_GROWTH, simplified_hull
+from drake_quad.space.space import Obstacle, Space
 
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
 # Names that obstacles must not have, since these keys have a special meaning when layers are merged.
@@ -144,15 +144,15 @@ class SpaceSettings(Model):
                 raise validation_error(demand + ", ".join(_RESERVED_NAMES), path=(shorten_text(str(name)),))
         return obstacles
 
-    def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:
+    def flight_space(self, farthest_rotor: float, tracking_error: float = 0.0) -> Space:
         """Return the space as a record with solids and clearances.
 
         Args:
             farthest_rotor: distance of the farthest rotor centre from the centre of mass, m.
             tracking_error: predicted RMS position error, m.
         """
-        return room.Space(
-            tuple(room.Obstacle(name, obstacle.shape()) for name, obstacle in self.obstacles.items()),
+        return Space(
+            tuple(Obstacle(name, obstacle.shape()) for name, obstacle in self.obstacles.items()),
             farthest_rotor if self.radius is None else self.radius,
             None if self.bounds is None else self.bounds.box(),
             self.margin,

@@ -50,7 +50,7 @@ class _Members(ABC):
         """Return the member with a name, or None if there is no such member."""
         return self.members.get(name) if isinstance(name, str) else None
 
-    def member(self, model: _Member) -> _Member:
+    def register(self, model: _Member) -> _Member:
         """Register a model, as a decorator of its class.
 
         Raises:

@@ -9,7 +9,7 @@ from drake_quad.errors import shortest_path
 _LIBRARY_NAME = __name__.partition(".")[0]
 
 
-def file_of(defined: type) -> str:
+def defining_file(defined: type) -> str:
     """Return the path of the user's file that defines a class, quoted for a shell; empty for built-in classes.
 
     The path is relative if the file is inside the working directory. The path is also empty if the class is not
@@ -23,5 +23,5 @@ def file_of(defined: type) -> str:
 
 def import_option(defined: type) -> str:
     """Return the option `--import FILE.py` with the file that defines a class; empty for built-in classes."""
-    file = file_of(defined)
+    file = defining_file(defined)
     return f"--import {file}" if file else ""

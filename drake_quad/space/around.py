@@ -44,7 +44,7 @@ _MAX_OPTIMISED_ROUTES = 3
 _ANY_LIMITS = PathLimits(acceleration=1.0)
 
 
-class RouteAround(NamedTuple):
+class CollisionFreeRoute(NamedTuple):
     """Route around obstacles, as a planning problem with corridors.
 
     Attributes:
@@ -57,9 +57,9 @@ class RouteAround(NamedTuple):
     waypoints: np.ndarray
 
 
-def direct_route(problem: PathProblem) -> RouteAround:
+def direct_route(problem: PathProblem) -> CollisionFreeRoute:
     """Return the route of a problem without additional waypoints or corridors, for use if no obstacle is in the way."""
-    return RouteAround(problem, np.arange(len(problem.waypoints)))
+    return CollisionFreeRoute(problem, np.arange(len(problem.waypoints)))
 
 
 def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
@@ -80,7 +80,9 @@ def with_bounds(problem: PathProblem, bounds: Box | None) -> PathProblem:
     return PathProblem(problem.waypoints, derivatives=problem.derivatives, corridors=corridors, limits=problem.limits)
 
 
-def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing) -> tuple[PolynomialPath, RouteAround]:
+def plan_collision_free_path(
+    space: Space, bounds: Box, problem: PathProblem, timing: Timing
+) -> tuple[PolynomialPath, CollisionFreeRoute]:
     """Plan a path around obstacles. The result is deterministic.
 
     If there are several passages, the timing determines which path is best: the one with the shortest time, or the one
@@ -113,7 +115,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     return path, routes[best]
 
 
-def _estimated_cost(route: RouteAround, timing: Timing) -> float:
+def _estimated_cost(route: CollisionFreeRoute, timing: Timing) -> float:
     """Estimate the cost of a route from a path with heuristic times, or return infinity if there is no path."""
     problem = route.problem
     if not problem.limits.by_order:
@@ -130,7 +132,9 @@ def _estimated_cost(route: RouteAround, timing: Timing) -> float:
     return float(snap_cost(path).sum()) * (path.duration / timing.duration) ** 7
 
 
-def _paths_and_costs(routes: Sequence[RouteAround], timing: Timing) -> list[tuple[PolynomialPath | InputError, float]]:
+def _paths_and_costs(
+    routes: Sequence[CollisionFreeRoute], timing: Timing
+) -> list[tuple[PolynomialPath | InputError, float]]:
     """Return the path and its cost for each route, or the error and infinity for a route without a path."""
     results: list[tuple[PolynomialPath | InputError, float]] = []
     for route in routes:
@@ -144,7 +148,7 @@ def _paths_and_costs(routes: Sequence[RouteAround], timing: Timing) -> list[tupl
     return results
 
 
-def _timing_for(route: RouteAround, timing: Timing) -> Timing:
+def _timing_for(route: CollisionFreeRoute, timing: Timing) -> Timing:
     """Return the timing for a route. Given times are interpolated at additional waypoints, by polyline length."""
     if not isinstance(timing, FixedTimes):
         return timing
@@ -154,7 +158,7 @@ def _timing_for(route: RouteAround, timing: Timing) -> Timing:
     return FixedTimes(tuple(np.interp(lengths, lengths[route.waypoints], timing.times).tolist()))
 
 
-def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[RouteAround]:
+def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[CollisionFreeRoute]:
     """Return routes around obstacles, the shortest route first.
 
     Raises:
@@ -184,7 +188,7 @@ def check_waypoint_clearance(space: Space, problem: PathProblem) -> None:
 
 def _routes(
     space: Space, bounds: Box, problem: PathProblem, grid: Grid, free_points: Sequence[np.ndarray]
-) -> list[RouteAround]:
+) -> list[CollisionFreeRoute]:
     """Return routes on a grid that pass each waypoint at any of its free points, (k, 3) in m."""
     routes = _routes_through(space, bounds, problem, grid, free_points)
     if routes:
@@ -226,7 +230,7 @@ def _pieces_on_shortest_route(
     lengths, origins = np.zeros(len(pieces[0])), []
     for corridor, begins, ends in zip(problem.corridors, pieces[:-1], pieces[1:], strict=True):
         inside = None if corridor is None else is_near(corridor, grid.points)
-        fields = [grid.lengths_from(points, space.clearance + SLACK, inside)[0] for points in begins]
+        fields = [grid.route_lengths(points, space.clearance + SLACK, inside)[0] for points in begins]
         total = lengths[:, np.newaxis] + [[grid.nearest_end(field, points)[0] for points in ends] for field in fields]
         origins.append(total.argmin(axis=0))
         lengths = total.min(axis=0)
@@ -246,7 +250,7 @@ def _routes_through(
     free_points: Sequence[np.ndarray],
     *,
     divided: bool = False,
-) -> list[RouteAround]:
+) -> list[CollisionFreeRoute]:
     """Return routes whose legs connect free points of successive waypoints.
 
     Args:
@@ -264,7 +268,7 @@ def _routes_through(
     @functools.cache
     def field(number: int, leg: int | None) -> tuple[np.ndarray, np.ndarray]:
         corridor = None if leg is None else problem.corridors[leg]
-        return grid.lengths_from(
+        return grid.route_lengths(
             free_points[number], clearance, None if corridor is None else is_near(corridor, grid.points)
         )
 
@@ -340,7 +344,7 @@ def _points_in(region: WaypointRegion) -> tuple[np.ndarray, float]:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3), diagonal
 
 
-def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> RouteAround:
+def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> CollisionFreeRoute:
     """Add the regions of a passage to a problem as corridors.
 
     Raises:
@@ -360,7 +364,7 @@ def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> 
     derivatives = np.full((len(waypoint_regions), *problem.derivatives.shape[1:]), np.nan)
     derivatives[waypoints] = problem.derivatives
     divided_problem = PathProblem(waypoint_regions, derivatives=derivatives, corridors=corridors, limits=problem.limits)
-    return RouteAround(divided_problem, np.array(waypoints))
+    return CollisionFreeRoute(divided_problem, np.array(waypoints))
 
 
 def _intersection(region: Corridor, corridor: Corridor | None) -> Corridor:

@@ -71,7 +71,7 @@ class Grid:
         distances = [obstacle.shape.distances(self.points) for obstacle in self.space.obstacles]
         return np.stack(distances, -1) if distances else np.empty((len(self.points), 0))
 
-    def lengths_from(
+    def route_lengths(
         self, starts: np.ndarray, clearance: float, inside: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the weighted lengths of the shortest routes from several starting points to all grid points.
@@ -156,8 +156,8 @@ class Grid:
         """Return the shortest route (corners, 3) from any start to any end, m; None if there is no route.
 
         Args:
-            lengths: (n,) lengths from the starting points, a result of `lengths_from`.
-            predecessors: (n,) indices of the preceding points, a result of `lengths_from`.
+            lengths: (n,) lengths from the starting points, a result of `route_lengths`.
+            predecessors: (n,) indices of the preceding points, a result of `route_lengths`.
             starts: (k, 3) starting points, m.
             ends: (l, 3) end points, which have at least the same clearance as the route, m.
         """

@@ -25,12 +25,12 @@ from drake_quad.scenario.models import NoiseSamples, Scenario
 from drake_quad.statistics.subset_simulation import MAX_NOISE
 from drake_quad.studies.flying import (
     BatchJob,
-    batch_at,
     build_before_fork,
+    build_point_batch,
     code_versions,
     delete_fleets,
-    fleet_of,
     fly_points,
+    get_fleet,
     point_rows,
 )
 from drake_quad.studies.processes import Workers, check_importable
@@ -45,7 +45,7 @@ class Evaluator:
         num_vehicles: largest number of vehicles of a fleet.
         noise_period: length of the periods whose wind and noise are determined by separate numbers, s; None for one
             number for the whole flight.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
         pool: workers that fly the points, such as `Workers` or a Dask cluster from `dask_pool`; by default, a few
             fleets in this process. The metrics do not depend on the workers.
@@ -68,7 +68,7 @@ class Evaluator:
         *,
         num_vehicles: int = 1024,
         noise_period: float | None = None,
-        own: UserSystems = UserSystems(),
+        user_systems: UserSystems = UserSystems(),
         compiled: bool = True,
         pool: WorkerPool | None = None,
     ) -> None:
@@ -82,12 +82,12 @@ class Evaluator:
             scenario = scenario.model_copy(update={"noise": noise})
         self.scenario, self._pool, self._fleets = scenario, pool, dict[int, StudyFleet]()
         # A worker compares these versions with those of its own code.
-        code = {} if pool is None else code_versions(own)
-        self._job = BatchJob(uuid.uuid4().hex, code, scenario, plan, num_vehicles, own, compiled)
+        code = {} if pool is None else code_versions(user_systems)
+        self._job = BatchJob(uuid.uuid4().hex, code, scenario, plan, num_vehicles, user_systems, compiled)
         if pool is None:
-            fleet_of(self._job, self._fleets, num_vehicles)
+            get_fleet(self._job, self._fleets, num_vehicles)
         elif isinstance(pool, Workers):
-            check_importable({**own.specified, "a kind that the scenario uses": scenario})
+            check_importable({**user_systems.specified, "a kind that the scenario uses": scenario})
 
     def __call__(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Fly a vehicle for each point, and return the metrics, (n,) arrays.
@@ -129,7 +129,7 @@ class Evaluator:
             self.num_flights += len(rows)
             yield rows[:, 0].astype(int), self.scenario.metrics_type(*rows[:, 1:].T)
 
-    def at_normal(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
+    def metrics_at_normal_points(self, points: Any, noise: int | Sequence[int] | np.ndarray = 0) -> Metrics:
         """Return the metrics at (n, d) points of standard normal space; `noise` is as in `__call__`."""
         return self(scipy.special.ndtr(np.asarray(points, dtype=float)), noise)
 
@@ -141,13 +141,13 @@ class Evaluator:
             noise: integer that determines wind and noise, or (num_periods,) integers, one for each period.
         """
         numbers = np.broadcast_to(np.asarray(noise), self.num_periods)
-        return batch_at(self.scenario, np.concatenate([[0.0], point, numbers])[None]).scenario_of(0)
+        return build_point_batch(self.scenario, np.concatenate([[0.0], point, numbers])[None]).vehicle_scenario(0)
 
     def _flown(self, flights: np.ndarray) -> Iterator[np.ndarray]:
         """Yield the rows of `fly_points` for each finished batch of flights (n, 1 + d + num_periods)."""
         if self._pool is None:
             for part in _parts(flights, self._job.num_vehicles):
-                yield point_rows(fleet_of(self._job, self._fleets, len(part)), part)
+                yield point_rows(get_fleet(self._job, self._fleets, len(part)), part)
             return
         size = size_of_batches(len(flights), self._pool.num_workers, None, self._job.num_vehicles)
         job = self._job._replace(num_vehicles=size)

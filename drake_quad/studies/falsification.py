@@ -15,7 +15,7 @@ import scipy
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, check_integer, lookup
 from drake_quad.extras import import_extra
-from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.models import Scenario
@@ -69,7 +69,7 @@ def find_worst_case(
     sigma: float = 3.0,
     max_flights: int = 20_000,
     num_noise: int = 4,
-    own: UserSystems = UserSystems(),
+    user_systems: UserSystems = UserSystems(),
     compiled: bool = True,
     pool: WorkerPool | None = None,
     folder: Path | str | None = None,
@@ -88,7 +88,7 @@ def find_worst_case(
         sigma: largest distance of a random number from its median, in standard deviations.
         max_flights: number of flights after which the search ends.
         num_noise: number of samples of wind and noise.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
         pool: workers that fly the candidates; by default, one fleet in this process; see `Evaluator`.
         folder: folder for the values of all flights, with which an interrupted search is resumed.
@@ -102,13 +102,13 @@ def find_worst_case(
         RuntimeError: if workers cannot fly a candidate.
         StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
     """
-    lookup(definitions_of(scenario.metrics_type), metric, "metric")
+    lookup(metric_definitions(scenario.metrics_type), metric, "metric")
     check_integer(num_noise, "num_noise", minimum=1)
     check_integer(max_flights, "max_flights", minimum=MIN_FLIGHTS * num_noise)
     if not 0.0 < sigma <= 8.0:
         raise InputError(f"sigma is {sigma:g}, but must be above 0 and at most 8")
     cma = import_extra("cma", "robustness")
-    evaluator = Evaluator(scenario, num_vehicles=1000, own=own, compiled=compiled, pool=pool)
+    evaluator = Evaluator(scenario, num_vehicles=1000, user_systems=user_systems, compiled=compiled, pool=pool)
     # The seed determines wind and noise, so that another seed gives another search.
     noise = np.random.default_rng(scenario.seed).integers(MAX_NOISE, size=num_noise)
     sign = 1.0 if maximise else -1.0
@@ -135,7 +135,7 @@ def find_worst_case(
         scenario,
         settings,
         max_flights=max_flights,
-        own=own,
+        user_systems=user_systems,
         compiled=compiled,
         folder=folder,
         resume=resume,

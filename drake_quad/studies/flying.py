@@ -16,7 +16,7 @@ from drake_quad.scenario.batch import Batch, coordinates
 from drake_quad.scenario.models import Scenario
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.provenance import code_difference, provenance, source_digest
-from drake_quad.studies.study import rows_of
+from drake_quad.studies.study import study_rows
 from drake_quad.studies.worker_pool import WorkerPool
 
 # Each thread has separate diagrams, since an executor may have several threads.
@@ -59,7 +59,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
     metrics = fly_with_metrics(fleet, batch)
-    return rows_of(batch, metrics, fleet.obstacle_hit()[: len(batch)])
+    return study_rows(batch, metrics, fleet.obstacle_hit()[: len(batch)])
 
 
 def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
@@ -81,10 +81,10 @@ def fly_points(job: BatchJob, flights: np.ndarray) -> np.ndarray:
 
 def point_rows(fleet: StudyFleet, flights: np.ndarray) -> np.ndarray:
     """Fly points of the unit cube in a fleet, and return the rows of `fly_points`."""
-    return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, batch_at(fleet.scenario, flights))])
+    return np.column_stack([flights[:, 0], *fly_with_metrics(fleet, build_point_batch(fleet.scenario, flights))])
 
 
-def batch_at(scenario: Scenario, flights: np.ndarray) -> Batch:
+def build_point_batch(scenario: Scenario, flights: np.ndarray) -> Batch:
     """Return the batch of the flights of `fly_points`."""
     end = 1 + len(coordinates(scenario))
     periods = flights[:, end:].astype(np.int64).T.tolist()
@@ -125,7 +125,7 @@ def delete_fleets() -> None:
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """Return a fleet of this thread with at least as many vehicles as there are samples; see `fleet_of`."""
+    """Return a fleet of this thread with at least as many vehicles as there are samples; see `get_fleet`."""
     if getattr(_thread_data, "key", None) != job.key:
         delete_fleets()
         mismatch = code_difference(job.code, code_versions(job.user_systems))
@@ -133,10 +133,10 @@ def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
             raise InputError(f"a worker on {platform.node()} has {mismatch}")
         _thread_data.fleets = {}
         _thread_data.key = job.key
-    return fleet_of(job, _thread_data.fleets, num_samples)
+    return get_fleet(job, _thread_data.fleets, num_samples)
 
 
-def fleet_of(job: BatchJob, fleets: dict[int, StudyFleet], num_samples: int) -> StudyFleet:
+def get_fleet(job: BatchJob, fleets: dict[int, StudyFleet], num_samples: int) -> StudyFleet:
     """Return a fleet with at least as many vehicles as there are samples, and build it if there is none.
 
     The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few

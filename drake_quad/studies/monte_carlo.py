@@ -14,7 +14,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning, lookup
 from drake_quad.flight.mission import plan_route
-from drake_quad.laboratory.metrics import recorded_metrics_of
+from drake_quad.laboratory.metrics import recorded_metrics
 from drake_quad.memory import check_fleet_fits
 from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.draws import LATIN_HYPERCUBE, MAX_SIZE, SOBOL, DesignedDraws
@@ -33,8 +33,8 @@ from drake_quad.studies.flying import (
 from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.processes import Workers, check_counts, check_importable, num_cores
 from drake_quad.studies.stopping import StoppingRule, checkpoints
-from drake_quad.studies.study import Study, columns_of
-from drake_quad.studies.study_folder import StudyRows, open_study, saying_what_is_saved
+from drake_quad.studies.study import Study, study_columns
+from drake_quad.studies.study_folder import StudyRows, open_study, report_saved_results
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches, size_of_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
@@ -141,7 +141,7 @@ def run_monte_carlo(
     rows: StudyRows | None = None
     try:
         with (
-            saying_what_is_saved(lambda: "nothing was written" if rows is None else rows.saved),
+            report_saved_results(lambda: "nothing was written" if rows is None else rows.saved),
             _open_pool(executor, num_workers, time_limit) as pool,
         ):
             job = BatchJob(
@@ -264,7 +264,7 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
     if outcome.reason:
         return
     alone, repeated, in_batch = outcome.result
-    columns = columns_of(job.scenario)
+    columns = study_columns(job.scenario)
     names, error = " and ".join(job.user_systems.specified) or "the controller", columns.index("rmse")
     for row, circumstance, advice in (
         (repeated, "flown again in the same diagram", "must store all state in Drake's context, not in Python objects"),
@@ -285,4 +285,4 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
 
 def _default_batch_size(scenario: Scenario) -> int:
     """Return the default number of samples in a batch, which is smaller if metrics need recorded signals."""
-    return _RECORDED_BATCH_SIZE if recorded_metrics_of(scenario.metrics_type) else _DEFAULT_BATCH_SIZE
+    return _RECORDED_BATCH_SIZE if recorded_metrics(scenario.metrics_type) else _DEFAULT_BATCH_SIZE

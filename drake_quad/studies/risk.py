@@ -17,7 +17,7 @@ import scipy
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, check_integer, lookup, short_repr
-from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.estimates import mean_interval, proportion_interval
@@ -71,7 +71,7 @@ class Event(NamedTuple):
             raise InputError(f"{short_repr(text)} is not an event; write it as in 'peak_error > 0.8', or write 'crash'")
         if match[2] is None:
             return cls(_CRASH)
-        lookup(definitions_of(scenario.metrics_type), match[1], "metric")
+        lookup(metric_definitions(scenario.metrics_type), match[1], "metric")
         try:
             bound = parse_float(match[3])
         except ValueError:
@@ -169,7 +169,7 @@ def estimate_risk(
     size: int = 1000,
     noise_period: float = DEFAULT_PERIOD,
     num_worst: int = 3,
-    own: UserSystems = UserSystems(),
+    user_systems: UserSystems = UserSystems(),
     compiled: bool = True,
     pool: WorkerPool | None = None,
     folder: Path | str | None = None,
@@ -190,7 +190,7 @@ def estimate_risk(
         size: number of samples in each step of a run, a multiple of 10 and at least 500.
         noise_period: length of the periods whose noise is drawn separately, s; a multiple of the control period.
         num_worst: number of worst samples in the result.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
         pool: workers that fly the samples; by default, one fleet in this process; see `Evaluator`.
         folder: folder for the values of all flights, with which an interrupted estimation is resumed.
@@ -210,7 +210,12 @@ def estimate_risk(
     # Most calls evaluate one proposal for each chain of the runs that fly together.
     num_vehicles = MIN_RUNS * round(_STEP_PROBABILITY * size)
     evaluator = Evaluator(
-        scenario, num_vehicles=num_vehicles, noise_period=noise_period, own=own, compiled=compiled, pool=pool
+        scenario,
+        num_vehicles=num_vehicles,
+        noise_period=noise_period,
+        user_systems=user_systems,
+        compiled=compiled,
+        pool=pool,
     )
     runs: list[SubsetRun] = []
     estimate: Interval | None = None
@@ -226,7 +231,7 @@ def estimate_risk(
         scenario,
         settings,
         max_flights=max_flights,
-        own=own,
+        user_systems=user_systems,
         compiled=compiled,
         folder=folder,
         resume=resume,

@@ -15,7 +15,7 @@ import numpy as np
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, check_integer, lookup
 from drake_quad.extras import import_extra
-from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.subset_simulation import MAX_NOISE
@@ -50,7 +50,7 @@ def sobol_indices(
     metric: str,
     *,
     num_points: int = 256,
-    own: UserSystems = UserSystems(),
+    user_systems: UserSystems = UserSystems(),
     compiled: bool = True,
     pool: WorkerPool | None = None,
     folder: Path | str | None = None,
@@ -66,7 +66,7 @@ def sobol_indices(
         scenario: scenario with distributions, whose seed determines all random numbers.
         metric: name of a metric, or `CRASHED`.
         num_points: number of points N, a power of two; (d + 3) N vehicles fly for d random numbers of the scenario.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
         pool: workers that fly the points; by default, one fleet in this process; see `Evaluator`.
         folder: folder for the values of all flights, with which an interrupted computation is resumed.
@@ -82,12 +82,12 @@ def sobol_indices(
         StudyInterrupted: the user pressed Ctrl-C; finished batches are saved in the folder.
     """
     if metric != CRASHED:
-        lookup(definitions_of(scenario.metrics_type), metric, "metric")
+        lookup(metric_definitions(scenario.metrics_type), metric, "metric")
     check_integer(num_points, "num_points", minimum=8)
     if num_points & (num_points - 1):
         raise InputError(f"num_points is {num_points}, but must be a power of two")
     sample, analyze = (import_extra(f"SALib.{name}.sobol", "robustness") for name in ("sample", "analyze"))
-    evaluator = Evaluator(scenario, num_vehicles=_NUM_VEHICLES, own=own, compiled=compiled, pool=pool)
+    evaluator = Evaluator(scenario, num_vehicles=_NUM_VEHICLES, user_systems=user_systems, compiled=compiled, pool=pool)
     names = [*evaluator.names, NOISE]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     points = sample.sample(problem, num_points, calc_second_order=False, seed=scenario.seed)
@@ -119,7 +119,7 @@ def sobol_indices(
         scenario,
         {"search": "sobol", "metric": metric, "points": num_points},
         max_flights=len(points),
-        own=own,
+        user_systems=user_systems,
         compiled=compiled,
         folder=folder,
         resume=resume,

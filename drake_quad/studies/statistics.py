@@ -309,7 +309,7 @@ def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Compar
     return compare(study.metrics.take(ours), baseline.metrics.take(others), name, study.replicates.take(ours))
 
 
-def worst(study: Study, count: int = 5) -> list[int]:
+def worst_samples(study: Study, count: int = 5) -> list[int]:
     """Return the indices of the worst samples: first the earliest crashes, then the largest RMSE without a crash."""
     metrics = study.metrics
     value = np.nan_to_num(metrics.rmse, nan=-math.inf)

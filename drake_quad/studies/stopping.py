@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, join_names, short_repr
-from drake_quad.laboratory.metrics import Metrics, definitions_of
+from drake_quad.laboratory.metrics import Metrics, metric_definitions
 from drake_quad.number_parsing import parse_float
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
@@ -62,7 +62,7 @@ class StoppingRule(NamedTuple):
             half_width = math.nan
         if not 0.0 < half_width < 1.0:
             raise InputError(f"{short_repr(text)} is not a stopping rule: the number must be above 0 % and below 100 %")
-        requirements, metrics = [*scenario.requirements], [*definitions_of(scenario.metrics_type)]
+        requirements, metrics = [*scenario.requirements], [*metric_definitions(scenario.metrics_type)]
         if quantity not in (_CRASH, *metrics):
             raise InputError(
                 f"{short_repr(text)}: {quantity} is not {_CRASH}, a requirement or a metric of {scenario.name}; these"

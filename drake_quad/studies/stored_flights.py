@@ -22,7 +22,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.studies.evaluator import Evaluator
 from drake_quad.studies.results_file import ResultsFile, RowFormat, StoredRows, write_results
 from drake_quad.studies.study import STUDY_FILE, Record
-from drake_quad.studies.study_folder import open_rows, saying_what_is_saved
+from drake_quad.studies.study_folder import open_rows, report_saved_results
 
 FLIGHTS_FILE = "flights.csv"
 _COLUMNS = {
@@ -123,7 +123,7 @@ def stored_flights(
     settings: Mapping[str, Any],
     *,
     max_flights: int,
-    own: UserSystems,
+    user_systems: UserSystems,
     compiled: bool,
     folder: Path | str | None,
     resume: bool,
@@ -137,7 +137,7 @@ def stored_flights(
         scenario: scenario of the search, with its distributions and its seed.
         settings: settings that determine points and values of the flights.
         max_flights: largest number of flights, which is written to the record.
-        own: functions that create the user's systems for N vehicles.
+        user_systems: functions that create the user's systems for N vehicles.
         compiled: True if the diagram is compiled to machine code.
         folder: folder for the values of all flights, the scenario and the record; None to write nothing.
         resume: True to continue a search that the folder already contains.
@@ -155,7 +155,7 @@ def stored_flights(
         scenario,
         max_flights,
         flight_duration(scenario, evaluator.plan),
-        own,
+        user_systems,
         compiled=compiled,
         settings=texts,
         columns=_COLUMNS,
@@ -164,6 +164,6 @@ def stored_flights(
     with open_rows(path, scenario, record, row_format, resume=resume) as (record, file, stored):
         write_atomically(path.parent / STUDY_FILE, record.write)
         flights = StoredFlights(evaluator, value, progress=progress, file=file, stored=stored)
-        with saying_what_is_saved(lambda: flights.saved):
+        with report_saved_results(lambda: flights.saved):
             yield flights
         write_results(path, row_format, flights.rows)

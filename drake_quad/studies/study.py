@@ -14,7 +14,7 @@ from drake_quad.errors import InputError, join_names
 from drake_quad.extras import import_extra
 from drake_quad.files import read_table, write_atomically
 from drake_quad.flight.remarks import flight_remarks
-from drake_quad.laboratory.metrics import Metrics, definitions_of, unit_of
+from drake_quad.laboratory.metrics import Metrics, metric_definitions, metric_unit
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.description import description_at, unit_at
 from drake_quad.scenario.files.documents import parse_document
@@ -66,7 +66,7 @@ class Study:
     obstacle_hit: np.ndarray | None = None
 
     @classmethod
-    def of_rows(
+    def from_rows(
         cls,
         scenario: Scenario,
         duration: float,
@@ -81,12 +81,12 @@ class Study:
         Args:
             scenario: scenario with the seed of the study.
             duration: duration of a flight, s.
-            rows: (n, columns) rows with the columns of `columns_of`, sorted by sample.
+            rows: (n, columns) rows with the columns of `study_columns`, sorted by sample.
             failures: reasons why samples could not be flown, by the index of the sample.
             simulated_time: total simulated time of the samples that were flown in this run, s.
             invalid_lines: line numbers of invalid rows in the results file.
         """
-        columns = dict(zip(columns_of(scenario), rows.T, strict=True))
+        columns = dict(zip(study_columns(scenario), rows.T, strict=True))
         return cls(
             scenario,
             duration,
@@ -116,7 +116,7 @@ class Study:
     @property
     def replicates(self) -> Replicates:
         """Replicates to which the samples belong."""
-        return replicates_of(self.scenario, self.samples)
+        return sample_replicates(self.scenario, self.samples)
 
     @property
     def flight_time(self) -> np.ndarray:
@@ -130,7 +130,7 @@ class Study:
             return {}
         return {name: int((self.obstacle_hit == i).sum()) for i, name in enumerate(_obstacles(self.scenario), start=1)}
 
-    def obstacle_of(self, index: int) -> str | None:
+    def hit_obstacle_name(self, index: int) -> str | None:
         """Return the name of the obstacle that a sample crashed into; None if there is none.
 
         Args:
@@ -160,7 +160,7 @@ class Study:
         if self.obstacle_hit is not None:
             names = np.array([None, *_obstacles(self.scenario)], dtype=object)
             columns[_OBSTACLE_COLUMN] = names[self.obstacle_hit]
-        ordered = {name: columns[name] for name in columns_of(self.scenario)[1:]}
+        ordered = {name: columns[name] for name in study_columns(self.scenario)[1:]}
         frame = pandas.DataFrame(ordered, index=pandas.Index(self.samples, name="sample"))
         frame.attrs = {
             "units": {name: column_unit(self.scenario, name) for name in ordered},
@@ -185,15 +185,15 @@ class Study:
         return write_atomically(Path(path), lambda target: frame.to_parquet(target, engine="pyarrow"))
 
 
-def replicates_of(scenario: Scenario, samples: Sequence[int] | np.ndarray) -> Replicates:
+def sample_replicates(scenario: Scenario, samples: Sequence[int] | np.ndarray) -> Replicates:
     """Return the replicates to which samples (n,) of a scenario belong, which depend on its draws."""
     draws = scenario.draws
     return INDEPENDENT if draws is None else Replicates(draws.replicates(np.asarray(samples)))
 
 
-def columns_of(scenario: Scenario) -> list[str]:
+def study_columns(scenario: Scenario) -> list[str]:
     """Return the columns of a study's rows: the sample, drawn fields, metrics and, if there are any, the obstacle."""
-    measured = [*definitions_of(scenario.metrics_type)]
+    measured = [*metric_definitions(scenario.metrics_type)]
     obstacle = [_OBSTACLE_COLUMN] if _obstacles(scenario) else []
     return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *obstacle]
 
@@ -203,7 +203,7 @@ def _obstacles(scenario: Scenario) -> list[str]:
     return [] if scenario.space is None else [*scenario.space.obstacles]
 
 
-def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = None) -> np.ndarray:
+def study_rows(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = None) -> np.ndarray:
     """Return the rows (n, columns) of a batch.
 
     Args:
@@ -213,21 +213,21 @@ def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = No
     """
     columns = {"sample": batch.samples, **batch.varying, **metrics._asdict(), "crashed": metrics.crashed}
     columns[_OBSTACLE_COLUMN] = obstacle_hit
-    return np.column_stack([columns[name] for name in columns_of(batch.scenario)])
+    return np.column_stack([columns[name] for name in study_columns(batch.scenario)])
 
 
-def format_of(scenario: Scenario) -> RowFormat:
+def study_row_format(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
     # Studies without designed draws keep the checksums of earlier versions, which had no such field.
     left_out = {"draws"} if scenario.draws is None else None
-    return RowFormat(columns_of(scenario), scenario.model_dump_json(exclude=left_out))
+    return RowFormat(study_columns(scenario), scenario.model_dump_json(exclude=left_out))
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
     """Return the content of a results file, with each row marked invalid whose draws do not follow from the seed."""
     if not len(stored.rows):
         return stored
-    columns = dict(zip(columns_of(scenario), stored.rows.T, strict=True))
+    columns = dict(zip(study_columns(scenario), stored.rows.T, strict=True))
     drawn = Batch.draw(scenario, columns["sample"].astype(int).tolist()).varying
     fits = np.ones(len(stored.rows), dtype=bool)
     for path, numbers in drawn.items():
@@ -309,14 +309,14 @@ def _read(folder: Path) -> Study:
         InputError: a file cannot be read, or contains a row that was altered.
     """
     record, scenario = read_record(folder), load_scenario(folder / SCENARIO_FILE)
-    stored = check_draws(scenario, read_results(folder / RESULTS_FILE, format_of(scenario)))
+    stored = check_draws(scenario, read_results(folder / RESULTS_FILE, study_row_format(scenario)))
     if stored.invalid_lines:
         raise InputError(
             f"{folder / RESULTS_FILE}:{min(stored.invalid_lines)}: the row was altered; resume the study to fly the"
             " sample again"
         )
     rows = stored.rows[np.argsort(stored.rows[:, 0])]
-    return Study.of_rows(scenario, record.duration, rows, failures=_read_failures(folder / FAILED_FILE))
+    return Study.from_rows(scenario, record.duration, rows, failures=_read_failures(folder / FAILED_FILE))
 
 
 def _read_failures(path: Path) -> dict[int, str]:
@@ -390,7 +390,7 @@ class Record(BaseModel):
             columns: meaning of each column of the results; by default that of the columns of a study.
         """
         if columns is None:
-            columns = {name: column_description(scenario, name) for name in columns_of(scenario)}
+            columns = {name: column_description(scenario, name) for name in study_columns(scenario)}
         return cls(
             samples=num_samples,
             seed=scenario.seed,
@@ -441,7 +441,7 @@ def column_description(scenario: Scenario, column: str) -> str:
     if column in meanings:
         return meanings[column]
     if column in scenario.metrics_type._fields:
-        return f"metric ({unit_of(scenario.metrics_type, column)})"
+        return f"metric ({metric_unit(scenario.metrics_type, column)})"
     return description_at(scenario, column)
 
 
@@ -450,5 +450,7 @@ def column_unit(scenario: Scenario, column: str) -> str:
     if column in ("sample", "crashed", _OBSTACLE_COLUMN):
         return ""
     return (
-        unit_of(scenario.metrics_type, column) if column in scenario.metrics_type._fields else unit_at(scenario, column)
+        metric_unit(scenario.metrics_type, column)
+        if column in scenario.metrics_type._fields
+        else unit_at(scenario, column)
     )

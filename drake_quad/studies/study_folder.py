@@ -25,9 +25,9 @@ from drake_quad.studies.study import (
     Record,
     Study,
     check_draws,
-    columns_of,
-    format_of,
     read_record,
+    study_columns,
+    study_row_format,
 )
 from drake_quad.studies.worker_pool import Outcome
 
@@ -53,7 +53,7 @@ class StudyRows:
         file: ResultsFile | None = None,
     ) -> None:
         self._scenario, self.num_samples, self._duration, self._file = scenario, num_samples, duration, file
-        columns = columns_of(scenario)
+        columns = study_columns(scenario)
         self._crash_time = columns.index("crash_time")
         self._parts = [np.empty((0, len(columns)))]
         self._invalid_lines: list[int] = []
@@ -109,7 +109,7 @@ class StudyRows:
 
     def study(self) -> Study:
         """Return the study with the samples that have been flown so far."""
-        return Study.of_rows(
+        return Study.from_rows(
             self._scenario,
             self._duration,
             self.rows,
@@ -147,7 +147,7 @@ def open_study(
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
         return
-    path, row_format = output_folder(Path(folder)) / RESULTS_FILE, format_of(scenario)
+    path, row_format = output_folder(Path(folder)) / RESULTS_FILE, study_row_format(scenario)
     folder, record = path.parent, Record.of(scenario, num_samples, duration, user_systems, compiled=compiled)
     with open_rows(path, scenario, record, row_format, resume=resume) as (record, file, content):
         stored = check_draws(scenario, content)
@@ -200,7 +200,7 @@ def open_rows(
 
 
 @contextmanager
-def saying_what_is_saved(saved: Callable[[], str]) -> Iterator[None]:
+def report_saved_results(saved: Callable[[], str]) -> Iterator[None]:
     """Add a text on the saved results to the messages of errors and of an interruption by Ctrl-C.
 
     Args:

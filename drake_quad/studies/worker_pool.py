@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.user_code import located, user_frames
+from drake_quad.user_code import describe_error, user_frames
 
 # Number of failures of single samples after which a study is aborted, if no sample has succeeded before.
 _MAX_FAILURES = 8
@@ -45,14 +45,14 @@ def run_task(function: Callable[[Any], Any], argument: Any) -> Outcome:
     except KeyboardInterrupt:
         raise
     except InputError as error:
-        return Outcome(argument, reason=located(error), invalid_input=True)
+        return Outcome(argument, reason=describe_error(error), invalid_input=True)
     except BaseException as error:
         return failed_outcome(argument, error)
 
 
 def failed_outcome(argument: Any, error: BaseException) -> Outcome:
     """Return the outcome of a task that raised an error."""
-    text = located(error)
+    text = describe_error(error)
     reason = text if len(text) <= _MAX_REASON_LENGTH else f"{text[:_MAX_REASON_LENGTH]}..."
     return Outcome(argument, reason=reason, in_user_code=bool(user_frames(error)))
 

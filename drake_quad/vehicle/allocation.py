@@ -22,10 +22,10 @@ from functools import partial
 from itertools import chain, combinations
 from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where, where_needed
+from drake_quad.framework.elementary import lazy_where, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import RotorRate, RotorSpeed, Row, Wrench
-from drake_quad.vehicle.mixer import Mixer, mixer_of
+from drake_quad.vehicle.mixer import Mixer, mixer_from_parameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 Priority = Literal["roll_pitch", "thrust"]
@@ -55,10 +55,10 @@ class RotorModel(NamedTuple):
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
         """Return the exact rotor model of a vehicle."""
-        return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
+        return cls(mixer_from_parameters(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 
-class Allocated(NamedTuple):
+class AllocationOutput(NamedTuple):
     """Result of an allocation.
 
     Attributes:
@@ -101,7 +101,7 @@ class _Producible(NamedTuple):
     tau_z: Row
 
 
-def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
+def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> AllocationOutput:
     """Return the rotor speeds for a wrench, and the part of the wrench that the rotors cannot produce.
 
     The function works for any layout in which all rotors carry a part of the thrust in hover. The whole wrench is
@@ -121,7 +121,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
         level = square.thrust * wrench.thrust
         whole = level + square.tilt + square.yaw * wrench.tau_z
         lowest, highest = minimum(minimum(level, whole), lowest), maximum(maximum(level, whole), highest)
-    kept = where_needed(
+    kept = lazy_where(
         (lowest < low) | (highest > high),
         partial(_within_limits, priority),
         (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),
@@ -132,7 +132,7 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
     for square in squares:
         whole = square.thrust * kept.thrust + kept.fraction * square.tilt + square.yaw * kept.tau_z
         speeds.append(sqrt(minimum(maximum(whole, low), high)))
-    return Allocated(
+    return AllocationOutput(
         RotorSpeed._make(speeds),
         Wrench(
             wrench.thrust - kept.thrust, given_up * wrench.tau_x, given_up * wrench.tau_y, wrench.tau_z - kept.tau_z
@@ -301,7 +301,7 @@ class _Pairs(NamedTuple):
     yaw: Row
 
 
-def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
+def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> AllocationOutput:
     """Return the result of `allocate` for equal rotors in opposite pairs, with fewer operations.
 
     The layouts plus, x and h consist of such pairs. The squared speeds are
@@ -332,7 +332,7 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
     lower, upper = maximum(size_13 - below, size_24 - above), minimum(above - size_13, below - size_24)
     yaw = maximum(minimum(wanted.yaw, upper), lower)
     given_up = 1.0 - fraction
-    return Allocated(
+    return AllocationOutput(
         RotorSpeed(
             sqrt(maximum(level + pair_13 + yaw, low)),
             sqrt(maximum(level + pair_24 - yaw, low)),
@@ -400,8 +400,8 @@ class Allocation(FleetSystem):
         output_ports:
         - rotor_speed_command_and_shortfall
 
-    The output packs the two signals of `Allocated`: `rotor_speed_command`, from the inverse of eq (5) within the limits
-    of the rotors, and `shortfall`, the part of the `wrench` that the rotors cannot produce.
+    The output packs the two signals of `AllocationOutput`: `rotor_speed_command`, from the inverse of eq (5) within the
+    limits of the rotors, and `shortfall`, the part of the `wrench` that the rotors cannot produce.
 
     The only parameter of the context is `rotors`.
 
@@ -422,4 +422,4 @@ class Allocation(FleetSystem):
         """Declare ports and parameters."""
         wrench, rotors = self.input("wrench"), self.parameter("rotors", lambda rotors: rotors)
         formula = allocate_to_pairs if paired else allocate
-        self.packed_output("rotor_speed_command_and_shortfall", Allocated, formula, wrench, rotors, priority)
+        self.packed_output("rotor_speed_command_and_shortfall", AllocationOutput, formula, wrench, rotors, priority)

@@ -23,7 +23,7 @@ singularity, and a step integrates the angles themselves.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-from drake_quad.framework.elementary import arcsin, arctan, where_needed
+from drake_quad.framework.elementary import arcsin, arctan, lazy_where
 from drake_quad.geometry.axes import TINY_COSINE, BodyAxes, Tilt
 from drake_quad.geometry.kinematics import angle_rates
 from drake_quad.geometry.quaternion import NO_ROTATION, Quaternion
@@ -120,7 +120,7 @@ class RotationSince(NamedTuple):
         upside_down = z.z < 0.0  # the roll of such a vehicle may pass 180°
         large = upside_down | (abs(sine) > _MAX_TANGENT * cosine) | (abs(x.y) > _MAX_TANGENT * x.x)
         unusual = large | (abs(sin_pitch) > _MAX_SINE)
-        in_heading = where_needed(unusual, _angles_in_heading, (*tilt, *coordinates), usual)
+        in_heading = lazy_where(unusual, _angles_in_heading, (*tilt, *coordinates), usual)
         return in_heading._replace(yaw=before.yaw + in_heading.yaw)
 
 

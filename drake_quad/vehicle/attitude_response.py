@@ -44,7 +44,7 @@ from drake_quad.vehicle.motors import rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorConfig, initial_state
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
-from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
+from drake_quad.vehicle.stepping import VehicleState, freeze_crashed, rotor_target, zeros_like
 
 ATTITUDE_RESPONSE_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
 """Names of the supported effects. The other effects act on the attitude, whose response already includes them."""
@@ -135,7 +135,7 @@ _BODY_ACCELERATIONS: dict[str, Callable[[Attitude, Attitude, Attitude], AngularA
 }
 
 
-def state_of(body: AttitudeResponseBody, body_rates: BodyRatesOf) -> State:
+def state_from_body(body: AttitudeResponseBody, body_rates: BodyRatesOf) -> State:
     """Return the state of the vehicle, with body rates in place of angle rates.
 
     Args:
@@ -226,7 +226,7 @@ def attitude_response_step(
         kinematics: "exact" or "small_angle".
     """
     half = 0.5 * time_step
-    before = VehicleState(state_of(body, _BODY_RATES[kinematics]), rotors)
+    before = VehicleState(state_from_body(body, _BODY_RATES[kinematics]), rotors)
     goal = rotor_target(before, command, parameters, faults, effects, time - half)
     start, middle, end = rotor_states_over_step(rotors, goal, half, parameters, effects)
     rotors_of_stages = start, middle, middle, end
@@ -235,7 +235,7 @@ def attitude_response_step(
         return body_derivatives(at, rotors_of_stages[stage], target, wind, parameters, response, effects)
 
     after = AttitudeResponseState(runge_kutta_step(body, derivative, time_step).end, end.speed)
-    return unless_crashed(crashed, AttitudeResponseState(body, rotors), after)
+    return freeze_crashed(crashed, AttitudeResponseState(body, rotors), after)
 
 
 def attitude_response_derivatives(
@@ -252,17 +252,17 @@ def attitude_response_derivatives(
     kinematics: Kinematics,
 ) -> AttitudeResponseState:
     """Return the time derivative of the state; the arguments are as in `attitude_response_step`."""
-    now = VehicleState(state_of(state.body, _BODY_RATES[kinematics]), state.rotors)
+    now = VehicleState(state_from_body(state.body, _BODY_RATES[kinematics]), state.rotors)
     goal = rotor_target(now, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, goal, parameters, effects)
     derivative = AttitudeResponseState(
         body_derivatives(state.body, rotors, target, wind, parameters, response, effects),
         rotor_accelerations(state.rotors, goal, parameters, effects.spin_down),
     )
-    return unless_crashed(crashed, zeros_like(derivative), derivative)
+    return freeze_crashed(crashed, zeros_like(derivative), derivative)
 
 
-def acceleration_of(state: AttitudeResponseState, *others: Any) -> VehicleAcceleration:
+def vehicle_acceleration(state: AttitudeResponseState, *others: Any) -> VehicleAcceleration:
     """Return the acceleration of the vehicle, zero after a crash; see `attitude_response_derivatives`."""
     *_, kinematics = others
     derivative, body = attitude_response_derivatives(state, *others).body, state.body
@@ -276,8 +276,8 @@ def acceleration_of(state: AttitudeResponseState, *others: Any) -> VehicleAccele
 
 
 def stepping_acceleration(body: AttitudeResponseBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of a vehicle with a discrete state, like `acceleration_of`."""
-    return acceleration_of(AttitudeResponseState(body, rotors), *others)
+    """Return the acceleration of a vehicle with a discrete state, like `vehicle_acceleration`."""
+    return vehicle_acceleration(AttitudeResponseState(body, rotors), *others)
 
 
 def _initial_state(config: AttitudeResponseConfig) -> AttitudeResponseState:
@@ -293,7 +293,7 @@ def _initial_state(config: AttitudeResponseConfig) -> AttitudeResponseState:
 
 def _state_output(state: AttitudeResponseState, body_rates: BodyRatesOf) -> State:
     """Return the output `state` of a vehicle with a continuous state."""
-    return state_of(state.body, body_rates)
+    return state_from_body(state.body, body_rates)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -302,7 +302,7 @@ class AttitudeResponseQuadrotor(FleetSystem):
 
     .. pydrake_system::
 
-        name: RespondingQuadrotor
+        name: AttitudeResponseQuadrotor
         input_ports:
         - rotor_speed_command
         - attitude_target
@@ -346,7 +346,9 @@ class AttitudeResponseQuadrotor(FleetSystem):
         """Declare ports, states and parameters."""
         unknown = set(effects).difference(ATTITUDE_RESPONSE_EFFECTS)
         if unknown:
-            raise ValueError(f"a RespondingQuadrotor does not support these effects: {', '.join(sorted(unknown))}")
+            raise ValueError(
+                f"an AttitudeResponseQuadrotor does not support these effects: {', '.join(sorted(unknown))}"
+            )
         self.time_step = time_step
         vehicle = self.parameter("parameters", lambda parameters: parameters.vehicle.parameters)
         response = self.parameter("response", lambda parameters: parameters.response)
@@ -366,7 +368,7 @@ class AttitudeResponseQuadrotor(FleetSystem):
             self.update(
                 time_step, attitude_response_step, *arguments, writes=[body, rotors], unrestricted=True, at_start=False
             )
-            self.output("state", state_of, body, body_rates)
+            self.output("state", state_from_body, body, body_rates)
             self.state_output(rotors)
             self.output("acceleration", stepping_acceleration, body, rotors, *inputs, *constants, kinematics)
         else:
@@ -374,4 +376,4 @@ class AttitudeResponseQuadrotor(FleetSystem):
             self.derivative(attitude_response_derivatives, state, *inputs, *constants, kinematics)
             self.output("state", _state_output, state, body_rates)
             self.output("rotor_speed", getattr, state, "rotors")
-            self.output("acceleration", acceleration_of, state, *inputs, *constants, kinematics)
+            self.output("acceleration", vehicle_acceleration, state, *inputs, *constants, kinematics)

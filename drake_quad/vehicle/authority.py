@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_quad.vehicle.mixer import mixer_of
+from drake_quad.vehicle.mixer import mixer_from_parameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
 
@@ -69,7 +69,7 @@ def explain_infeasible_hover(rotors: Rotors, *, min_speed: float, max_speed: flo
         min_speed: idle speed, rad/s.
         max_speed: maximum speed, rad/s.
     """
-    fractions = [float(row.thrust) for row in mixer_of(QuadrotorParameters(rotors=rotors))]
+    fractions = [float(row.thrust) for row in mixer_from_parameters(QuadrotorParameters(rotors=rotors))]
     for number, fraction in enumerate(fractions, start=1):
         if not fraction > _FRACTION_TOLERANCE * max(fractions):
             action = "stand still" if fraction > -_FRACTION_TOLERANCE * max(fractions) else "push down"

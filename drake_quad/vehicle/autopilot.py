@@ -234,7 +234,7 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
         target: commanded attitude.
         yaw_weight: weight of the yaw, in (0, 1].
     """
-    w, x, y, z = Quaternion.of(*attitude).turn_to(Quaternion.of(*target))
+    w, x, y, z = Quaternion.of(*attitude).relative_quaternion(Quaternion.of(*target))
     # Two quaternions of opposite sign describe the same rotation. The sign selects the quaternion with the smaller
     # angle.
     sign = where(w < 0.0, -1.0, 1.0)
@@ -413,7 +413,7 @@ class ThrustOnly(FleetSystem):
 
     .. pydrake_system::
 
-        name: ThrustAlone
+        name: ThrustOnly
         input_ports:
         - attitude_target
         output_ports:

@@ -60,7 +60,9 @@ def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
     return p_1 + p_2 + p_3 + p_4
 
 
-def load_of_rotors(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> BatteryLoad:
+def rotor_battery_load(
+    charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery
+) -> BatteryLoad:
     """Return the voltage and the current of a battery that supplies rotors at given speeds."""
     return battery_load(charge, rotor_power(speed, parameters), battery)
 

@@ -30,7 +30,7 @@ from drake_quad.framework.elementary import maximum, minimum, sqrt, total
 from drake_quad.geometry.axes import TINY, BodyAxes, Vector
 from drake_quad.signals import AngleRate, BodyRateB, RotorSpeed, Row, State, VelocityW, Wind, Wrench
 from drake_quad.vehicle.faults import SpeedFactors
-from drake_quad.vehicle.mixer import mixer_of
+from drake_quad.vehicle.mixer import mixer_from_parameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
 
@@ -166,4 +166,4 @@ def hover_rotor_speeds(parameters: QuadrotorParameters) -> RotorSpeed:
     a rotor that would have to push the vehicle down.
     """
     weight = parameters.mass * parameters.gravity
-    return RotorSpeed._make(sqrt(maximum(row.thrust * weight, 0.0)) for row in mixer_of(parameters))
+    return RotorSpeed._make(sqrt(maximum(row.thrust * weight, 0.0)) for row in mixer_from_parameters(parameters))

@@ -68,7 +68,7 @@ class Effects(NamedTuple):
         return self.ground_effect is not None or bool(self.loads)
 
     @property
-    def load_the_body(self) -> bool:
+    def add_body_forces(self) -> bool:
         """True if forces act on the body that the paper's equations do not contain."""
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 

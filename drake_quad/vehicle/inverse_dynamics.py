@@ -8,8 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.geometry.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.flatness import (
+    angular_accelerations,
+    attitude_from_tilt,
+    body_rates,
+    in_heading,
+    tilt_from_thrust,
+)
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.signals import Acceleration, Attitude, BodyRates, Jerk, Reference, RotorSpeed, Snap, Wrench
 from drake_quad.vehicle.dynamics import rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -47,12 +53,12 @@ def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: Quadr
     specific_thrust, turned_jerk, turned_snap = (
         in_heading(vector, np.sin(reference.yaw), np.cos(reference.yaw)) for vector in (thrust, jerk, snap)
     )
-    tilt = tilt_of(specific_thrust)
+    tilt = tilt_from_thrust(specific_thrust)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
     turning = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
-    wrench = Wrench(parameters.mass * tilt.thrust, *torque_of(turning, rates, *parameters.inertia))
+    wrench = Wrench(parameters.mass * tilt.thrust, *euler_torque(turning, rates, *parameters.inertia))
     squares = np.linalg.solve(_wrench_matrix(parameters), np.array(np.broadcast_arrays(*wrench)))
-    roll, pitch = attitude_of(tilt)
+    roll, pitch = attitude_from_tilt(tilt)
     return RotorDemand(
         RotorSpeed(*np.sqrt(np.maximum(squares, 0.0))), Attitude(roll, pitch, reference.yaw), rates, wrench
     )

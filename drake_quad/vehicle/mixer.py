@@ -26,7 +26,7 @@ class Mixer(NamedTuple):
     rotor_4: MixerRow
 
 
-def mixer_of(parameters: QuadrotorParameters) -> Mixer:
+def mixer_from_parameters(parameters: QuadrotorParameters) -> Mixer:
     """Return the mixer of a vehicle with any layout of four rotors.
 
     The lever of a rotor is the ratio of its torque to its thrust, a vector. The ratio of the total torque to the total

@@ -18,7 +18,7 @@ from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.motors import decay_factors, lagged_speeds, rotor_accelerations
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.payload import LoadedBody, loaded_body, loaded_body_accelerations
-from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
+from drake_quad.vehicle.slung_load import Rod, rod_force, rod_rates
 
 
 class Accelerations(NamedTuple):
@@ -94,7 +94,7 @@ def accelerations(
     force: Vector | None = None
     if effects.ground_effect is not None:
         action = _near_ground(action, ground_effect(height, effects.ground_effect))
-    if not effects.load_the_body:
+    if not effects.add_body_forces:
         return Accelerations(equations_of_motion(axes, motion, action, wind, parameters))
     air = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
     if effects.air_loads:
@@ -114,7 +114,7 @@ def accelerations(
 
     if effects.slung_load is not None and rod is not None:
         free = on_centre()
-        tension = pull(free, rod, parameters.mass, effects.slung_load)
+        tension = rod_force(free, rod, parameters.mass, effects.slung_load)
         force = tension if force is None else plus(force, tension)
         rod = rod_rates(free, rod, parameters.mass, effects.slung_load)
     if effects.payload is None:

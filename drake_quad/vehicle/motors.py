@@ -7,7 +7,7 @@ from drake_quad.framework.elementary import exp, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import TINY
 from drake_quad.signals import Quantity, RotorSpeed, Row, Throttle, Wrench
-from drake_quad.vehicle.allocation import Allocated, Priority, RotorModel, allocate, allocate_to_pairs
+from drake_quad.vehicle.allocation import AllocationOutput, Priority, RotorModel, allocate, allocate_to_pairs
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _Force = Annotated[Row, Quantity("N")]
@@ -33,12 +33,12 @@ def mean_thrust_factor(parameters: QuadrotorParameters) -> Row:
     return 0.25 * (b_1 + b_2 + b_3 + b_4)
 
 
-def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
+def thrust_from_throttle(throttle: Row, curve: ThrustCurve) -> Row:
     """Return the thrust of a rotor for a throttle in [0, 1], N."""
     return curve.k_0 + throttle * (curve.k_1 + curve.k_2 * throttle)
 
 
-def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
+def throttle_from_thrust(thrust: Row, curve: ThrustCurve) -> Row:
     """Return the throttle for a thrust (N), given a curve that increases over [0, 1]."""
     above = thrust - curve.k_0
     root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
@@ -53,7 +53,7 @@ def speed_range_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Ro
         curve: thrust curve of each rotor, which must increase over [0, 1].
         thrust_factor: thrust factor b of a rotor to which the curve applies exactly, N s².
     """
-    return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_of(1.0, curve) / thrust_factor)
+    return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_from_throttle(1.0, curve) / thrust_factor)
 
 
 def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
@@ -63,7 +63,7 @@ def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters:
     clipped to [0, 1]; NaN becomes 0.
     """
     per_factor = 1.0 / mean_thrust_factor(parameters)
-    thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
+    thrusts = [thrust_from_throttle(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
     return RotorSpeed._make(sqrt(maximum(thrust, TINY) * per_factor) for thrust in thrusts)
 
 
@@ -146,12 +146,12 @@ def nominal_rotor_speeds(speed: RotorSpeed, vehicle: ThrottleModel, nominal: Thr
         vehicle: exact model of the vehicle.
         nominal: model of the autopilot.
     """
-    throttles = [throttle_for(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
-    thrusts = [thrust_of(throttle, nominal.curve) for throttle in throttles]
+    throttles = [throttle_from_thrust(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
+    thrusts = [thrust_from_throttle(throttle, nominal.curve) for throttle in throttles]
     return RotorSpeed._make(sqrt(thrust / nominal.thrust_factor) for thrust in thrusts)
 
 
-class AllocatedThrottle(NamedTuple):
+class ThrottleAllocationOutput(NamedTuple):
     """Result of an allocation.
 
     Attributes:
@@ -167,8 +167,8 @@ def allocate_throttle(
     wrench: Wrench,
     model: ThrottleModel,
     priority: Priority = "roll_pitch",
-    allocation: Callable[[Wrench, RotorModel, Priority], Allocated] = allocate,
-) -> AllocatedThrottle:
+    allocation: Callable[[Wrench, RotorModel, Priority], AllocationOutput] = allocate,
+) -> ThrottleAllocationOutput:
     """Return the throttles in [0, 1] for a wrench, and the part of the wrench that the rotors cannot produce.
 
     Args:
@@ -181,8 +181,8 @@ def allocate_throttle(
     slowest, fastest = speed_range_of_throttles(curve, b)
     within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within, priority)
-    throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
-    return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)
+    throttles = [throttle_from_thrust(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
+    return ThrottleAllocationOutput(Throttle._make(throttles), allocated.shortfall)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -197,8 +197,8 @@ class ThrottleAllocation(FleetSystem):
         output_ports:
         - throttle_command_and_shortfall
 
-    The output packs the two signals of `AllocatedThrottle`. The system computes rotor speeds as an `Allocation` does,
-    and converts each to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
+    The output packs the two signals of `ThrottleAllocationOutput`. The system computes rotor speeds as an `Allocation`
+    does, and converts each to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
 
     The only parameter of the context is `model`.
 
@@ -213,4 +213,4 @@ class ThrottleAllocation(FleetSystem):
         """Declare ports and parameters."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
         arguments = wrench, model, priority, allocate_to_pairs if paired else allocate
-        self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, *arguments)
+        self.packed_output("throttle_command_and_shortfall", ThrottleAllocationOutput, allocate_throttle, *arguments)

@@ -18,7 +18,7 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
-from drake_quad.vehicle.battery import FULL, load_of_rotors
+from drake_quad.vehicle.battery import FULL, rotor_battery_load
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, hover_equivalent
 from drake_quad.vehicle.faults import RotorFaults
@@ -26,10 +26,10 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.slung_load import HANGING
 from drake_quad.vehicle.stepping import (
     VehicleState,
-    acceleration_at,
     quadrotor_derivatives,
     quadrotor_step,
     stepping_acceleration,
+    vehicle_acceleration,
 )
 
 Kinematics = Literal["exact", "small_angle"]
@@ -100,18 +100,18 @@ def initial_state(
     return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
 
-def load_of_vehicle(
+def vehicle_battery_load(
     charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, effects: Effects
 ) -> BatteryLoad:
     """Return the voltage and the current of a vehicle's battery."""
     assert effects.battery is not None
-    return load_of_rotors(charge, speed, parameters, effects.battery)
+    return rotor_battery_load(charge, speed, parameters, effects.battery)
 
 
-def load_of_state(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
+def state_battery_load(state: VehicleState, parameters: QuadrotorParameters, effects: Effects) -> BatteryLoad:
     """Return the battery's voltage and current for a vehicle with a continuous state."""
     assert state.charge is not None
-    return load_of_vehicle(state.charge, state.rotors, parameters, effects)
+    return vehicle_battery_load(state.charge, state.rotors, parameters, effects)
 
 
 # Field of `VehicleState` for each output port.
@@ -226,16 +226,16 @@ class Quadrotor(FleetSystem):
                 self.state_output(group)
             self.output("acceleration", stepping_acceleration, *groups, *arguments, motion)
             if charge is not None:
-                self.output("battery", load_of_vehicle, charge, rotors, vehicle, effect_parameters)
+                self.output("battery", vehicle_battery_load, charge, rotors, vehicle, effect_parameters)
         else:
             state = self.continuous_state(start)
             self.derivative(quadrotor_derivatives, state, *arguments, motion)
             for (name, part), value in zip(_FIELD_OF_OUTPUT.items(), start(self._parameter_record), strict=True):
                 if value is not None:
                     self.output(name, getattr, state, part)
-            self.output("acceleration", acceleration_at, state, *arguments, motion)
+            self.output("acceleration", vehicle_acceleration, state, *arguments, motion)
             if "battery" in effects:
-                self.output("battery", load_of_state, state, vehicle, effect_parameters)
+                self.output("battery", state_battery_load, state, vehicle, effect_parameters)
 
     def set_hover(self, context: Context, pose: HoverPose) -> None:
         """Set the state of a context to hover at a position and yaw, for the parameters of the context."""

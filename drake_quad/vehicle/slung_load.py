@@ -60,7 +60,7 @@ class Rod(NamedTuple):
     rate: Vector
 
 
-def rod_of(swing: Swing) -> Rod:
+def rod_from_swing(swing: Swing) -> Rod:
     """Return the direction of the rod, and the rate of this direction, for a given swing."""
     roll, pitch, roll_rate, pitch_rate = swing
     sin_roll, cos_roll = sin_cos(roll)
@@ -72,7 +72,7 @@ def rod_of(swing: Swing) -> Rod:
     )
 
 
-def swing_of(rod: Rod) -> Swing:
+def swing_from_rod(rod: Rod) -> Swing:
     """Return the swing for a given direction and rate of the rod.
 
     The direction need not have unit length. The component of the rate along the direction is ignored.
@@ -90,7 +90,7 @@ def swing_of(rod: Rod) -> Swing:
     )
 
 
-def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
+def rod_force(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
     """Return T q, the force of the rod on the vehicle in W, N.
 
     Args:
@@ -105,7 +105,7 @@ def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
 
 
 def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
-    """Return q̇ in 1/s and q̈ in 1/s²; the arguments are as in `pull`."""
+    """Return q̇ in 1/s and q̈ in 1/s²; the arguments are as in `rod_force`."""
     q = rod.direction
     inverse = -1.0 / (mass * load.length)
     along = dot(force, q) * inverse + dot(rod.rate, rod.rate)

@@ -26,7 +26,7 @@ from drake_quad.signals import (
     Wind,
 )
 from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
-from drake_quad.vehicle.battery import Battery, battery_load, charge_rate, load_of_rotors, rotor_power
+from drake_quad.vehicle.battery import Battery, battery_load, charge_rate, rotor_battery_load, rotor_power
 from drake_quad.vehicle.dynamics import Motion, target_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
@@ -34,7 +34,7 @@ from drake_quad.vehicle.motion import accelerations, rotor_state, rotor_states_o
 from drake_quad.vehicle.motors import rotor_accelerations, rotor_speeds_of_throttles
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.runge_kutta import runge_kutta_step
-from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
+from drake_quad.vehicle.slung_load import Rod, rod_from_swing, swing_from_rod, swing_rates
 
 _Record = TypeVar("_Record")
 
@@ -89,8 +89,8 @@ def quadrotor_step(
     """
     before = VehicleState(body, rotors, swing, charge)
     target = rotor_target(before, command, parameters, faults, effects, time - 0.5 * time_step)
-    after = step_of_flight(before, target, wind, parameters, effects, time, time_step, kinematics)
-    return unless_crashed(crashed, before, after)
+    after = flying_step(before, target, wind, parameters, effects, time, time_step, kinematics)
+    return freeze_crashed(crashed, before, after)
 
 
 def rotor_target(
@@ -129,7 +129,7 @@ class IntegratedState(NamedTuple):
     rod: Rod | None
 
 
-def step_of_flight(
+def flying_step(
     before: VehicleState,
     target: RotorSpeed,
     wind: Wind,
@@ -158,7 +158,9 @@ def step_of_flight(
             rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, payload_time)
         )
 
-    moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
+    moving = IntegratedState(
+        attitude.start, Motion.of(body), None if before.swing is None else rod_from_swing(before.swing)
+    )
     step = runge_kutta_step(moving, derivative, time_step)
     moving, sixth = step.end, time_step / 6.0
     # The derivative of the position is the velocity, which is itself a state. The method therefore computes the change
@@ -168,7 +170,7 @@ def step_of_flight(
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
     state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
-    swing = None if moving.rod is None else swing_of(moving.rod)
+    swing = None if moving.rod is None else swing_from_rod(moving.rod)
     charge = before.charge
     if effects.battery is not None and charge is not None:
         rates = (_discharge_rate(charge, rotors.speed, parameters, effects.battery) for rotors in rotors_of_stages)
@@ -179,7 +181,7 @@ def step_of_flight(
 
 def _discharge_rate(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
     """Return the rate at which rotors draw charge."""
-    return charge_rate(load_of_rotors(charge, speed, parameters, battery).current)
+    return charge_rate(rotor_battery_load(charge, speed, parameters, battery).current)
 
 
 def quadrotor_derivatives(
@@ -198,7 +200,7 @@ def quadrotor_derivatives(
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, target, parameters, effects)
     attitude, motion = Attitude(body.roll, body.pitch, body.yaw), Motion.of(body)
-    rod = None if state.swing is None else rod_of(state.swing)
+    rod = None if state.swing is None else rod_from_swing(state.swing)
     axes = BodyAxes.of(*attitude)
     derivatives = accelerations(axes, motion, rod, body.z, rotors, wind, parameters, effects, time)
     angle_rates = kinematics.angle_rates(BodyRates(motion.p, motion.q, motion.r), attitude)
@@ -212,10 +214,10 @@ def quadrotor_derivatives(
         swing,
         charge,
     )
-    return unless_crashed(crashed, zeros_like(derivative), derivative)
+    return freeze_crashed(crashed, zeros_like(derivative), derivative)
 
 
-def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
+def vehicle_acceleration(state: VehicleState, *others: Any) -> VehicleAcceleration:
     """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `quadrotor_derivatives`."""
     derivative = quadrotor_derivatives(state, *others).body
     return VehicleAcceleration(derivative.v_x, derivative.v_y, derivative.v_z, derivative.p, derivative.q, derivative.r)
@@ -224,11 +226,11 @@ def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
 def stepping_acceleration(
     body: State, rotors: RotorSpeed, swing: Swing | None, charge: Charge | None, *others: Any
 ) -> VehicleAcceleration:
-    """Return the acceleration of a vehicle with a discrete state, like `acceleration_at`."""
-    return acceleration_at(VehicleState(body, rotors, swing, charge), *others)
+    """Return the acceleration of a vehicle with a discrete state, like `vehicle_acceleration`."""
+    return vehicle_acceleration(VehicleState(body, rotors, swing, charge), *others)
 
 
-def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
+def freeze_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
     """Return `stopped` for vehicles that have crashed and `flying` for others; `flying` if `crashed` is None."""
     return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from drake_quad.flight.flight import Flight
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.studies.falsification import WorstCase
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
@@ -31,7 +31,7 @@ def plot_worst_flight(worst: Flight, nominal: Flight) -> Figure:
 
 def plot_search(found: WorstCase) -> Figure:
     """Plot the best metric after each generation of the search, as the mean over wind and noise."""
-    definition = definitions_of(found.scenario.metrics_type)[found.metric]
+    definition = metric_definitions(found.scenario.metrics_type)[found.metric]
     unit, size = (definition.unit, 1.0) if definition.display is None else definition.display[:2]
     means = np.array(found.means)
     with new_panels(6.0, 3.4) as (figure, axes):

@@ -52,7 +52,7 @@ class Camera:
         self._arms = np.array([[float(rotor.x), float(rotor.y), float(rotor.z)] for rotor in rotors])
         arm_length = float(np.linalg.norm(self._arms[:, :2], axis=1).max())
         corners = [path.min(axis=0) - 3.0 * arm_length, path.max(axis=0) + 3.0 * arm_length]
-        space = scenario.room()
+        space = scenario.flight_space()
         if space is not None and space.obstacles:
             obstacle_corners = draw_solids(axes, space)
             corners = [np.minimum(corners[0], obstacle_corners[0]), np.maximum(corners[1], obstacle_corners[1])]

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from drake_quad.identification.result import ForecastOutput, Identification
 from drake_quad.identification.results.estimates import Estimates
 from drake_quad.identification.validation.prediction import UNITS, Predictions
-from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+from drake_quad.vehicle.motors import ThrustCurve, thrust_from_throttle
 from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
@@ -131,7 +131,7 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
     covariance = estimates.covariance[np.ix_(indices, indices)]
     deviation = np.sqrt(np.einsum("ti,ij,tj->t", slopes, covariance, slopes))
     half_width = float(estimates.quantiles()[indices].max()) * deviation
-    thrust = np.asarray(thrust_of(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
+    thrust = np.asarray(thrust_from_throttle(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
     vehicle = identification.vehicle.vehicle
     with new_panels(5.6, 3.8) as (figure, axes):
         axes.fill_between(

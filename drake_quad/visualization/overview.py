@@ -15,7 +15,7 @@ from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.panels import name_rows
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, label_metric
-from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
+from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, use_style
 
 _LEGEND_ABOVE_PANEL: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
 
@@ -27,7 +27,7 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
         The figure, and its axes by name: "path" shows the path from above; "error", "command" and "rotors" show
         signals over time.
     """
-    with styled():
+    with use_style():
         figure = new_figure(9.5, 6.6)
         axes = figure.subplot_mosaic([["path", "error"], ["path", "command"], ["path", "rotors"]], width_ratios=[2, 3])
         draw_from_above(axes["path"], flight)
@@ -60,7 +60,7 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
         The figure, and its axes by name: "distribution", and "mean" and "crashes" with 95 % confidence intervals.
     """
     study_by_name = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)
-    with styled():
+    with use_style():
         figure = new_figure(9.5, 3.4 + 0.25 * len(study_by_name))
         axes = figure.subplot_mosaic([["distribution", "mean"], ["distribution", "crashes"]], width_ratios=[3, 2])
         draw_distribution(axes["distribution"], study_by_name, name)

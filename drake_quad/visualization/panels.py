@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from drake_quad.statistics.interval import Interval
-from drake_quad.visualization.style import new_figure, styled
+from drake_quad.visualization.style import new_figure, use_style
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def new_panels(
         settings: Matplotlib settings that replace those of the style.
         options: options of `Figure.subplots`.
     """
-    with styled(settings):
+    with use_style(settings):
         figure = new_figure(width, height)
         yield figure, figure.subplots(*grid, squeeze=not grid, **options)
 

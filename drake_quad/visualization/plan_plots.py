@@ -29,7 +29,7 @@ from drake_quad.visualization.style import (
     ROTORS,
     TEXT_BACKGROUND,
     new_figure,
-    styled,
+    use_style,
 )
 
 # Planes of the three views, each with the indices of its axes in (x, y, z): from above, and from two sides.
@@ -58,7 +58,7 @@ def plot_plan(
         space: space with the obstacles; None for no obstacles.
     """
     times = sample_times(plan.path)
-    with styled():
+    with use_style():
         figure = new_figure(11.0, 8.5)
         columns = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
         views = columns[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])

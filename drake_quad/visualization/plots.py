@@ -34,7 +34,7 @@ from drake_quad.visualization.style import (
     Vector,
     new_figure,
     save_figures,
-    styled,
+    use_style,
 )
 from drake_quad.visualization.wind_plots import plot_wind
 
@@ -48,7 +48,7 @@ _MIN_SIDE = 0.5
 def plot_path(flight: Flight) -> Figure:
     """Plot the flown path and the reference in three dimensions and from above."""
     actual, reference = positions(flight.record("state")).T, positions(flight.record("reference")).T
-    with styled():
+    with use_style():
         figure = new_figure(9.5, 4.8)
         space = figure.add_subplot(1, 2, 1, projection="3d")
         space.plot(*actual, color=BLUE)
@@ -58,9 +58,9 @@ def plot_path(flight: Flight) -> Figure:
         space.yaxis.labelpad = 12.0
         points = np.hstack([actual, reference])
         points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that has diverged is not finite
-        room = flight.scenario.room()
-        if room is not None and room.obstacles:
-            points = np.hstack([points, draw_solids(space, room).T])
+        flight_space = flight.scenario.flight_space()
+        if flight_space is not None and flight_space.obstacles:
+            points = np.hstack([points, draw_solids(space, flight_space).T])
         low, high = points.min(axis=1), points.max(axis=1)
         # The path of a hover is a point, and a flat view has no space for the numbers on its axes.
         extent = np.maximum(high - low, max(_MIN_SIDE_RATIO * float(np.max(high - low)), _MIN_SIDE))
@@ -82,9 +82,9 @@ def plot_path(flight: Flight) -> Figure:
 def draw_from_above(axes: Axes, flight: Flight) -> None:
     """Draw the flown path and the reference in the X-Y plane, with the numbers of the route's legs."""
     state, reference = flight.record("state"), flight.record("reference")
-    room = flight.scenario.room()
-    if room is not None:
-        draw_obstacles(axes, room, 0, 1)
+    flight_space = flight.scenario.flight_space()
+    if flight_space is not None:
+        draw_obstacles(axes, flight_space, 0, 1)
     axes.plot(state.x, state.y, color=BLUE, label="flown")
     axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
     axes.plot(state.x[:1], state.y[:1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
@@ -157,7 +157,7 @@ def plot_rotors(flight: Flight) -> Figure:
     """
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
     speeds = flight.record("rotor_speed")
-    with styled():
+    with use_style():
         figure = new_figure(9.0, 6.0)
         grid = figure.add_gridspec(len(ROTORS), 2, width_ratios=[3.2, 1.0])
         first = figure.add_subplot(grid[0, 0])

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.studies.risk import Risk
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLUE, VERMILION
@@ -15,7 +15,7 @@ _MAX_COORDINATES = 12  # largest number of coordinates in a chart
 
 def plot_exceedance(risk: Risk) -> Figure:
     """Plot the probability that the metric is beyond a threshold, with its 95 % band, and the event."""
-    definition = definitions_of(risk.scenarios[0].metrics_type)[risk.event.metric]
+    definition = metric_definitions(risk.scenarios[0].metrics_type)[risk.event.metric]
     first = risk.event.value(np.concatenate([run.history[0] for run in risk.runs]))
     finite = first[np.isfinite(first)]
     best = float(finite.min() if risk.event.sign > 0.0 else finite.max())

@@ -68,7 +68,7 @@ def shading() -> "Colormap":
 
 
 @contextmanager
-def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
+def use_style(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
     """Apply the style of the project to figures inside a `with` statement, and then restore Matplotlib's settings.
 
     Args:
@@ -102,7 +102,7 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
     """
     files = []
     for name, figure in figures.items():
-        with styled():
+        with use_style():
             files.append(write_atomically(folder / f"{name}.png", figure.savefig))
         if vector is not None:
             files.append(save_vector(figure, folder / f"{name}.{vector}", vector))
@@ -111,5 +111,5 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
 
 def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
     """Write a figure as a PDF or SVG file without a date, so that the file is reproducible, and return its path."""
-    with styled():
+    with use_style():
         return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_NO_DATE[kind]))

@@ -22,7 +22,7 @@ from drake_quad.visualization.style import (
     TEXT_BACKGROUND,
     new_figure,
     shading,
-    styled,
+    use_style,
 )
 
 # Number of arrows along the longer side of a map.
@@ -96,7 +96,7 @@ def plot_wind(flight: Flight) -> Figure:
     at the vehicle includes gusts and turbulence.
     """
     fans, steady = jets(flight.scenario.laboratory.wind), steady_wind(flight.scenario.laboratory.wind)
-    with styled():
+    with use_style():
         if fans:
             return _plot_maps(flight, fans)
         if float(np.linalg.norm(steady)) > _MAX_STILL_AIR_SPEED:

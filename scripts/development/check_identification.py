@@ -15,7 +15,7 @@ from drake_quad.command_line.running import run
 import numpy as np
 
 from drake_quad import InputError
-from drake_quad.command_line.options import bare_parser, check_ranges, overrides_of
+from drake_quad.command_line.options import bare_parser, check_ranges, parse_overrides
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import short_repr
@@ -57,7 +57,7 @@ def main() -> None:
     if path.suffix != ".csv":
         raise InputError(f"--output {path}: the name must end in .csv")
     output_folder(path.parent)
-    overrides = [f"seed={arguments.seed}", *(each.assignment for each in overrides_of(arguments.set))]
+    overrides = [f"seed={arguments.seed}", *(each.assignment for each in parse_overrides(arguments.set))]
     SYNTHETIC_FLIGHTS[arguments.flights].simulated_scenario(_DIAGRAMS, overrides)
     description = " ".join([arguments.flights, *overrides])
     done = read_rows(path, description)

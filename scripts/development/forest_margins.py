@@ -10,10 +10,10 @@ from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.files import output_folder, write_table
-from drake_quad.flight.mission import planned
+from drake_quad.flight.mission import plan_route_with_problem
 from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.statistics import Interval
-from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_figures, styled
+from drake_quad.visualization.style import BLUE, VERMILION, new_figure, save_figures, use_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +80,7 @@ def fly(controller: str, margin: float, samples: int) -> Point:
     layer = f"{_DIAGRAMS / 'controllers' / file}.yaml:{name}"
     scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])
     study = run_monte_carlo(scenario, samples)
-    duration = planned(scenario).plan.duration
+    duration = plan_route_with_problem(scenario).plan.duration
     return Point(
         controller, margin, duration, samples, sum(study.crashes_by_obstacle.values()), int(study.metrics.crashed.sum())
     )
@@ -88,7 +88,7 @@ def fly(controller: str, margin: float, samples: int) -> Point:
 
 def draw(points: list[Point]) -> "Figure":
     """Plot the probability of touching a trunk and the duration of the plan against the margin."""
-    with styled():
+    with use_style():
         figure = new_figure(6.4, 4.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
         for name, colour, shift in zip(CONTROLLERS, (BLUE, VERMILION), (-0.002, 0.002), strict=True):

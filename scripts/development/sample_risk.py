@@ -8,7 +8,13 @@ import argparse
 from drake_quad.command_line.running import run
 
 from drake_quad import StudyFleet, plan_route
-from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, check_ranges, scenario_of
+from drake_quad.command_line.options import (
+    add_controller,
+    add_overrides,
+    bare_parser,
+    check_ranges,
+    scenario_from_arguments,
+)
 from drake_quad.command_line.progress import counting_bar
 from drake_quad.statistics.estimates import proportion_interval
 from drake_quad.studies.risk import Event
@@ -36,7 +42,7 @@ def main() -> None:
 def count_events(arguments: argparse.Namespace) -> None:
     """Fly the samples, and print the probability of the event with its 95 % interval."""
     check_ranges(arguments, {"flights": (1, 2**31), "first": (0, 2**31 - 1)})
-    scenario = scenario_of(arguments)
+    scenario = scenario_from_arguments(arguments)
     event = Event.parse(arguments.event, scenario)
     fleet = StudyFleet(scenario, plan_route(scenario), min(_NUM_VEHICLES, arguments.flights))
     count, end = 0, arguments.first + arguments.flights

@@ -15,7 +15,7 @@ from drake_quad.assembly.laboratory import (
 )
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 from drake_quad.laboratory.command_link import LinkParameters
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window
 from drake_quad.laboratory.motion_capture import CameraParameters
@@ -288,7 +288,7 @@ def test_the_monitor_has_the_limits_and_the_window_of_the_scenario(asymmetric):
 @pytest.mark.parametrize(("action", "gains"), [("rates", (0.0, 0.0, 0.0)), ("attitude", (6.0, 5.5, 2.8))])
 def test_an_autopilot_that_takes_body_rates_has_no_attitude_loop(action, gains):
     scenario = load_scenario("onboard", ["laboratory.autopilot.k_attitude=[6, 5.5, 2.8]"])
-    parameters = recipes_of(task_of(scenario, action=action))["autopilot"].parameters
+    parameters = recipes_of(environment_scenario(scenario, action=action))["autopilot"].parameters
     assert parameters.k_attitude == gains
 
 

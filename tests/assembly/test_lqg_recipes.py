@@ -15,7 +15,7 @@ from drake_quad.control.lqg.chains import (
     torque_model,
     vertical_model,
 )
-from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of
+from drake_quad.control.lqg.design import Timing, axis_loop, design_regulator
 from drake_quad.control.lqg.laws import TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor
@@ -139,8 +139,8 @@ def test_the_quadratic_programme_has_the_regulator_and_the_limits_of_the_scenari
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is NO_WALLS
     times, control = Timing(0.01, 0.02, 1), scenario.control
-    assert_nearly_equal(structure["lateral"], regulator_of(control.lateral.model(), times, 2.0e-5))
-    assert_nearly_equal(structure["vertical"], regulator_of(control.vertical.model(), times, 7.785e-4))
+    assert_nearly_equal(structure["lateral"], design_regulator(control.lateral.model(), times, 2.0e-5))
+    assert_nearly_equal(structure["vertical"], design_regulator(control.vertical.model(), times, 7.785e-4))
     assert programme_of(scenario_with_mpc(horizon=0.001))[0].structure["num_ticks"] == 1
 
 

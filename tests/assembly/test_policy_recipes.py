@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.gym.rollout import action_source
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 from drake_quad.planning.nominal import nominal_parameters
 from drake_quad.scenario.files.loading import with_fields
 
@@ -30,7 +30,7 @@ ATTITUDE_GAINS = {"k_p": [8.0, 7.0, 3.0], "k_d": [4.0, 3.5, 2.0]}
 
 def task_with(action, observation=None, **fields):
     scenario = load_scenario("hover", {**UNEVEN_VEHICLE, "control.attitude": ATTITUDE_GAINS, **fields})
-    return task_of(scenario, action=action, observation=observation or {"signals": ["position"]})
+    return environment_scenario(scenario, action=action, observation=observation or {"signals": ["position"]})
 
 
 def simulate_actions(scenario, *actions):
@@ -90,7 +90,7 @@ def test_the_observed_clearance_is_the_distance_between_vehicle_and_obstacle_sur
 
 def test_a_policy_observes_the_reference_at_future_times():
     route = load_scenario("figure_eight", {"duration": 3.0})
-    scenario = task_of(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
+    scenario = environment_scenario(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
     flight = simulate_actions(scenario, [0.1, 0.2, 0.0])
     observed, state = flight["observation"].reshape(-1, 2, 3), flight["measurement"][:, :3]
     for index, ticks in enumerate((15, 55)):

@@ -44,7 +44,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_simulates_an_x_layout(run, tmp_path):
     """An X layout flies as well as a plus layout with arms of the same length. The saved scenario is the flown one."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
@@ -75,7 +75,7 @@ def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, wo
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
     study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
@@ -89,7 +89,7 @@ def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_fly_simulates_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("fly", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
@@ -99,7 +99,7 @@ def test_fly_simulates_one_sample_of_a_study_in_the_wind(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_a_crash_is_reported_but_is_not_a_failure(run, tmp_path):
     result = run("fly", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
@@ -147,7 +147,7 @@ def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, wo
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown(run, tmp_path):
     course = tmp_path / "course.csv"
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
@@ -205,7 +205,7 @@ def test_an_unwritable_output_folder_is_refused_before_the_flight(run, tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--loop", "position.bandwidth=0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -223,7 +223,7 @@ def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--integral", "0.2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -235,7 +235,7 @@ def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_design_includes_the_integral_of_an_existing_pid(run, tmp_path):
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
     result = run("design", "--set", pid, "--output", tmp_path)
@@ -251,7 +251,7 @@ ATTITUDE_RESPONSE = [
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_extend(run, tmp_path, monkeypatch):
     monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
     result = run("design-lqg", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
@@ -268,7 +268,7 @@ def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_e
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, checks=2, steps=4))
     soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
@@ -287,7 +287,7 @@ def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     few = ["--family", "laboratory", "--only", "pd", "--only", "pd_t2fnn"]
     result = run("judge", "--quick", *few, "--output", tmp_path)
@@ -301,7 +301,7 @@ def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path):
     result = run("design", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -320,7 +320,7 @@ def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path):
     result = run("design", ONBOARD, *ATTITUDE_RESPONSE, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -329,7 +329,7 @@ def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
@@ -353,7 +353,7 @@ def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -363,7 +363,7 @@ def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_map_varies_the_gains_on_board_if_an_autopilot_controls_the_attitude(run, tmp_path):
     result = run(
         *("map", ONBOARD, "--loop", "attitude", "--size", "3", "--set", "duration=1"),
@@ -377,7 +377,7 @@ def test_map_varies_the_gains_on_board_if_an_autopilot_controls_the_attitude(run
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
     """A warning about the logarithm of zero would fail the test."""
     result = run(
@@ -388,7 +388,7 @@ def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 @pytest.mark.parametrize(
     ("wind", "remark"),
     [
@@ -407,7 +407,7 @@ def test_wind_with_a_mean_of_zero_is_drawn(run, tmp_path, wind, remark):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
     result = run(
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
@@ -417,7 +417,7 @@ def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_compare_prints_a_line_for_each_scenario_and_controller(run, tmp_path):
     controllers = ROOT / "diagrams" / "controllers" / "paper.yaml"
     pair = ["--controller", f"{controllers}:pd", "--controller", f"{controllers}:pd_t2fnn"]
@@ -435,7 +435,7 @@ def test_compare_prints_a_line_for_each_scenario_and_controller(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_the_learning_of_a_network_is_plotted(run, tmp_path):
     mine = tmp_path / "mine.yaml"
     bases = f"[{ROOT}/diagrams/laboratory.yaml:nominal, {ROOT}/diagrams/controllers/paper.yaml:pd_t2fnn]"
@@ -452,7 +452,7 @@ def test_the_learning_of_a_network_is_plotted(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
     result = run("sensitivities", *fields, "--output", tmp_path)
@@ -529,7 +529,7 @@ def monte_carlo(run, folder, *arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)
     assert (result.returncode, result.stderr) == (0, "")
@@ -545,7 +545,7 @@ def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_study_names_correlated_random_parameters(run, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
@@ -557,7 +557,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
@@ -576,7 +576,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
     scenario = tmp_path / "pillars.yaml"
     scenario.write_text(
@@ -595,7 +595,7 @@ def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
     result = monte_carlo(run, tmp_path, *chosen)
@@ -638,7 +638,7 @@ def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_a_study_reports_altered_rows_that_it_flew_again(run, tmp_path):
     monte_carlo(run, tmp_path)
     path = tmp_path / "results.csv"
@@ -651,7 +651,7 @@ def test_a_study_reports_altered_rows_that_it_flew_again(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("study", "diagrams/figure_eight.yaml", *options)
@@ -660,7 +660,7 @@ def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_an_existing_study_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
@@ -678,7 +678,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_study_in_which_all_samples_crash_is_printed(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")
@@ -688,7 +688,7 @@ def test_a_study_in_which_all_samples_crash_is_printed(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_fly_shows_the_flight_live(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
     result = run("fly", *study, "--meshcat", "--rate", 0)
@@ -699,7 +699,7 @@ def test_fly_shows_the_flight_live(run, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
     result = run("replay", *study, tmp_path / "swarm", "--samples", 3)
@@ -778,7 +778,7 @@ PX4_LOG = "tests/data/px4/sample_px4_events.ulg.xz"
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "cached_results")
+@pytest.mark.usefixtures("blank_figures", "cached_results")
 def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
     """The vehicle that the script identifies from a log agrees with the shipped file to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
@@ -810,7 +810,7 @@ def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run)
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "cached_results")
+@pytest.mark.usefixtures("blank_figures", "cached_results")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     mine = tmp_path / "mine.yaml"
     result = run("identify", CRAZYFLIE_LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
@@ -966,7 +966,7 @@ def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_pa
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_parameter(run, tmp_path):
     over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]
     result = monte_carlo(run, tmp_path, *over)
@@ -981,7 +981,7 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_par
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "without_figures")
+@pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_a_flight_is_written_in_the_formats_of_other_programs(run, tmp_path, monkeypatch):
     flight = ["hover", "--set", "duration=1", "--mcap", "--output", tmp_path]
     assert run("fly", *flight, "--px4").returncode == 0

@@ -12,10 +12,10 @@ from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
 from drake_quad.command_line.options import (
     controlled_scenarios,
-    controller_of,
     import_file,
     named_controllers,
-    scenario_of,
+    parse_controller,
+    scenario_from_arguments,
 )
 from drake_quad.command_line.sensitivities import default_fields
 from drake_quad.evaluation.claims import CONTROLLER_NAMES
@@ -71,12 +71,12 @@ def arguments(**given):
 
 
 def test_a_layer_overrides_the_scenario() -> None:
-    scenario = scenario_of(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
+    scenario = scenario_from_arguments(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
     assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
 
 
 def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(mine) -> None:
-    scenario = scenario_of(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
+    scenario = scenario_from_arguments(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
     shipped = load_scenario("laboratory:nominal")
     assert scenario.control.position.kind == f"{mine.stem}.Mine"
     assert scenario.control.position.feed_forward == shipped.control.position.feed_forward
@@ -85,26 +85,26 @@ def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(m
 
 
 def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
-    scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+    scenario = scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     assert scenario.control.position.k_p == 0.75
 
 
 def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
     """Each gain of this controller is one number. Gains of shipped controllers have one number per axis."""
-    fields = default_fields(scenario_of(arguments(controller=f"{mine}:Mine")))
+    fields = default_fields(scenario_from_arguments(arguments(controller=f"{mine}:Mine")))
     assert "control.position.k_p" in fields
     assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
 
 
 def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
-    chosen = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
+    chosen = scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     save_scenario(chosen, tmp_path / "saved.yaml")
-    again = scenario_of(arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{mine}:Mine"))
+    again = scenario_from_arguments(arguments(scenario=str(tmp_path / "saved.yaml"), controller=f"{mine}:Mine"))
     assert again == chosen
 
 
 def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
-    scenario = scenario_of(arguments(controller=f"{mine}:Whole"))
+    scenario = scenario_from_arguments(arguments(controller=f"{mine}:Whole"))
     assert scenario.control.kind == f"{mine.stem}.Whole"
 
 
@@ -119,7 +119,7 @@ def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
 )
 def test_an_invalid_controller_is_refused_with_the_name_of_the_option(mine, spec: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
-        controller_of(spec.format(mine=mine), "hover")
+        parse_controller(spec.format(mine=mine), "hover")
     assert str(caught.value).startswith(f"--controller {spec.format(mine=mine)}: ")
     assert words in str(caught.value)
 
@@ -127,7 +127,7 @@ def test_an_invalid_controller_is_refused_with_the_name_of_the_option(mine, spec
 def test_a_file_that_raises_an_error_is_refused(tmp_path) -> None:
     (tmp_path / "broken_controller.py").write_text("1 / 0", encoding="utf-8")
     with pytest.raises(InputError, match="ZeroDivisionError: division by zero"):
-        controller_of(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
+        parse_controller(f"{tmp_path / 'broken_controller.py'}:Mine", "hover")
 
 
 FAILING_CONTROLLERS_SOURCE = """
@@ -210,7 +210,7 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
     """The command in the message is complete: it flies the saved scenario."""
     for name in ("wind_shear", "ceiling_effect"):
         import_file(root / "scripts" / f"{name}.py")
-    own_parts = scenario_of(
+    own_parts = scenario_from_arguments(
         arguments(
             scenario="hover",
             controller=f"{mine}:Mine",
@@ -233,7 +233,7 @@ def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_
 
 
 def test_a_kind_of_a_registered_controller_is_refused_with_its_file_in_any_scenario(mine, tmp_path) -> None:
-    controller_of(f"{mine}:Mine", "hover")
+    parse_controller(f"{mine}:Mine", "hover")
     (tmp_path / "written.yaml").write_text("written: {extends: hover, control: {position: {kind: own.Mine}}}", "utf-8")
     with pytest.raises(InputError, match=r"fly \S+written.yaml --controller own.py:Mine$"):
         load_scenario(tmp_path / "written.yaml")
@@ -242,7 +242,8 @@ def test_a_kind_of_a_registered_controller_is_refused_with_its_file_in_any_scena
 @pytest.mark.usefixtures("own_folder")
 def test_a_misspelt_kind_in_a_saved_scenario_is_refused_with_the_known_kinds(mine) -> None:
     save_scenario(
-        scenario_of(arguments(controller=f"{mine}:Mine", set=["vehicle.battery_sag=0.1"])), Path("saved.yaml")
+        scenario_from_arguments(arguments(controller=f"{mine}:Mine", set=["vehicle.battery_sag=0.1"])),
+        Path("saved.yaml"),
     )
     text = Path("saved.yaml").read_text(encoding="utf-8")
     for right, wrong, words in (("kind: hover", "kind: hovr", "must be one of"), ("_sag", "_sagg", "did you mean")):
@@ -276,11 +277,11 @@ def test_assignments_after_a_controller_apply_only_to_this_controller(mine) -> N
     assert third.control.position.k_p[0] == 3.0
     both = arguments(controller=specs[:2], set=["control.position.k_p=0.3"])
     assert [each.control.position.k_p for each in controlled_scenarios(both).values()] == [0.3, 0.4]
-    assert scenario_of(arguments(controller=specs[1])).control.position.k_p == 0.4
+    assert scenario_from_arguments(arguments(controller=specs[1])).control.position.k_p == 0.4
     with pytest.raises(
         InputError, match="--controller controllers/paper:pd control.position.k_x=3: control.position.k_x"
     ):
-        scenario_of(arguments(controller="controllers/paper:pd control.position.k_x=3"))
+        scenario_from_arguments(arguments(controller="controllers/paper:pd control.position.k_x=3"))
 
 
 RANDOM_SCENARIO = """
@@ -320,7 +321,7 @@ def test_a_controller_keeps_each_distribution_or_a_remark_names_it(
     if loads_several:
         (scenario,) = controlled_scenarios(arguments(controller=[spec], set=overrides), drawn).values()
     else:
-        scenario = scenario_of(arguments(scenario=drawn, controller=spec, set=overrides))
+        scenario = scenario_from_arguments(arguments(scenario=drawn, controller=spec, set=overrides))
     printed = capsys.readouterr().err
     named = f"remark: --controller {spec} replaces random parameters of {drawn} by fixed values: "
     assert printed.startswith(named if replaced else "")

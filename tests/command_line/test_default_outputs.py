@@ -9,8 +9,8 @@ from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.command_line import searches
 from drake_quad.command_line.default_outputs import Origin, reserve
 from drake_quad.command_line.identify import output_file
-from drake_quad.command_line.main import COMMANDS, module_of
-from drake_quad.command_line.options import folder_of
+from drake_quad.command_line.main import COMMANDS, command_module
+from drake_quad.command_line.options import resolve_output_folder
 from drake_quad.scenario.files.loading import load_undesigned
 
 VEHICLE_FILE = """
@@ -32,7 +32,7 @@ def reserved(tmp_path, monkeypatch):
         if mass is not None:
             path.write_text(VEHICLE_FILE.format(mass=mass), encoding="utf-8")
         arguments = argparse.Namespace(scenario=file, output=output, default_output=Path("out/gains"))
-        return folder_of(arguments, load_undesigned(file))
+        return resolve_output_folder(arguments, load_undesigned(file))
 
     return call
 
@@ -106,12 +106,12 @@ def test_a_comparison_with_a_log_belongs_to_the_log_and_the_scenario(tmp_path):
 
 
 def test_every_default_folder_that_is_named_after_a_scenario_is_reserved():
-    """A command that does not call `folder_of` could overwrite the results of another input."""
+    """A command that does not call `resolve_output_folder` could overwrite the results of another input."""
     for command in COMMANDS:
-        module = module_of(command)
+        module = command_module(command)
         if "default_output" in vars(module.options())["_defaults"]:
             source = Path(module.__file__).read_text(encoding="utf-8")
             if "open_search(arguments, " in source:
                 source += Path(searches.__file__).read_text(encoding="utf-8")
-            assert "folder_of(arguments, " in source
+            assert "resolve_output_folder(arguments, " in source
             assert "default_output /" not in source

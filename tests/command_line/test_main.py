@@ -13,7 +13,7 @@ import pytest
 import drake_quad
 from drake_quad import load_scenario
 from drake_quad.command_line.documentation import command_page, formula_page
-from drake_quad.command_line.main import COMMANDS, main, module_of
+from drake_quad.command_line.main import COMMANDS, command_module, main
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 ROOT = Path(__file__).parent.parent.parent
@@ -64,7 +64,7 @@ def test_every_module_with_options_is_a_command():
         if "\ndef options(" in path.read_text()
     }
     assert modules == {command.replace("-", "_") for command in COMMANDS}
-    assert all(callable(module_of(command).main) for command in COMMANDS)
+    assert all(callable(command_module(command).main) for command in COMMANDS)
 
 
 @pytest.mark.slow

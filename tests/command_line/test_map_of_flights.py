@@ -13,7 +13,7 @@ def controllers(*names):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_a_map_of_flights_has_columns_for_each_controller(run, tmp_path):
     options = ["--size", 2, "--metric", "largest_tilt", "--set", "duration=1", "--output", tmp_path]
     result = run("map", "upset", *VARIED, *controllers("pd", "indi"), *options)

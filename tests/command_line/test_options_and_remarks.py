@@ -12,8 +12,8 @@ from test_passed_arguments import Bar, metrics_of, replaced, simulated, studied,
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line import identify, judge, replicate, study
 from drake_quad.command_line import map as stability_map
-from drake_quad.command_line.main import COMMANDS, module_of
-from drake_quad.command_line.options import overrides_of, scenario_of
+from drake_quad.command_line.main import COMMANDS, command_module
+from drake_quad.command_line.options import parse_overrides, scenario_from_arguments
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
@@ -28,7 +28,7 @@ COMMANDS_WITH_FIGURES = {"risk", "falsify", "sobol",
 
 def options_of(command):
     """Return the names of a command's options."""
-    return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
+    return {flag for action in command_module(command).options()._actions for flag in action.option_strings}
 
 
 COMMANDS_WITH_UNCOMPILED_FLIGHTS = {"fly", "study", "compare", "map", "replicate", "risk", "falsify", "sobol"}
@@ -49,7 +49,9 @@ def test_folders_are_named_after_the_command_by_default():
     folders = {
         command: str(options.default_output)
         for command in COMMANDS
-        if hasattr(options := argparse.Namespace(**vars(module_of(command).options())["_defaults"]), "default_output")
+        if hasattr(
+            options := argparse.Namespace(**vars(command_module(command).options())["_defaults"]), "default_output"
+        )
     }
     assert folders["fly"] == folders["plan"] == "out"
     assert folders["study"] == "out/monte_carlo"
@@ -90,7 +92,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, si
 @pytest.mark.parametrize("command", ["design", "design-lqg", "tune", "map"])
 def test_designs_remark_on_their_scenario_before_they_design(command, replaced, monkeypatch, capsys):  # noqa: F811
     """The wind of the scenario has no effect. An error replaces the designs."""
-    module = module_of(command)
+    module = command_module(command)
     function = {"design": "design_cascade", "design-lqg": "design_lqg", "tune": "tune", "map": "mapped_gains"}[command]
 
     def stop(*_, **__):
@@ -181,7 +183,9 @@ def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypa
         return []
 
     findings = SimpleNamespace(entries=[], claims=[])
-    replaced("replicate", fly_experiment=None, read_experiment=None, findings_of=findings, write_report=write_report)
+    replaced(
+        "replicate", fly_experiment=None, read_experiment=None, collect_findings=findings, write_report=write_report
+    )
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
     assert bars[-1].n == bars[-1].total == len(CAPTIONS)
 
@@ -218,9 +222,9 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
 def test_further_overrides_come_after_those_of_the_command_line():
     """Later overrides have priority, so `--set` does not change the delay in the worst case of a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
-    scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
+    scenario = scenario_from_arguments(arguments, further=parse_overrides(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
-    assert scenario_of(arguments).duration == 3.0
+    assert scenario_from_arguments(arguments).duration == 3.0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.command_line.main import COMMANDS, command_module
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_mistake_gets_one_sentence_with_the_nearest_name(run, arguments, sente
 @pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_each_command_suggests_its_options(command, capsys):
-    parser = module_of(command).options()
+    parser = command_module(command).options()
     for option in parser._option_string_actions:
         if not option.startswith("--"):
             continue
@@ -56,6 +56,6 @@ def test_each_command_suggests_its_options(command, capsys):
 
 
 def test_abbreviated_options_and_arguments_after_two_dashes_are_accepted():
-    parser = module_of("study").options()
+    parser = command_module("study").options()
     assert parser.parse_args(["--sampl", "3"]).samples == 3
     assert parser.parse_args(["--", "--strange-name"]).scenario == "--strange-name"

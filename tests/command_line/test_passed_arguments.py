@@ -101,7 +101,7 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
 
 def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
-    found = compare.scenarios_of(arguments)
+    found = compare.scenarios_from_arguments(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
     assert {place: [*each] for place, each in found.items()} == dict.fromkeys(
         ("nominal", "low_wind", "high_wind"), names
@@ -114,7 +114,7 @@ def test_each_controller_is_combined_with_each_laboratory():
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
     with pytest.raises(InputError, match="--controller controllers/paper:pd: is given twice"):
-        compare.scenarios_of(twice)
+        compare.scenarios_from_arguments(twice)
 
 
 def test_replayed_samples_begin_with_the_given_one(run, replaced, tmp_path):
@@ -394,15 +394,15 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
     given = argparse.Namespace(
         scenario="hover", controller=two, set=[], seed=None, over=None, metric="rmse", draws=None, samples=40
     )
-    assert [*study.scenarios_of(given)] == ["pd", "pid"]
+    assert [*study.scenarios_from_arguments(given)] == ["pd", "pid"]
     assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
     with pytest.raises(
         InputError, match="--over vehicle.mass: is not a random parameter of pd; its random parameters are: none"
     ):
-        study.scenarios_of(given)
+        study.scenarios_from_arguments(given)
     given.scenario, given.controller = "robustness", []
-    assert [*study.scenarios_of(given)] == ["robustness"]
+    assert [*study.scenarios_from_arguments(given)] == ["robustness"]
     assert capsys.readouterr().err.count("has no distribution") == 1
 
 
@@ -422,9 +422,9 @@ def test_controllers_with_different_random_parameters_are_not_compared_with_sobo
         samples=40,
     )
     with pytest.raises(InputError, match=r"mine and pd have different random parameters \(vehicle.linear_drag\)"):
-        study.scenarios_of(given)
+        study.scenarios_from_arguments(given)
     given.draws = "latin_hypercube"
-    assert {each.draws.kind for each in study.scenarios_of(given).values()} == {"latin_hypercube"}
+    assert {each.draws.kind for each in study.scenarios_from_arguments(given).values()} == {"latin_hypercube"}
 
 
 @pytest.fixture
@@ -595,7 +595,7 @@ def test_a_loop_request_must_name_a_loop_and_a_field():
 
 def test_a_vehicle_is_named_after_its_file_or_its_first_log():
     def name(given=None, output=None, log="logs/my log.v2.csv"):
-        return identify.name_of(SimpleNamespace(name=given, output=output, log=[Path(log), Path("other.csv")]))
+        return identify.vehicle_name(SimpleNamespace(name=given, output=output, log=[Path(log), Path("other.csv")]))
 
     assert name() == "my_log"
     assert name(output=Path("out/mine.yaml")) == "mine"
@@ -695,7 +695,7 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
         "replicate",
         fly_experiment="flights",
         read_experiment="found",
-        findings_of=findings,
+        collect_findings=findings,
         write_report=lambda folder, *_, **__: [folder / "report.md"],
     )
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
@@ -704,7 +704,7 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
     assert (load, sizes, folder) == (replicate.load, QUICK_EXPERIMENT, tmp_path)
     assert (named["resume"], named["compiled"]) == (False, True)
     assert calls["read_experiment"] == [((tmp_path,), {})]
-    assert calls["findings_of"] == [(("found",), {})]
+    assert calls["collect_findings"] == [(("found",), {})]
     ((arguments, named),) = calls["write_report"]
     assert arguments == (tmp_path, "found", findings, "flights")
     assert named["vector"] is None
@@ -822,10 +822,10 @@ def test_scenarios_are_named_after_their_controllers():
 def test_the_folder_is_given_by_the_option_or_named_after_the_scenario(tmp_path):
     folder = argparse.Namespace(output=None, default_output=tmp_path / "study", scenario="laboratory:nominal")
     scenario = load_scenario("laboratory:nominal")
-    assert options.folder_of(folder, scenario) == tmp_path / "study" / "nominal"
-    assert options.folder_of(folder, scenario, name="pd_pid") == tmp_path / "study" / "pd_pid"
+    assert options.resolve_output_folder(folder, scenario) == tmp_path / "study" / "nominal"
+    assert options.resolve_output_folder(folder, scenario, name="pd_pid") == tmp_path / "study" / "pd_pid"
     folder.output = Path("there")
-    assert options.folder_of(folder, scenario) == Path("there")
+    assert options.resolve_output_folder(folder, scenario) == Path("there")
     assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 

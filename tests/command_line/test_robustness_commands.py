@@ -4,7 +4,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.command_line import risk
-from drake_quad.command_line.main import module_of
+from drake_quad.command_line.main import command_module
 
 MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 HOVER = ("hover", "--set", "duration=0.3", "--set", MASS_DISTRIBUTION)
@@ -49,10 +49,12 @@ def test_sobol_prints_the_fractions_of_the_variance(run, tmp_path):
 @pytest.mark.parametrize("command", ["risk", "falsify", "sobol"])
 def test_searches_have_the_options_of_studies_for_workers(command):
     arguments = ["--workers", "3", "--time-limit", "5", "--resume", "--wired", "--vector", "pdf"]
-    found = module_of(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
+    found = (
+        command_module(command).options().parse_args(["outdoor", *arguments, "--controller", "controllers/paper:pd"])
+    )
     assert (found.scenario, found.workers, found.time_limit, found.cluster) == ("outdoor", 3, 5.0, None)
     assert (found.resume, found.wired, found.vector) == (True, True, "pdf")
-    assert module_of(command).options().parse_args([]).scenario == "robustness"
+    assert command_module(command).options().parse_args([]).scenario == "robustness"
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from drake_quad import InputError
 from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.elementary import exp, where
-from drake_quad.framework.fleet_system import TIME, FleetSystem, TickOf, fleet_system
+from drake_quad.framework.fleet_system import TIME, CurrentTick, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.signals import Row, Wind
@@ -67,7 +67,7 @@ class Counter(FleetSystem):
         memory = self.state("memory", lambda by: Pair(by, 1.0))
         steps = self.state("steps", lambda _: Pair(0.0, 0.5))
         self.initialize(lambda memory, by, time: initial(memory, by.a, time), memory, by, TIME, writes=[memory])
-        reads = memory, seen, by, TIME, TickOf(tick)
+        reads = memory, seen, by, TIME, CurrentTick(tick)
         self.update(period, lambda m, seen, by, *at: counted(m, seen, by.b, *at), *reads, writes=[memory])
         self.update(step, after_tick, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
         self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, seen, by, layout=PAIR_LAYOUT)

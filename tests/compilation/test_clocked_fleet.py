@@ -12,7 +12,7 @@ from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.framework.machine_code import LANES
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 from drake_quad.scenario.batch import Batch
 
 SELECTED_OUTPUTS = ("state", "measurement", "reference")
@@ -104,6 +104,6 @@ def test_diagrams_whose_vehicles_cannot_have_individual_clocks_are_refused(windy
     slow = load_scenario("figure_eight", {"laboratory.motion_capture.period": 0.04})
     with pytest.raises(InputError, match="a period of the diagram is longer than a tick of 0.02 s"):
         fleet_of(slow)
-    task = task_of("figure_eight")
+    task = environment_scenario("figure_eight")
     with pytest.raises(InputError, match="control.policy of figure_eight is missing; give the file of a network"):
         fleet_of(task)

@@ -112,7 +112,7 @@ def listing_with_late_uses():
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)
     masks = [a > b for a, b in itertools.pairwise(state)]
-    words = [elementary.word_of(abs(x)) for x in state]
+    words = [elementary.to_uint64(abs(x)) for x in state]
     values = list(state)
     for turn in range(4):
         for i in range(6):
@@ -121,7 +121,7 @@ def listing_with_late_uses():
             values[i] = 0.5 * values[i] + 0.25 * values[(i + turn) % 6] + where_fixed * push + listing.shared(0)
     for i, mask in enumerate(masks):
         values[i] = elementary.where(mask & masks[0] | (values[5] > 0.0), values[i], state[i])
-        values[i] = values[i] + elementary.float_of(words[i] + words[5])
+        values[i] = values[i] + elementary.from_uint64(words[i] + words[5])
     return listing, {i: values[i] for i in (3, 0, 5, 1, 4)}, [state[3], values[2], values[5], parameters[1]]
 
 
@@ -230,9 +230,9 @@ def test_branches_are_evaluated_at_every_event(n, single_vehicle):
 
     listing = Listing()
     (x, v), (a, b) = rows_of(listing, STATE, 2), rows_of(listing, PARAMETERS, 2)
-    fixed, _ = elementary.where_needed(a > 0.0, root, (a, 2.0), (b, 0.0))
-    first, _ = elementary.where_needed(x > v, root, (x, 1.0), (v, 0.0))
-    second, given = elementary.where_needed(first > 1.0, root, (first, abs(v)), (x, -1.0))
+    fixed, _ = elementary.lazy_where(a > 0.0, root, (a, 2.0), (b, 0.0))
+    first, _ = elementary.lazy_where(x > v, root, (x, 1.0), (v, 0.0))
+    second, given = elementary.lazy_where(first > 1.0, root, (first, abs(v)), (x, -1.0))
     rng = np.random.default_rng(n)
     state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
     changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}

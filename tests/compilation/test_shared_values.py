@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad.compilation.shared_values import TIME_VALUE, SharedValues, SharedValueSource
-from drake_quad.framework.formulas import TickOf
+from drake_quad.framework.formulas import CurrentTick
 
 
 def no_value(path, output, time):
@@ -13,24 +13,24 @@ def no_value(path, output, time):
 
 def test_a_value_that_is_requested_twice_has_one_column():
     shared = SharedValues()
-    ticks = TickOf(0.02)
+    ticks = CurrentTick(0.02)
     places = [
         shared.column(0, TIME_VALUE),
         shared.column(1, TIME_VALUE),
         shared.column(0, ticks),
         shared.second(0, ticks),
-        shared.column(0, TickOf(0.04)),
+        shared.column(0, CurrentTick(0.04)),
     ]
     assert places == [0, 1, 2, 3, 4]
     assert shared.column(1, TIME_VALUE) == 1
-    assert shared.column(0, TickOf(0.02)) == 2
-    assert shared.second(0, TickOf(0.02)) == 3
+    assert shared.column(0, CurrentTick(0.02)) == 2
+    assert shared.second(0, CurrentTick(0.02)) == 3
     assert shared.width == 5
 
 
 def test_a_table_contains_the_times_and_ticks_of_each_event_and_instant():
     shared = SharedValues()
-    ticks = TickOf(0.02)
+    ticks = CurrentTick(0.02)
     columns = [shared.column(1, TIME_VALUE), shared.column(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
     assert columns == [0, 1, 2, 3]
     times = np.array([[0.0, 0.02], [0.06, 0.08], [0.08, 0.1]])

@@ -66,7 +66,7 @@ def test_the_kalman_filter_is_faster_for_less_noise_and_larger_disturbances():
 
 def estimates(law, disturbances, accelerations, *, start=0.0):
     """Return the estimates of a law at the end of each tick, for v' = a + d with constant a and d, without noise."""
-    position, velocity, memory, values = start, 0.0, law.at_rest(start), []
+    position, velocity, memory, values = start, 0.0, law.initial_memory(start), []
     for a, d in zip(accelerations, disturbances, strict=True):
         memory = law.correct(memory, AxisMeasurement(position, velocity), H)
         memory = law.predict(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
@@ -112,7 +112,7 @@ def test_l1_compensates_the_disturbance_after_a_low_pass_filter(frequency):
     """The command is u = -C(s) d with C(i Ω) = ω / (i Ω + ω) for fast ticks and a slow predictor."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
-    memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
+    memory, velocities, values = law.initial_memory(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
         memory = law.correct(memory, AxisMeasurement(0.0, velocity), h)
         values.append(memory.disturbance)
@@ -143,7 +143,7 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     """
     K, desired, disturbances = 4.0, 1.0, 0.3 + RNG.normal(size=60)
     law = IncrementalLaw(1e6)
-    memory, v, speeds = law.at_rest(0.0), 0.0, []
+    memory, v, speeds = law.initial_memory(0.0), 0.0, []
     for d in disturbances:
         memory = law.correct(memory, AxisMeasurement(0.0, v), H)
         u = K * (desired - v) - memory.disturbance
@@ -176,7 +176,7 @@ def test_a_constant_disturbance_is_estimated_for_any_command(law):
 
 def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():
     law = KalmanLaw.of(deviation=1.0, time_constant=0.5, position_noise=1e-3, period=H)
-    memory = law.at_rest(0.0)._replace(disturbance=1.0)
+    memory = law.initial_memory(0.0)._replace(disturbance=1.0)
     for _ in range(25):
         memory = law.predict(memory, ModelIncrement(0.0, 0.0), H)
     # d = exp(-t / T), v = T (1 - d), p = T (t - v) after t = T.
@@ -186,5 +186,7 @@ def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():
 
 def test_memories_of_l1_and_indi_are_zero_at_rest():
     assert (
-        AdaptiveLaw(1.0, 2.0).at_rest(7.0) == IncrementalLaw(2.0).at_rest(7.0) == DifferencedMemory(0.0, 0.0, 0.0, 0.0)
+        AdaptiveLaw(1.0, 2.0).initial_memory(7.0)
+        == IncrementalLaw(2.0).initial_memory(7.0)
+        == DifferencedMemory(0.0, 0.0, 0.0, 0.0)
     )

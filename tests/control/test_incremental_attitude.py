@@ -43,7 +43,7 @@ def state_after_settling(law_of):
 def test_a_constant_torque_deflects_a_pd_but_not_indi():
     angles, rates = state_after_settling(lambda measurement: attitude_law(measurement, *LEVEL_COMMAND, GAINS))
     np.testing.assert_allclose(angles, DISTURBING_ACCELERATION / np.array(GAINS.k_p), rtol=1e-3)
-    initial_states = ((PARAMETERS.law.at_rest(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
+    initial_states = ((PARAMETERS.law.initial_memory(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
     states = [initial_states]
 
     def incremental(measurement):
@@ -63,7 +63,7 @@ def test_the_indi_torque_without_a_disturbance_equals_the_pd_torque():
     """The estimated disturbance is zero at the first tick if all rates are zero."""
     measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     desired = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
-    memory = (PARAMETERS.law.at_rest(0.0),) * 3
+    memory = (PARAMETERS.law.initial_memory(0.0),) * 3
     expected = attitude_law(measurement, *desired, GAINS)
     assert incremental_torque(memory, measurement, *desired, PARAMETERS, H) == expected
 
@@ -76,7 +76,7 @@ def test_the_torque_follows_the_equation_of_incremental_control():
     A, B, *_ = scipy.signal.cont2discrete((*lag, np.array([[1.0, 0.0]]), np.zeros((1, 1))), H)
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
     rate_increment = np.zeros(3)  # rad/s, change of the modelled body rates in the last tick
-    memory = (PARAMETERS.law.at_rest(0.0),) * 3
+    memory = (PARAMETERS.law.initial_memory(0.0),) * 3
     following = (AxisCommand(0.0, 0.0),) * 3
     for _ in range(40):
         angles, rates, attitude, commanded_rates, feed_forward = rng.normal(size=(5, 3)) * [

@@ -32,7 +32,7 @@ def estimated_disturbance(before, measurement, thrust=G):
 
     The bandwidth of the filter is so large that the filter has no effect.
     """
-    memory = tuple([law.at_rest(0.0) for law in LAWS])
+    memory = tuple([law.initial_memory(0.0) for law in LAWS])
     return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, PARAMETERS, H)[1])
 
 
@@ -71,7 +71,7 @@ def test_a_learned_disturbance_is_not_estimated_again():
         KnownAccelerations(NO_ACCELERATION, learned), state_at(velocity=H * acceleration)
     )
     np.testing.assert_allclose(disturbance, acceleration - np.array(learned), rtol=1e-9)
-    memory = tuple([law.at_rest(0.0) for law in LAWS])
+    memory = tuple([law.initial_memory(0.0) for law in LAWS])
     _, before, *_ = next_tilt_states(
         memory,
         KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION),
@@ -96,7 +96,10 @@ def test_the_displacement_caused_by_known_accelerations_is_predicted():
     distance = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
     parameters = PARAMETERS._replace(laws=(law,) * 3)
-    memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
+    memory, before = (
+        (law.initial_memory(0.0),) * 3,
+        KnownAccelerations(Acceleration(*first), Acceleration(*acceleration)),
+    )
 
     def disturbance(x, y, z):
         measurement = state_at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
@@ -107,7 +110,11 @@ def test_the_displacement_caused_by_known_accelerations_is_predicted():
 
 
 def test_the_thrust_follows_the_magnitude_of_the_command_after_its_delay():
-    memory, thrust, in_transit = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
+    memory, thrust, in_transit = (
+        tuple([law.initial_memory(0.0) for law in LAWS]),
+        SpecificThrust(G),
+        (SpecificThrust(G),) * 2,
+    )
     before, command, thrusts = KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
         memory, before, thrust, in_transit = next_tilt_states(

@@ -7,7 +7,7 @@ from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.protocol import _write_predictive_control, previous_numbers
 from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_DESIGNS, SENSITIVITY_LIMITS, priced_name
-from drake_quad.scenario.paths import steps_of
+from drake_quad.scenario.paths import split_path
 
 
 def numbers_in(design, paths):
@@ -15,7 +15,7 @@ def numbers_in(design, paths):
     found = []
     for path in paths:
         part = design
-        for step in steps_of(path):
+        for step in split_path(path):
             part = part[int(step) if step.isdecimal() else step]
         found.append(part)
     return found

@@ -113,7 +113,7 @@ def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(sce
         np.testing.assert_array_equal(actual, expected)
     # Each vehicle has the flight of a single vehicle with its parameters.
     for i in range(3):
-        single = simulate(varied.scenario_of(i), compiled=False).metrics
+        single = simulate(varied.vehicle_scenario(i), compiled=False).metrics
         np.testing.assert_allclose([float(value[i]) for value in metrics], single, rtol=1e-9)
     # The next batch is not affected.
     for actual, expected in zip(fleet.fly_batch(drawn), new_fleet_metrics(study, drawn), strict=True):
@@ -141,7 +141,7 @@ def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagram
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(OPTIONAL_PARTS[path])})
     metrics = new_fleet_metrics(ideal, varied)
-    single = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
+    single = [simulate(varied.vehicle_scenario(i), compiled=False).metrics.rmse for i in range(3)]
     assert len(set(single)) == 3
     np.testing.assert_allclose(metrics.rmse, single, rtol=1e-9)
     with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):

@@ -11,7 +11,7 @@ import pytest
 from drake_quad import InputError, flight_metric, load_scenario, metric, run_monte_carlo, simulate, simulate_samples
 from drake_quad.framework.elementary import where
 from drake_quad.laboratory.derived_signals import DERIVED_SIGNALS, derived_signal
-from drake_quad.laboratory.metrics import definitions_of
+from drake_quad.laboratory.metrics import metric_definitions
 from drake_quad.scenario.metrics.metric import METRICS
 from drake_quad.statistics.estimates import bounded_mean_interval
 from drake_quad.studies.comparison import fly_samples
@@ -174,7 +174,7 @@ def test_a_user_defined_metric_is_a_column_of_flights_and_studies(tmp_path, monk
 
 def range_of(name, **metrics):
     """Return the range of a metric of a scenario that has these additional metrics."""
-    return definitions_of(load_scenario("hover", [additional(**metrics)]).metrics_type)[name].value_range
+    return metric_definitions(load_scenario("hover", [additional(**metrics)]).metrics_type)[name].value_range
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_a_scenario_that_does_not_belong_to_a_flight_is_not_overwritten(flight, 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_plots_label_every_axis_with_a_unit(flight, tmp_path):
     assert [path.name for path in save_plots(flight, tmp_path)] == [f"{name}.png" for name in PLOTS]
     for plot in PLOTS.values():
@@ -243,7 +243,7 @@ def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, 
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_flight_that_diverged_can_be_plotted(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
     flight["state"][-1] = np.nan

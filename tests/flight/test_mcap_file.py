@@ -14,7 +14,7 @@ from pydrake.math import RollPitchYaw
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.flight.formats.mcap_file import messages_of, save_mcap
+from drake_quad.flight.formats.mcap_file import flight_messages, save_mcap
 from drake_quad.visualization.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 
 # Required fields of Foxglove's messages, from schemas/jsonschema of its SDK at commit ca8a1ce.
@@ -210,7 +210,7 @@ def test_flights_have_different_colors(flights):
     """Colours agree with the plots, as fractions of red, green and blue, and repeat after five flights."""
     colors = []
     for number in range(6):
-        scene = next(messages_of("whole", flights["whole"], number))
+        scene = next(flight_messages("whole", flights["whole"], number))
         (line,) = scene.data["entities"][-1]["lines"]
         colors.append(tuple(line["color"][part] for part in "rgba"))
     expected = [(*to_rgb(color), 1.0) for color in (BLUE, VERMILION, GREEN, PURPLE, ORANGE)]

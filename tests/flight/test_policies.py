@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from drake_quad import InputError, load_scenario, run_monte_carlo, save_scenario, simulate
 from drake_quad.control.policy.network import evaluate_network
 from drake_quad.gym.rollout import action_source
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
@@ -104,7 +104,7 @@ def test_a_policy_has_the_same_flight_alone_and_in_a_study(tmp_path):
 @pytest.mark.parametrize("vehicle", ["paper", "crazyflie", "racer"])
 def test_rotor_speed_actions_are_the_commanded_rotor_speeds(vehicle, diagrams):
     scenario = load_scenario("hover", {"duration": 0.4}, layers=[f"vehicles/{vehicle}"])
-    task = task_of(scenario, action={"kind": "rotor_speeds", "order": [3, 1, 4, 2]})
+    task = environment_scenario(scenario, action={"kind": "rotor_speeds", "order": [3, 1, 4, 2]})
     actions = np.random.default_rng(2).uniform(-0.9, 0.9, (20, 4))
     flight = simulate(task, policy=action_source(actions, 0.02))
     low, high = scenario.nominal.min_rotor_speed, scenario.nominal.max_rotor_speed
@@ -116,7 +116,7 @@ def test_rotor_speed_actions_are_the_commanded_rotor_speeds(vehicle, diagrams):
 
 
 def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
-    task = task_of(load_scenario("onboard", {"duration": 0.6}), action="rates")
+    task = environment_scenario(load_scenario("onboard", {"duration": 0.6}), action="rates")
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (30, 1))
     flight = simulate(task, policy=action_source(actions, 0.02))
     state = flight.record("state")
@@ -124,13 +124,13 @@ def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
     np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], commanded_rates, atol=0.08)
     assert abs(state.roll[-1]) > 0.2
     # The same autopilot can also track attitudes.
-    level = task_of(load_scenario("onboard", {"duration": 0.6}), action="attitude")
+    level = environment_scenario(load_scenario("onboard", {"duration": 0.6}), action="attitude")
     lean = simulate(level, policy=action_source(actions, 0.02)).record("state")
     np.testing.assert_allclose([lean.roll[-1], lean.pitch[-1]], [0.06, -0.03], atol=0.02)
 
 
 def test_body_rates_are_tracked_from_the_ground():
-    task = task_of(load_scenario("hover", {"duration": 1.0}), action="rates")
+    task = environment_scenario(load_scenario("hover", {"duration": 1.0}), action="rates")
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (50, 1))
     state = simulate(task, policy=action_source(actions, 0.02)).record("state")
     np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], [0.6, -0.3, 0.6], atol=0.03)
@@ -234,7 +234,7 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
 def test_a_user_defined_policy_needs_a_control_of_kind_policy():
     with pytest.raises(InputError, match="a policy requires a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
-    task = task_of("hover")
+    task = environment_scenario("hover")
     with pytest.raises(InputError, match="the port .* of policy must have 3 rows, but has 4"):
         simulate(task, policy=action_source(np.zeros((2, 4)), 0.02))
     with pytest.raises(InputError, match="control.policy of hover is missing"):
@@ -255,7 +255,7 @@ def test_a_policy_in_plain_python_has_the_flight_of_a_network(tmp_path):
             self.DeclareVectorOutputPort("action", 3, act)
 
     hover = load_scenario("figure_eight", {"duration": 2.0})
-    task = task_of(hover, observation={"signals": ["position_error", "velocity_error"]})
+    task = environment_scenario(hover, observation={"signals": ["position_error", "velocity_error"]})
     wired, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
     assert_flights_alike(compiled, wired)
     arrays = {"weights_0": np.hstack([0.1 * np.eye(3), 0.05 * np.eye(3)]), "biases_0": np.zeros(3)}

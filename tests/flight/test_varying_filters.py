@@ -26,7 +26,9 @@ def test_each_vehicle_of_a_fleet_has_a_filter_for_its_own_statistics(diagrams):
     batch = Batch.draw(scenario, [3, 4]).with_varying(varying)
     together = StudyFleet(scenario, plan_route(scenario), 2).fly_batch(batch)
     for vehicle in (0, 1):
-        alone = StudyFleet(batch.scenario_of(vehicle), plan_route(batch.scenario_of(vehicle)), 1).fly([vehicle + 3])
+        alone = StudyFleet(batch.vehicle_scenario(vehicle), plan_route(batch.vehicle_scenario(vehicle)), 1).fly(
+            [vehicle + 3]
+        )
         assert float(together.rmse[vehicle]) == pytest.approx(float(alone.rmse[0]), rel=1e-9)
     same = StudyFleet(scenario, plan_route(scenario), 2).fly([3, 4])
     assert abs(float(together.rmse[0] - same.rmse[0])) > 1e-4

@@ -131,11 +131,11 @@ def test_sin_cos_equals_sine_and_cosine(angle):
 def test_conversion_to_a_word_and_back_is_exact(number):
     """The conversion accepts every scalar type and drops derivatives."""
     for value in (number, np.array([number]), AutoDiffXd(number, [1.0]), np.array([AutoDiffXd(number, [1.0])])):
-        word = elementary.word_of(value)
+        word = elementary.to_uint64(value)
         assert word.dtype == np.uint64
         assert word.tolist() == [int(number)]
-        assert elementary.float_of(word).tolist() == [number]
-    words = elementary.word_of(np.array([number, 3.0]))
+        assert elementary.from_uint64(word).tolist() == [number]
+    words = elementary.to_uint64(np.array([number, 3.0]))
     assert words.tolist() == [int(number), 3]
 
 
@@ -147,21 +147,21 @@ def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
         return 1.0 / x, x
 
     x = np.array([0.0, 2.0, 4.0, 0.0])
-    actual = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
+    actual = elementary.lazy_where(x > 0.0, inverse, (x,), (math.inf, -x))
     np.testing.assert_array_equal(actual, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
-    actual = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
+    actual = elementary.lazy_where(x > 9.0, inverse, (x,), (7.0, x))
     np.testing.assert_array_equal(actual, [[7.0] * 4, x])
-    assert elementary.where_needed(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
-    assert elementary.where_needed(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
+    assert elementary.lazy_where(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
+    assert elementary.lazy_where(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
     assert evaluated == [2, 1]
     # A result that is the same for all vehicles remains a number.
-    shifted = elementary.where_needed(x > 0.0, lambda x, y: x + y, (x, 1.0), 0.0)
+    shifted = elementary.lazy_where(x > 0.0, lambda x, y: x + y, (x, 1.0), 0.0)
     np.testing.assert_array_equal(shifted, [0.0, 3.0, 5.0, 0.0])
 
 
 def test_where_needed_has_derivatives():
     x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
-    actual = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
+    actual = elementary.lazy_where(x > 2.0, lambda x: x * x, (x,), 5.0)
     assert [each.value() for each in actual] == [5.0, 9.0]
     assert actual[1].derivatives() == [6.0]
-    assert elementary.where_needed(x[1] > 2.0, lambda x: x * x, (x[1],), 5.0).derivatives() == [6.0]
+    assert elementary.lazy_where(x[1] > 2.0, lambda x: x * x, (x[1],), 5.0).derivatives() == [6.0]

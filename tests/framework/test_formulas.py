@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
-from drake_quad.framework.elementary import maximum, sqrt, where, where_needed
-from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel, pack_rows
+from drake_quad.framework.elementary import lazy_where, maximum, sqrt, where
+from drake_quad.framework.formulas import TIME, CurrentTick, Tick, at_time, interpret, kernel, pack_rows
 from drake_quad.framework.records import ABSENT, ROW, layout_of
 from drake_quad.framework.symbols import operation
 from drake_quad.signals import Row
@@ -18,7 +18,7 @@ TICK_PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]  # s
 @pytest.mark.parametrize("period", TICK_PERIODS)
 def test_ticks_are_counted_in_pairs(period):
     """The tested times are those of Drake's events, and slightly earlier and later times."""
-    ticks = TickOf(period)
+    ticks = CurrentTick(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
             pair, second = ticks.at(time)
@@ -29,12 +29,12 @@ def test_ticks_are_counted_in_pairs(period):
 
 
 def test_ticks_have_no_derivatives():
-    tick = TickOf(0.02).at(AutoDiffXd(0.06, [1.0]))
+    tick = CurrentTick(0.02).at(AutoDiffXd(0.06, [1.0]))
     assert tick == Tick(1.0, True)
 
 
 def test_placeholders_are_replaced_by_the_tick_and_the_time():
-    assert at_time(TickOf(0.5), 1.5) == Tick(1.0, True)
+    assert at_time(CurrentTick(0.5), 1.5) == Tick(1.0, True)
     assert at_time(TIME, 1.5) == 1.5
     assert at_time("x", 1.5) == "x"
 
@@ -56,7 +56,7 @@ def counted(x, tick, by):
 
 @pytest.mark.parametrize("n", [1, 11])
 def test_machine_code_and_python_get_the_same_tick(n):
-    arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
+    arguments, x = (ROW, CurrentTick(0.02), 0.5), np.arange(float(n))
     run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
         actual = np.empty(n)
@@ -121,7 +121,7 @@ def test_where_keeps_parts_that_are_none():
         lambda x: where(x > 0.0, x < 2.0, False),
         lambda x: where(x > 0.0, True, False),
         lambda x: where(x, 1.0, 2.0),
-        lambda x: where_needed(x, lambda y: y > 0.0, (x,), 3.0),
+        lambda x: lazy_where(x, lambda y: y > 0.0, (x,), 3.0),
         lambda x: x > 0.0,
         lambda x: True,
     ],

@@ -60,7 +60,7 @@ def test_layers_can_be_in_series_and_inside_a_branch():
         hidden = dense(first, [rows[0], 0.5, rows[1]], elementary.tanh)
         again = dense(first, [rows[1], rows[0], hidden[4]], elementary.tanh)
         out = dense(second, again, identity_of)
-        some = elementary.where_needed(rows[0] > 0.0, inner, (out[0], out[2]), (7.0, -7.0))
+        some = elementary.lazy_where(rows[0] > 0.0, inner, (out[0], out[2]), (7.0, -7.0))
         return (*out, *some)
 
     rows = np.random.default_rng(1).normal(size=(2, 21))

@@ -37,11 +37,11 @@ def sine(x):
 
 
 def there_and_back(x):
-    return elementary.float_of(elementary.word_of(x))
+    return elementary.from_uint64(elementary.to_uint64(x))
 
 
 def lower_half(x, y):
-    return elementary.float_of((elementary.word_of(x) + elementary.word_of(y)) & np.uint64(2**26 - 1))
+    return elementary.from_uint64((elementary.to_uint64(x) + elementary.to_uint64(y)) & np.uint64(2**26 - 1))
 
 
 def small_arctan(x):
@@ -171,7 +171,7 @@ BINARY_EXPRESSIONS = (
     "arctan2({}, {})",
     "where({0} > {1}, {0}, 2.0 * {1})",
     "where(({0} <= {1}) & ({0} != 1.0) | ({1} >= 2.0), {1}, {0})",
-    "where_needed({0} > {1}, lambda a, b: sqrt(abs(a)) - a * b, ({0}, {1}), {1})",
+    "lazy_where({0} > {1}, lambda a, b: sqrt(abs(a)) - a * b, ({0}, {1}), {1})",
 )
 
 
@@ -285,18 +285,18 @@ def polar(x: Row, y: Row) -> Polar:
 
 
 def seldom_polar(x: Row, y: Row, bound: Row) -> Polar:
-    return elementary.where_needed(x > bound, polar, (x, y), Polar(y, -1.0))
+    return elementary.lazy_where(x > bound, polar, (x, y), Polar(y, -1.0))
 
 
 def nested(x: Row, y: Row, bound: Row) -> Row:
     """Use a branch twice with different rows, once inside another branch, and compute with the results."""
 
     def inside(x: Row, y: Row) -> Row:
-        length, slope = elementary.where_needed(y > 0.0, polar, (x, y), (x, 0.5))
-        return length + elementary.where_needed(slope > 1.0, lambda y: elementary.sqrt(abs(y)), (y,), 2.0)
+        length, slope = elementary.lazy_where(y > 0.0, polar, (x, y), (x, 0.5))
+        return length + elementary.lazy_where(slope > 1.0, lambda y: elementary.sqrt(abs(y)), (y,), 2.0)
 
-    first = elementary.where_needed(x > bound, inside, (x, y), x)
-    return first / (3.0 + abs(elementary.where_needed(first < y, inside, (y, first), 0.25)))
+    first = elementary.lazy_where(x > bound, inside, (x, y), x)
+    return first / (3.0 + abs(elementary.lazy_where(first < y, inside, (y, first), 0.25)))
 
 
 VEHICLE_MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
@@ -335,8 +335,8 @@ def test_branches_can_be_nested(n):
 def test_where_needed_can_return_several_rows():
     def formula(x: Row, y: Row) -> Row:
         mask = x > 0.0
-        return elementary.where_needed(mask, polar, (x, y), Polar(y, x)).slope - (
-            2.0 * elementary.where_needed(mask, polar, (y, x), Polar(x, y)).slope
+        return elementary.lazy_where(mask, polar, (x, y), Polar(y, x)).slope - (
+            2.0 * elementary.lazy_where(mask, polar, (y, x), Polar(x, y)).slope
         )
 
     rows = [*np.random.default_rng(2).normal(size=(2, 2 * LANES))]
@@ -345,12 +345,12 @@ def test_where_needed_can_return_several_rows():
 
 def test_branches_accept_and_return_truth_values_and_words():
     def inside(word: Any, truth: bool, x: Row) -> tuple[Any, bool]:
-        return word + elementary.word_of(abs(x)), truth & (x > 2.0)
+        return word + elementary.to_uint64(abs(x)), truth & (x > 2.0)
 
     def formula(x: Row, y: Row) -> Row:
-        word, truth = elementary.word_of(x), y > 1.0
-        sums, both = elementary.where_needed(x > 1.0, inside, (word, truth, y), (word, truth))
-        return elementary.where(both, elementary.float_of(sums), -1.0)
+        word, truth = elementary.to_uint64(x), y > 1.0
+        sums, both = elementary.lazy_where(x > 1.0, inside, (word, truth, y), (word, truth))
+        return elementary.where(both, elementary.from_uint64(sums), -1.0)
 
     x, y = np.random.default_rng(1).integers(0, 5, (2, 4 * LANES)).astype(float)
     expected = np.where(y > np.where(x > 1.0, 2.0, 1.0), np.where(x > 1.0, x + y, x), -1.0)
@@ -386,24 +386,24 @@ def test_a_constant_mask_needs_no_branch():
         taken.append(factor)
         return x * factor
 
-    assert elementary.where_needed(False, doubled, (x, 2.0), 7.0) == 7.0
+    assert elementary.lazy_where(False, doubled, (x, 2.0), 7.0) == 7.0
     assert taken == []
-    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0).line == doubled(x, 2.0).line
+    assert elementary.lazy_where(True, doubled, (x, 2.0), 7.0).line == doubled(x, 2.0).line
     assert "branch" not in {operation.name for operation in listing.operations}
-    elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
+    elementary.lazy_where(x > 0.0, doubled, (x, 2.0), 7.0)
     assert taken == [2.0, 2.0, 2.0]
     # A formula with a constant result needs no function.
-    results = [elementary.where_needed(x > 0.0, lambda: 3.0, (), x)]
-    assert machine(lambda x: elementary.where_needed(x > 0.0, lambda: 3.0, (), x), 1.0) == 3.0
+    results = [elementary.lazy_where(x > 0.0, lambda: 3.0, (), x)]
+    assert machine(lambda x: elementary.lazy_where(x > 0.0, lambda: 3.0, (), x), 1.0) == 3.0
     assert results[0].listing is listing
 
 
 def test_a_branch_that_uses_rows_that_are_not_arguments_is_refused():
     def summed(x: Row, y: Row) -> Row:
-        return elementary.where_needed(x > 0.0, lambda x: x + y, (x,), 0.0)
+        return elementary.lazy_where(x > 0.0, lambda x: x + y, (x,), 0.0)
 
     def passed(x: Row, y: Row) -> Row:
-        return elementary.where_needed(x > 0.0, lambda x: y, (x,), 0.0)
+        return elementary.lazy_where(x > 0.0, lambda x: y, (x,), 0.0)
 
     for formula in (summed, passed):
         with pytest.raises(TypeError, match="uses a row that is not one of its arguments"):

@@ -15,7 +15,7 @@ LAYER_MATRIX = Matrix(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.5, -0.5]))
 def branched(*, factor=2.0, mask=1.0, argument=0):
     def traced(listing):
         rows = listing.row(0, 0), listing.row(0, 1)
-        elementary.where_needed(rows[0] > mask, lambda x: (factor * x, x + 1.0), (rows[argument],), (0.0, 0.0))
+        elementary.lazy_where(rows[0] > mask, lambda x: (factor * x, x + 1.0), (rows[argument],), (0.0, 0.0))
 
     return traced
 

@@ -72,4 +72,4 @@ def test_the_derivative_of_a_quaternion_follows_from_the_body_rates(attitude):
 def test_the_rotation_to_another_attitude_is_the_shortest_one(first, second, sign):
     other = Quaternion(*(sign * part for part in Quaternion.of(*second)))
     expected = (rotation(first).inv() * rotation(second)).as_rotvec()
-    np.testing.assert_allclose(Quaternion.of(*first).rotation_to(other), expected, atol=1e-13)
+    np.testing.assert_allclose(Quaternion.of(*first).relative_rotation_vector(other), expected, atol=1e-13)

@@ -11,10 +11,10 @@ from pydrake.math import RollPitchYaw
 from drake_quad.geometry.flatness import (
     HeadingVector,
     angular_accelerations,
-    attitude_of,
+    attitude_from_tilt,
     body_rates,
     in_heading,
-    tilt_of,
+    tilt_from_thrust,
 )
 from drake_quad.signals import Acceleration
 
@@ -29,7 +29,7 @@ def turned(vector, yaw):
 
 
 def tilt_at(thrust, yaw):
-    return tilt_of(turned(thrust, yaw))
+    return tilt_from_thrust(turned(thrust, yaw))
 
 
 @given(vectors, angles, st.sampled_from([1.0, -1.0]))
@@ -37,15 +37,15 @@ def test_the_thrust_points_along_the_z_axis_of_the_body(acceleration, yaw, up):
     """The equation is f = F z_B with Drake's rotation matrix, at any yaw, even upside down."""
     thrust = up * (acceleration + G)
     tilt = tilt_at(thrust, yaw)
-    z_B = RollPitchYaw(*attitude_of(tilt), yaw).ToRotationMatrix().matrix()[:, 2]
+    z_B = RollPitchYaw(*attitude_from_tilt(tilt), yaw).ToRotationMatrix().matrix()[:, 2]
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
 def test_the_attitude_at_zero_yaw_agrees_with_eq_7():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
-    tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))
-    roll, pitch = attitude_of(tilt)
+    tilt = tilt_from_thrust(HeadingVector(u_x, u_y, u_z + 9.81))
+    roll, pitch = attitude_from_tilt(tilt)
     assert mass * tilt.thrust == pytest.approx(mass * math.sqrt((u_z + 9.81) ** 2 + u_x**2 + u_y**2))
     assert pitch == pytest.approx(math.atan(u_x / (u_z + 9.81)))
     assert roll == pytest.approx(math.asin(-u_y / tilt.thrust))
@@ -64,7 +64,7 @@ def test_body_rates_and_angular_accelerations_are_derivatives_of_the_attitude(
         resolved = [turned(vector, heading) for vector in (jerk + snap * time, snap)]
         p_q_r = body_rates(tilt, resolved[0], turning)
         return (
-            np.array([*attitude_of(tilt), heading]),
+            np.array([*attitude_from_tilt(tilt), heading]),
             np.array(p_q_r),
             angular_accelerations(tilt, p_q_r, *resolved, turning, yaw_acceleration),
         )

@@ -8,13 +8,13 @@ import pytest
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym import episodes as module
 from drake_quad.gym.episodes import Episodes
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 
 
 @pytest.mark.parametrize(("n", "most"), [(1, 32), (500, 4096), (4097, 2 * 4097)])
 def test_the_number_of_episodes_in_memory_is_bounded(n, most):
     """The current and the next episode of each vehicle are kept, and more only in small fleets."""
-    scenario = task_of("hover")
+    scenario = environment_scenario("hover")
     episodes = Episodes(scenario, plan_route(scenario), n, outputs=("state",))
     for rows in episodes._ready:
         assert 2 * n <= math.prod(rows.shape[:2]) <= most
@@ -23,7 +23,7 @@ def test_the_number_of_episodes_in_memory_is_bounded(n, most):
 @pytest.mark.slow
 def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkeypatch):
     """Further episodes of this vehicle are computed on demand, while other vehicles still have unused episodes."""
-    scenario = task_of("robustness")
+    scenario = environment_scenario("robustness")
     plan = plan_route(scenario)
 
     def parameters(*vehicles):

@@ -5,7 +5,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.design.cascade import design_cascade
-from drake_quad.gym.task import task_of
+from drake_quad.gym.task import environment_scenario
 from drake_quad.scenario.files.loading import with_fields
 
 
@@ -18,17 +18,19 @@ def test_a_missing_attitude_controller_is_designed_like_the_attitude_loop_of_a_c
     cascade = {"position": {"kind": "pd", "feed_forward": "none", **gains}, "attitude": gains}
     expected = design_cascade(with_fields(scenario, {"control": cascade})).gains()["attitude"]
     for action in ("attitude", "acceleration", {"kind": "rates"}):
-        actual = task_of(scenario, action=action).control.attitude
+        actual = environment_scenario(scenario, action=action).control.attitude
         assert {"k_p": [*actual.k_p], "k_d": [*actual.k_d]} == expected
     for action in ("rotor_speeds", {"kind": "rates", "k_rate": [20.0, 20.0, 5.0]}):
-        assert task_of(scenario, action=action).control.attitude is None
+        assert environment_scenario(scenario, action=action).control.attitude is None
 
 
 def test_action_fields_can_be_arrays_and_invalid_actions_are_reported():
     attitude = load_scenario("figure_eight").control.attitude
-    actual = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
+    actual = environment_scenario(
+        "figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}
+    ).control
     assert (actual.action.max_rates, actual.attitude) == ((5.0, 4.0, 3.0), attitude)
-    assert task_of("figure_eight", action={"kind": "rates", "k_rate": np.ones(3)}).control.attitude is None
+    assert environment_scenario("figure_eight", action={"kind": "rates", "k_rate": np.ones(3)}).control.attitude is None
     for action, words in (
         ({"kind": "rates", "max_rates": "fast"}, "control.action.max_rates is 'fast', but must be a list"),
         ({"kind": "torques"}, "control.action.kind is 'torques', but must be one of"),
@@ -36,4 +38,4 @@ def test_action_fields_can_be_arrays_and_invalid_actions_are_reported():
         ({"kind": "acceleration", 3: 4}, "control.action"),
     ):
         with pytest.raises(InputError, match=words):
-            task_of("figure_eight", action=action)
+            environment_scenario("figure_eight", action=action)

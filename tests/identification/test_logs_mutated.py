@@ -47,7 +47,7 @@ def of_signal(name, change):
     return lambda log: log | {name: change(log[name])}
 
 
-def of_rows(choose):
+def from_rows(choose):
     """Return a mutation that selects, repeats or reorders rows."""
     return lambda log: {name: values[choose(np.arange(COUNT))] for name, values in log.items()}
 
@@ -64,13 +64,13 @@ MUTATIONS = {
     "beyond single precision": set_values(slice(60, None), -1e300),
     "columns swapped": lambda log: {name: values[:, ::-1] for name, values in log.items()},
     "signals swapped": lambda log: log | {"position": log["body_rates"], "attitude": log["velocity"]},
-    "no rows": of_rows(lambda rows: rows[:0]),
-    "one row": of_rows(lambda rows: rows[:1]),
-    "two rows": of_rows(lambda rows: rows[:2]),
-    "rows repeated": of_rows(lambda rows: np.repeat(rows, 2)),
-    "rows shuffled": of_rows(lambda rows: RNG.permutation(rows)),
-    "rows reversed": of_rows(lambda rows: rows[::-1]),
-    "a gap": of_rows(lambda rows: np.concatenate([rows[:60], rows[180:]])),
+    "no rows": from_rows(lambda rows: rows[:0]),
+    "one row": from_rows(lambda rows: rows[:1]),
+    "two rows": from_rows(lambda rows: rows[:2]),
+    "rows repeated": from_rows(lambda rows: np.repeat(rows, 2)),
+    "rows shuffled": from_rows(lambda rows: RNG.permutation(rows)),
+    "rows reversed": from_rows(lambda rows: rows[::-1]),
+    "a gap": from_rows(lambda rows: np.concatenate([rows[:60], rows[180:]])),
     "time goes back": of_signal("time", lambda time: np.where(time > 2.0, time - 1.0, time)),
     "time stands still": of_signal("time", lambda time: 0.0 * time),
     "time in ms": of_signal("time", lambda time: 1e3 * time),

@@ -431,7 +431,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
     written = [each.normal.mean if isinstance(each, Normal) else each for each in vehicle.vehicle.inertia]
     np.testing.assert_allclose(written, expected, rtol=1e-4)
     assert "nearest rigid body: in the estimate, I_zz, 2.98e-05, is larger than I_xx + I_yy" in text_of(path)
-    moments = np.array([Batch.draw(vehicle, [i]).scenario_of(0).vehicle.inertia for i in range(20)])
+    moments = np.array([Batch.draw(vehicle, [i]).vehicle_scenario(0).vehicle.inertia for i in range(20)])
     assert (2.0 * moments.max(axis=1) <= (1.0 + 1e-5) * moments.sum(axis=1)).all()
 
 

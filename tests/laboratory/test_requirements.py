@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drake_quad.laboratory.derived_signals import RowOf
+from drake_quad.laboratory.derived_signals import RowSelector
 from drake_quad.laboratory.requirements import Bound, Combination, always, eventually, holds_until, robustness
 from drake_quad.signals import Wind
 
@@ -23,11 +23,11 @@ def walks(seed):
 
 
 def below(row, bound):
-    return Bound(RowOf(row), ("wind",), -math.inf, bound)
+    return Bound(RowSelector(row), ("wind",), -math.inf, bound)
 
 
 def above(row, bound):
-    return Bound(RowOf(row), ("wind",), bound, math.inf)
+    return Bound(RowSelector(row), ("wind",), bound, math.inf)
 
 
 def result(accumulator, wind):
@@ -48,7 +48,7 @@ def test_always_is_the_smallest_margin_and_eventually_the_largest_in_the_window(
     assert result(eventually(both, 2.0, 6.0), wind) == margin[WINDOW].max()
     one = Combination("any", (below("x", 1.0), above("y", -2.0)))
     assert result(always(one, 0.0, math.inf), wind) == np.maximum(1.0 - wind.x, wind.y + 2.0).min()
-    assert result(always(Bound(RowOf("z"), ("wind",), -1.0, 3.0), 0.0, math.inf), wind) == min(
+    assert result(always(Bound(RowSelector("z"), ("wind",), -1.0, 3.0), 0.0, math.inf), wind) == min(
         (3.0 - wind.z).min(), (wind.z + 1.0).min()
     )
 

@@ -6,7 +6,7 @@ import pytest
 from drake_quad import load_scenario
 from drake_quad.errors import InputError
 from drake_quad.flight.hover_error import nominal_tracking_error
-from drake_quad.flight.mission import plan_route, planned
+from drake_quad.flight.mission import plan_route, plan_route_with_problem
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
@@ -37,7 +37,7 @@ def room(tmp_path_factory):
 
 def smallest_clearance(scenario, plan):
     """Return the smallest distance between the centre of mass and an obstacle over dense samples of a plan, m."""
-    space = scenario.room()
+    space = scenario.flight_space()
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
@@ -51,8 +51,8 @@ TIMING_OVERRIDES = {
 @pytest.mark.parametrize("timing", TIMING_OVERRIDES.values(), ids=TIMING_OVERRIDES)
 def test_plans_with_every_timing_keep_clearance_and_speed_and_acceleration_limits(room, timing):
     scenario = room(timing)
-    plan, problem, waypoints, _ = planned(scenario)
-    assert scenario.room().clearance == pytest.approx(0.27)
+    plan, problem, waypoints, _ = plan_route_with_problem(scenario)
+    assert scenario.flight_space().clearance == pytest.approx(0.27)
     assert smallest_clearance(scenario, plan) >= 0.27
     passed_waypoints = plan.waypoints[waypoints]
     np.testing.assert_allclose(passed_waypoints, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
@@ -68,7 +68,7 @@ def test_the_yaw_equals_the_given_yaw_at_each_waypoint(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
     )
-    plan, _, numbers, _ = planned(room("route.heading=waypoints", waypoints, "route.times=heuristic"))
+    plan, _, numbers, _ = plan_route_with_problem(room("route.heading=waypoints", waypoints, "route.times=heuristic"))
     yaws = evaluate(plan.yaw, plan.path.times[numbers])[0]
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
@@ -80,7 +80,7 @@ def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
     )
     corridors = "route.corridors=[null, null, null, {min: [-1, -2, 0.3], max: [7, 0.5, 2.0]}]"
     scenario = room(waypoints, corridors, "route.times=heuristic")
-    plan, _, numbers, _ = planned(scenario)
+    plan, _, numbers, _ = plan_route_with_problem(scenario)
     assert smallest_clearance(scenario, plan) >= 0.27
     gate_position, ball_position = plan.waypoints[numbers[1]], plan.waypoints[numbers[2]]
     np.testing.assert_array_compare(np.less_equal, [3.0 - 1e-9, 2.6, 0.8], gate_position)
@@ -93,7 +93,7 @@ def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
 def test_the_path_passes_a_gate_where_no_obstacle_covers_it(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
-    plan, _, numbers, _ = planned(scenario)
+    plan, _, numbers, _ = plan_route_with_problem(scenario)
     assert smallest_clearance(scenario, plan) >= 0.27
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
@@ -148,7 +148,9 @@ def test_the_error_for_an_impossible_plan_gives_the_reason(room, overrides, mess
 
 
 def test_a_plan_around_obstacles_is_cached(room):
-    assert planned(room("route.times=heuristic")) is planned(room("route.times=heuristic"))
+    assert plan_route_with_problem(room("route.times=heuristic")) is plan_route_with_problem(
+        room("route.times=heuristic")
+    )
 
 
 def test_a_smaller_margin_makes_the_flight_faster(room):
@@ -156,7 +158,7 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     plan_with_margin, plan_without_margin = (
         plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0)
     )
-    approach = nearest_approach(plan_without_margin.path, room("space.margin=0").room())
+    approach = nearest_approach(plan_without_margin.path, room("space.margin=0").flight_space())
     assert plan_without_margin.duration < plan_with_margin.duration
     assert approach.distance >= 0.17
 
@@ -165,10 +167,12 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
     """Wind and control determine the predicted error, and therefore also the plan."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
-    calm, windy = (planned(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,)))
+    calm, windy = (
+        plan_route_with_problem(room("space.tracking_error_factor=0.5", *dragged, *each)) for each in ((), (wind,))
+    )
     predicted_error = nominal_tracking_error(room(wind, *dragged)).rms.value
     # The fraction affects the plan, but not the detection of collisions.
-    assert room("space.tracking_error_factor=0.5").room().clearance == pytest.approx(0.27)
+    assert room("space.tracking_error_factor=0.5").flight_space().clearance == pytest.approx(0.27)
     assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01
     distances = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
@@ -178,7 +182,7 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
 def test_the_planner_finds_a_path_through_the_shipped_forest():
     """Drake's search for a convex region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])
-    planned_mission = planned(scenario)
+    planned_mission = plan_route_with_problem(scenario)
     assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 

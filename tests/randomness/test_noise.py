@@ -11,7 +11,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceParameters
 from drake_quad.randomness.noise import (
     EXPORTED_PREFIX,
-    Exported,
+    ExportedRandomNumbers,
     NoiseSource,
     Stream,
     connect_noise,
@@ -175,7 +175,7 @@ def test_random_sources_of_drake_can_replace_the_streams():
 def test_exported_numbers_of_a_period_are_in_the_order_of_its_ticks(num_vehicles):
     """A period of 60 ms contains three ticks of the turbulence, each with five numbers for every vehicle."""
     builder, ports = turbulent_builder(num_vehicles)
-    export_noise(builder, ports, Exported(0.06), num_vehicles)
+    export_noise(builder, ports, ExportedRandomNumbers(0.06), num_vehicles)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     given = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.framework.formulas import TickOf, kernel
+from drake_quad.framework.formulas import CurrentTick, kernel
 from drake_quad.framework.records import layout_of
 from drake_quad.randomness.streams import (
     StreamKind,
@@ -23,7 +23,7 @@ from drake_quad.signals import Row
 def numbers_of(states, ticks, *, normal):
     """Return the numbers (ticks, N) of streams with one row, computed by machine code."""
     halves = np.concatenate(StreamState.of(states))
-    arguments = layout_of(StreamState), TickOf(1.0), 1, normal
+    arguments = layout_of(StreamState), CurrentTick(1.0), 1, normal
     run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
     numbers = np.empty((len(ticks), states.size))
     for tick, row in zip(ticks, numbers, strict=True):

@@ -8,7 +8,7 @@ import pytest
 from drake_quad.reference import infeasibility
 from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, path_within
+from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, constrained_minimum_snap
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 
 
@@ -48,9 +48,9 @@ def test_the_smallest_feasible_slow_down_is_found_to_three_digits():
         r"on segment 0: .* flown ([\d.]+) times slower, it is feasible", explain_infeasibility(asked, durations)
     )
     factor = float(said[1])
-    path_within(asked, factor * durations)
+    constrained_minimum_snap(asked, factor * durations)
     with pytest.raises(InfeasibleError):
-        path_within(asked, (factor - 0.011) * durations)
+        constrained_minimum_snap(asked, (factor - 0.011) * durations)
 
 
 def test_a_given_velocity_that_is_infeasible_at_any_speed_is_reported():
@@ -83,9 +83,9 @@ def test_the_message_states_by_how_much_a_corridor_must_be_wider():
         explain_infeasibility(within(0.0), durations),
     )
     wider = float(said[1])
-    path_within(within(wider), durations)
+    constrained_minimum_snap(within(wider), durations)
     with pytest.raises(InfeasibleError):
-        path_within(within(0.98 * wider), durations)
+        constrained_minimum_snap(within(0.98 * wider), durations)
 
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
@@ -104,9 +104,9 @@ def test_the_message_states_how_far_given_derivatives_lead_out_of_a_corridor(aft
         r"the corridor of segment 0 cannot .* ([\d.]+) m wider", explain_infeasibility(within(0.0), durations)
     )
     wider = float(said[1])
-    path_within(within(wider), durations)
+    constrained_minimum_snap(within(wider), durations)
     with pytest.raises(InfeasibleError):
-        path_within(within(0.98 * wider), durations)
+        constrained_minimum_snap(within(0.98 * wider), durations)
 
 
 @pytest.mark.parametrize("corridors", [None, [Box([-1.0], [5.0])]])
@@ -114,7 +114,7 @@ def test_no_corridor_is_named_if_only_the_solver_failed(monkeypatch, corridors):
     def gives_up(problem, durations):
         raise SolverError
 
-    monkeypatch.setattr(infeasibility, "path_within", gives_up)
+    monkeypatch.setattr(infeasibility, "constrained_minimum_snap", gives_up)
     assert explain_infeasibility(problem([[0.0], [4.0]], corridors=corridors), np.ones(1)) == (
         "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     )

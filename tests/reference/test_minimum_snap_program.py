@@ -16,7 +16,7 @@ from drake_quad.reference.minimum_snap_program import (
     MinimumSnapProgram,
     RelaxedBounds,
     SolverError,
-    path_within,
+    constrained_minimum_snap,
 )
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphere
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
@@ -56,7 +56,7 @@ def test_a_path_satisfies_the_limits_at_all_times_and_attains_one(seed, segments
     peaks = {order: peak_norm(free, order) for order in (1, 2)}
     limits = PathLimits(speed=fraction * peaks[1], acceleration=fraction * peaks[2])
     try:
-        path = path_within(PathProblem(points(waypoints), limits=limits), durations)
+        path = constrained_minimum_snap(PathProblem(points(waypoints), limits=limits), durations)
     except InfeasibleError:
         assume(False)
     fractions = [
@@ -98,7 +98,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
         options={"ftol": 1e-10, "maxiter": 300},
     )
     assert actual.success
-    path = path_within(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
+    path = constrained_minimum_snap(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
     # The tested path keeps a margin of 1e-4 below the limit, and the reference has no margin.
     assert snap_cost(path)[0] / cost == pytest.approx(actual.fun, rel=1e-3)
 
@@ -111,7 +111,7 @@ def test_a_path_stays_in_its_corridors_at_all_times(seed, segments, margin):
     low = np.minimum(waypoints[:-1], waypoints[1:]) - margin
     high = np.maximum(waypoints[:-1], waypoints[1:]) + margin
     corridors = [Box(a, b) for a, b in zip(low, high, strict=True)]
-    path = path_within(PathProblem(points(waypoints), corridors=corridors), durations)
+    path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=corridors), durations)
     positions = dense_samples(path)
     beyond = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max(axis=(1, 2))
     assert (beyond <= 1e-6 * (high - low).max(axis=1)).all()
@@ -127,14 +127,14 @@ def test_a_path_stays_in_its_corridors_at_all_times(seed, segments, margin):
 def test_a_path_in_a_corridor_without_height_is_level():
     waypoints = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 3.0, 2.0]])
     corridors = [Box([-1, -1, 1], [4, 4, 1]), Box([-1, -1, 1], [4, 4, 1]), None]
-    path = path_within(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
+    path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
     np.testing.assert_allclose(dense_samples(path)[:2, :, 2], 1.0, atol=1e-12)
 
 
 def test_at_a_waypoint_on_a_wall_the_path_is_parallel_to_the_wall():
     waypoints = np.array([[0.0, 0.5], [1.0, 0.0], [2.0, 0.5]])
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
-    path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
+    path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
     assert dense_samples(path)[:, :, 1].min() >= -1e-6
     # The remaining excess beyond the wall, v² / 2a, is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
@@ -144,16 +144,16 @@ def test_boxes_and_spheres_are_passed_at_the_point_of_minimum_cost():
     ends = [Box.point([0.0, 0.0]), Box.point([4.0, 0.0])]
     sphere = Sphere([2.0, 1.0], 0.5)
     durations = np.array([2.0, 2.0])
-    path = path_within(PathProblem([ends[0], sphere, ends[1]]), durations)
+    path = constrained_minimum_snap(PathProblem([ends[0], sphere, ends[1]]), durations)
     passed = evaluate(path, [2.0])[:, 0]
     assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
     # By symmetry, the point of minimum cost is the lowest point.
     np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
     box = Box([1.0, 0.75], [3.0, 2.0])
-    passed = evaluate(path_within(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
+    passed = evaluate(constrained_minimum_snap(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
     np.testing.assert_allclose(passed, [2.0, 0.75], atol=1e-6)
     around = Box([1.0, -1.0], [3.0, 2.0])
-    path = path_within(PathProblem([ends[0], around, ends[1]]), durations)
+    path = constrained_minimum_snap(PathProblem([ends[0], around, ends[1]]), durations)
     direct = MinimumSnap(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([4.0])).cost
     assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), (
         "a box that does not constrain the path must not increase the cost"
@@ -192,7 +192,8 @@ def test_a_path_through_points_within_limits_needs_no_solver():
     free = MinimumSnap(waypoints, durations).path()
     limits = PathLimits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
     np.testing.assert_array_equal(
-        path_within(PathProblem(points(waypoints), limits=limits), durations).coefficients, free.coefficients
+        constrained_minimum_snap(PathProblem(points(waypoints), limits=limits), durations).coefficients,
+        free.coefficients,
     )
 
 
@@ -202,34 +203,38 @@ def test_a_single_violated_limit_requires_the_program(order):
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
     bounds[order] /= 10.0
-    path = path_within(PathProblem(points(waypoints), limits=PathLimits(bounds[1], bounds[2])), durations)
+    path = constrained_minimum_snap(PathProblem(points(waypoints), limits=PathLimits(bounds[1], bounds[2])), durations)
     assert peak_norm(path, order) == pytest.approx(bounds[order], rel=1e-3)
 
 
 def test_a_box_is_passed_at_its_nearest_face():
     ends, durations = points([[0.0, 0.0], [4.0, 0.0]]), np.array([2.0, 3.0])
     for low, high, face in ((0.75, 2.0, 0.75), (-2.0, -0.75, -0.75)):
-        across = path_within(PathProblem([ends[0], Box([1.0, low], [3.0, high]), ends[1]]), durations)
+        across = constrained_minimum_snap(PathProblem([ends[0], Box([1.0, low], [3.0, high]), ends[1]]), durations)
         assert across.waypoints[1, 1] == pytest.approx(face, abs=1e-6)
     for low, high, face in ((2.5, 3.0, 2.5), (0.5, 1.0, 1.0)):
-        along = path_within(PathProblem([ends[0], Box([low, 1.0], [high, 2.0]), ends[1]]), durations)
+        along = constrained_minimum_snap(PathProblem([ends[0], Box([low, 1.0], [high, 2.0]), ends[1]]), durations)
         np.testing.assert_allclose(along.waypoints[1], [face, 1.0], atol=1e-6)
 
 
 def test_a_path_begins_at_the_best_point_of_a_sphere():
     places = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
-    np.testing.assert_allclose(path_within(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6)
+    np.testing.assert_allclose(
+        constrained_minimum_snap(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6
+    )
 
 
 def test_a_corridor_without_height_reduces_a_sphere_to_a_circle():
     """At a height of 1 m the intersection is a circle with a radius of 0.4 m."""
     flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
     places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
-    path = path_within(PathProblem(places, corridors=[flat, None]), np.array([2.0, 2.0]))
+    path = constrained_minimum_snap(PathProblem(places, corridors=[flat, None]), np.array([2.0, 2.0]))
     np.testing.assert_allclose(path.waypoints[1], [2.0, 0.6, 1.0], atol=1e-4)
     assert np.linalg.norm(path.waypoints[1] - places[1].centre) == pytest.approx(0.5, abs=1e-7)
     still = Box([2.0, 0.9, 1.0], [2.0, 0.9, 1.0])
-    stuck = path_within(PathProblem([places[1], Box.point([2.0, 0.9, 1.0])], corridors=[still]), np.array([2.0]))
+    stuck = constrained_minimum_snap(
+        PathProblem([places[1], Box.point([2.0, 0.9, 1.0])], corridors=[still]), np.array([2.0])
+    )
     np.testing.assert_array_equal(stuck.waypoints, [[2.0, 0.9, 1.0]] * 2)
 
 
@@ -239,7 +244,7 @@ def test_a_path_may_change_its_height_after_a_corridor_without_height():
     flat = Box(
         [*(waypoints.min(axis=0) - 9.0)[:2], waypoints[0, 2]], [*(waypoints.max(axis=0) + 9.0)[:2], waypoints[0, 2]]
     )
-    path = path_within(PathProblem(points(waypoints), corridors=[flat, None, None, None]), durations)
+    path = constrained_minimum_snap(PathProblem(points(waypoints), corridors=[flat, None, None, None]), durations)
     held = rest_at_ends(5, 1)
     held[1] = 0.0
     heights = MinimumSnap(waypoints[:, 2:], durations, held).path()
@@ -252,7 +257,7 @@ def test_scaling_a_problem_with_corridors_scales_its_path():
 
     def within(scale):
         corridors = [Box(scale * a, scale * b) for a, b in zip(low, high, strict=True)]
-        return path_within(PathProblem(points(scale * waypoints), corridors=corridors), durations)
+        return constrained_minimum_snap(PathProblem(points(scale * waypoints), corridors=corridors), durations)
 
     expected = within(1.0).coefficients
     for scale in (1e-3, 1e3):
@@ -273,12 +278,12 @@ def test_a_feasible_problem_with_slack_has_zero_slack_and_the_smoothest_path(sla
 
 def test_impossible_constraints_are_infeasible():
     single = PathProblem(points([[0.0], [1.0]]), limits=PathLimits(speed=1.0))
-    assert peak_norm(path_within(single, np.array([2.2])), 1) == pytest.approx(2.1875 / 2.2)
+    assert peak_norm(constrained_minimum_snap(single, np.array([2.2])), 1) == pytest.approx(2.1875 / 2.2)
     with pytest.raises(InfeasibleError):
-        path_within(single, np.array([2.1]))
+        constrained_minimum_snap(single, np.array([2.1]))
     double = PathProblem(points([[0.0], [1.0], [2.0]]), limits=PathLimits(speed=1.0))
     with pytest.raises(InfeasibleError):
-        path_within(double, np.array([0.9, 0.9]))
+        constrained_minimum_snap(double, np.array([0.9, 0.9]))
 
 
 def test_a_program_is_infeasible_if_a_path_without_freedom_violates_a_bound():
@@ -355,7 +360,7 @@ def test_the_log_level_of_drake_is_restored_after_a_solution():
     try:
         logger.setLevel(logging.INFO)
         limits = PathLimits(speed=0.9 * peak_norm(MinimumSnap(np.array([[0.0], [1.0], [3.0]]), np.ones(2)).path(), 1))
-        path_within(PathProblem(points([[0.0], [1.0], [3.0]]), limits=limits), np.array([1.0, 1.0]))
+        constrained_minimum_snap(PathProblem(points([[0.0], [1.0], [3.0]]), limits=limits), np.array([1.0, 1.0]))
         assert logger.level == logging.INFO
     finally:
         logger.setLevel(level)
@@ -373,7 +378,7 @@ def test_the_excess_over_limits_is_the_smallest_possible():
 
     def path(fraction):
         wider = PathLimits(**{name: (1.0 + fraction * program.excess) * limit for name, limit in limits.items()})
-        return path_within(PathProblem(points(waypoints), limits=wider), durations)
+        return constrained_minimum_snap(PathProblem(points(waypoints), limits=wider), durations)
 
     assert path(1.01).duration == pytest.approx(durations.sum())
     with pytest.raises(InfeasibleError):
@@ -392,4 +397,4 @@ def test_a_failure_of_the_solver_raises_an_error(monkeypatch):
     route = points(np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 0.0, 1.0]]))
     problem = PathProblem(route, derivatives=rest_at_ends(3, 3), limits=PathLimits(speed=2.0))
     with pytest.raises(SolverError, match="the minimum-snap program was not solved: k"):
-        path_within(problem, np.array([1.5, 1.5]))
+        constrained_minimum_snap(problem, np.array([1.5, 1.5]))

@@ -51,8 +51,8 @@ def test_a_problem_has_rest_at_both_ends_and_no_limits_by_default():
     np.testing.assert_array_equal(np.isnan(problem.derivatives).all(axis=(1, 2)), [False, True, False])
     assert not np.nan_to_num(problem.derivatives).any()
     assert (problem.corridors, problem.limits.by_order, problem.segments) == ((None, None), {}, 2)
-    assert problem.stretchable
-    assert not PathProblem(WAYPOINTS, derivatives=VELOCITY_ALONG_X).stretchable
+    assert problem.is_time_scalable
+    assert not PathProblem(WAYPOINTS, derivatives=VELOCITY_ALONG_X).is_time_scalable
     assert PathLimits(acceleration=3.0).by_order == {2: 3.0}
     assert PathLimits(speed=3.0).by_order == {1: 3.0}
     limited = PathProblem(
@@ -68,8 +68,8 @@ def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
     corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
     places = [Box([-5, 0, 0], [5, 0, 0]), WAYPOINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
     problem = PathProblem(places, corridors=corridors)
-    np.testing.assert_array_equal([problem.room(0).low[0], problem.room(0).high[0]], [-1.0, 2.0])
-    np.testing.assert_array_equal([problem.room(2).low[0], problem.room(2).high[0]], [1.0, 2.5])
+    np.testing.assert_array_equal([problem.allowed_box(0).low[0], problem.allowed_box(0).high[0]], [-1.0, 2.0])
+    np.testing.assert_array_equal([problem.allowed_box(2).low[0], problem.allowed_box(2).high[0]], [1.0, 2.5])
     np.testing.assert_array_equal(problem.representatives()[[0, 2]], [[0.0, 0.0, 0.0], [1.25, 2.0, 0.0]])
 
 
@@ -83,19 +83,19 @@ def test_feasible_problems_are_accepted():
 def test_a_waypoint_may_lie_in_the_intersection_of_its_region_and_corridors():
     corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
     problem = PathProblem([WAYPOINTS[0], Box([1, -2, 0], [4, 2, 0]), WAYPOINTS[2]], corridors=corridors)
-    np.testing.assert_array_equal(problem.room(1).low, [1.0, -0.5, 0.0])
-    np.testing.assert_array_equal(problem.room(1).high, [2.5, 1.0, 0.0])
+    np.testing.assert_array_equal(problem.allowed_box(1).low, [1.0, -0.5, 0.0])
+    np.testing.assert_array_equal(problem.allowed_box(1).high, [2.5, 1.0, 0.0])
     np.testing.assert_array_equal(problem.representatives()[1], [2.5, 0.0, 0.0])
     free = PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5), WAYPOINTS[2]])
-    assert free.room(1) is None
+    assert free.allowed_box(1) is None
     np.testing.assert_array_equal(free.representatives()[1], [1.0, 1.0, 1.0])
 
 
 def test_a_problem_has_a_closed_form_only_if_it_has_points_and_no_corridors():
-    assert PathProblem(WAYPOINTS).passes_points
-    assert not PathProblem(WAYPOINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
-    assert not PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
-    assert not PathProblem([WAYPOINTS[0], Box([2, 0, 0], [2, 1, 0])]).passes_points
+    assert PathProblem(WAYPOINTS).has_closed_form_path
+    assert not PathProblem(WAYPOINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).has_closed_form_path
+    assert not PathProblem([WAYPOINTS[0], Sphere([1, 1, 1], 0.5)]).has_closed_form_path
+    assert not PathProblem([WAYPOINTS[0], Box([2, 0, 0], [2, 1, 0])]).has_closed_form_path
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.pieces import (
     COLUMNS,
+    minsnap_to_plan,
     minsnap_trajectory,
     minsnap_waypoints,
-    pieces_of,
-    plan_of_minsnap,
-    plan_of_pieces,
+    pieces_to_plan,
+    plan_to_pieces,
     save_pieces,
 )
 from drake_quad.reference.plan import Plan
@@ -84,9 +84,9 @@ def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
 def test_pieces_whose_yaws_differ_by_whole_turns_are_continuous(turns):
     """Other programs write yaw angles from -π to π."""
-    rows = pieces_of(EXAMPLE_PLAN)
+    rows = plan_to_pieces(EXAMPLE_PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
-    again = plan_of_pieces(rows)
+    again = pieces_to_plan(rows)
     first = PolynomialPath(YAW_PATH.times, YAW_PATH.coefficients + 2.0 * np.pi * turns[0] * np.eye(1, 4).T)
     assert_alike(Plan(POSITION_PATH, first), again)
 
@@ -103,7 +103,7 @@ def test_the_yaw_is_continuous_even_if_the_yaw_in_a_file_wraps(write, before):
 
 def test_a_plan_that_begins_later_hovers_until_then():
     later = Plan(POSITION_PATH._replace(times=POSITION_PATH.times + 0.5), YAW_PATH._replace(times=YAW_PATH.times + 0.5))
-    again = plan_of_pieces(pieces_of(later))
+    again = pieces_to_plan(plan_to_pieces(later))
     assert again.path.times[0] == 0.0
     assert_alike(later, again, start=0.5)
     np.testing.assert_array_equal(evaluate(again.path, [0.2])[:, 0], [0.0, 0.0, 1.0])
@@ -114,10 +114,10 @@ def test_a_plan_that_begins_later_hovers_until_then():
 def test_a_path_of_too_high_a_degree_cannot_be_written():
     coefficients = np.zeros((1, 10, 3))
     Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients))
-    assert pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
+    assert plan_to_pieces(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
     coefficients[0, 9] = 1.0
     with pytest.raises(InputError, match="the path has degree 9, but a piece has at most degree 7"):
-        pieces_of(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
+        plan_to_pieces(Plan.with_constant_yaw(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
 
 
 def test_files_written_by_other_programs_can_be_read(write):
@@ -278,20 +278,20 @@ def test_a_plan_converted_to_minsnap_trajectories_has_the_same_values():
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(EXAMPLE_PLAN), times, 5)
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(POSITION_PATH, times, order), rtol=1e-11, atol=1e-10)
-    actual = plan_of_minsnap(minsnap_trajectory(EXAMPLE_PLAN), 0.4)
+    actual = minsnap_to_plan(minsnap_trajectory(EXAMPLE_PLAN), 0.4)
     assert_alike(Plan.with_constant_yaw(POSITION_PATH, 0.4), actual)
     np.testing.assert_array_equal(actual.yaw.times, POSITION_PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_plans_the_same_path_from_exported_waypoints():
     made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(EXAMPLE_PLAN), degree=7, num_continuous_orders=4)
-    assert_alike(Plan.with_constant_yaw(POSITION_PATH), plan_of_minsnap(made), atol=1e-9)
+    assert_alike(Plan.with_constant_yaw(POSITION_PATH), minsnap_to_plan(made), atol=1e-9)
 
 
 def test_an_invalid_trajectory_of_minsnap_trajectories_is_rejected(monkeypatch):
     flat = minsnap_trajectory(EXAMPLE_PLAN)._replace(coefficients=np.zeros((3, 8, 2)))
     with pytest.raises(InputError, match=r"shape \(3, 8, 2\), but must have \(pieces, powers, 3\)"):
-        plan_of_minsnap(flat)
+        minsnap_to_plan(flat)
     monkeypatch.setitem(sys.modules, "minsnap_trajectories", None)
     with pytest.raises(ImportError, match=r"^minsnap_trajectories is not installed; .*'drake_quad\[minsnap\]'"):
         minsnap_trajectory(EXAMPLE_PLAN)

@@ -9,7 +9,7 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.remarks import flight_remarks
 from drake_quad.planning.duration import flight_duration
-from drake_quad.reference.pieces import plan_of_pieces
+from drake_quad.reference.pieces import pieces_to_plan
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path, peak_norm
 from drake_quad.reference.rest import moves_at_end, with_rest
@@ -108,7 +108,7 @@ def test_a_plan_that_ends_in_motion_brakes_identically_after_saving_and_loading(
     plan = planned(ROUTES["turning pieces"])
     rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
     assert rows.shape == (1, 25)
-    again = plan_of_pieces(
+    again = pieces_to_plan(
         np.array([[3.0, *[0, 0, 0.1, 0, 0, 0, 0, 0], *[0] * 8, *[1, *[0] * 7], *[0.1, 0.5, *[0] * 6]]])
     )
     np.testing.assert_allclose(again.extended_path.coefficients, plan.extended_path.coefficients, atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.infeasibility import explain_infeasibility
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, InfeasibleError, path_within
+from drake_quad.reference.minimum_snap_program import PLANNING_ERRORS, InfeasibleError, constrained_minimum_snap
 from drake_quad.reference.path_problem import Box, PathLimits, PathProblem
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import minimum_snap_durations
@@ -56,7 +56,10 @@ def test_heuristic_times_use_the_points_at_which_the_path_passes_the_regions():
 
     def by_rule(points):
         ride = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
-        return [path_within(asked.without_limits(), times) for times in (ride, rest_to_rest_durations(points, LIMITS))]
+        return [
+            constrained_minimum_snap(asked.without_limits(), times)
+            for times in (ride, rest_to_rest_durations(points, LIMITS))
+        ]
 
     again = [by_rule(path.waypoints)[i] for i, path in enumerate(by_rule(asked.representatives()))]
     totals = [path.duration * stretch_factor(path, LIMITS) for path in again]
@@ -180,7 +183,7 @@ def test_minimum_snap_times_move_towards_the_fastest_times_until_limits_are_sati
     total = longer * shortest.duration
     smoothest = minimum_snap_path(asked.without_limits(), total).durations
     with pytest.raises(InfeasibleError):
-        path_within(asked, smoothest)
+        constrained_minimum_snap(asked, smoothest)
     actual = minimum_snap_path(asked, total)
     assert actual.duration == pytest.approx(total, rel=1e-12)
 
@@ -192,9 +195,9 @@ def test_minimum_snap_times_move_towards_the_fastest_times_until_limits_are_sati
     distances = [np.abs(actual.durations - between(fraction)).max() for fraction in fractions]
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
-    path_within(asked, between(fractions[nearest]))
+    constrained_minimum_snap(asked, between(fractions[nearest]))
     with pytest.raises(PLANNING_ERRORS):
-        path_within(asked, between(fractions[nearest - 1]))
+        constrained_minimum_snap(asked, between(fractions[nearest - 1]))
 
 
 def test_minimum_snap_times_need_no_limits_and_do_not_depend_on_units():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
+from drake_quad.reference.yaw import constant_yaw, yaw_along_path, yaw_through
 
 
 def acceleration_cost(profile):
@@ -82,7 +82,7 @@ def test_the_yaw_along_a_circle_continues_beyond_one_turn():
     angle = np.linspace(0.0, 3.0 * math.tau, 37)
     waypoints = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
     path = minimum_snap(waypoints, np.linspace(0.0, 40.0, 37))
-    profile = yaw_along(path)
+    profile = yaw_along_path(path)
     times = np.linspace(12.0, 28.0, 300)
     v_x, v_y, _ = evaluate(path, times, 1)
     direction = np.unwrap(np.arctan2(v_y, v_x))
@@ -101,7 +101,7 @@ def test_the_yaw_along_a_path_minimises_its_cost(middle, half):
         [[0.0, 0.0, 1.0], [2.0, 0.5, 1.3], [2.5, 2.5, 1.0], [0.5, 3.0, 0.7], [0.0, 1.0, 1.0]],
         [0.0, 2.0, 5.0, 7.0, 10.0],
     )
-    profile = yaw_along(path, response=response)
+    profile = yaw_along_path(path, response=response)
     times = np.linspace(middle - half, middle + half, 20001)
     yaw, acceleration = evaluate(profile, times)[0], evaluate(profile, times, 2)[0]
     v_x, v_y, _ = evaluate(path, times, 1)
@@ -116,7 +116,7 @@ def test_the_yaw_along_a_path_minimises_its_cost(middle, half):
 
 def test_the_yaw_is_smooth_at_a_stop_where_the_path_turns_back():
     there = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
-    profile = yaw_along(there)
+    profile = yaw_along_path(there)
     times = np.linspace(0.0, 10.0, 2001)
     yaw, rate = evaluate(profile, times)[0], evaluate(profile, times, 1)[0]
     assert abs(yaw[-1] - yaw[0]) == pytest.approx(math.pi, abs=0.3)
@@ -128,12 +128,12 @@ def test_the_yaw_is_smooth_at_a_stop_where_the_path_turns_back():
 
 def test_the_yaw_along_a_vertical_path_is_constant():
     path = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 4.0])
-    np.testing.assert_array_equal(evaluate(yaw_along(path), [0.0, 1.0, 4.0])[0], 0.0)
+    np.testing.assert_array_equal(evaluate(yaw_along_path(path), [0.0, 1.0, 4.0])[0], 0.0)
 
 
 def test_the_sideways_drift_of_a_climb_is_ignored():
     path = minimum_snap([[0.0, 0.0, 0.0], [1e-4, -2e-4, 2.0], [2e-4, 1e-4, 4.0]], [0.0, 4.0, 8.0])
-    profile = yaw_along(path)
+    profile = yaw_along_path(path)
     assert np.abs(evaluate(profile, np.linspace(0.0, 8.0, 200))).max() == 0.0
     np.testing.assert_array_equal(profile.times[[0, -1]], [0.0, 8.0])
 
@@ -141,7 +141,7 @@ def test_the_sideways_drift_of_a_climb_is_ignored():
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_scaling_a_path_does_not_change_the_yaw_along_it(scale):
     waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
-    expected, actual = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
+    expected, actual = (yaw_along_path(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
     np.testing.assert_allclose(actual.times, expected.times)
     np.testing.assert_allclose(actual.coefficients, expected.coefficients, atol=1e-9)
     assert np.ptp(evaluate(expected, expected.times)[0]) > 0.3
@@ -152,7 +152,7 @@ def test_slow_horizontal_motion_beside_a_climb_has_little_weight_in_the_yaw():
     costs = {}
     for fraction in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * fraction, 0.0, 5.0], [10.0 * fraction, 10.0 * fraction, 10.0]]
-        profile = yaw_along(minimum_snap(waypoints, [0.0, 5.0, 10.0]), response=2.0)
+        profile = yaw_along_path(minimum_snap(waypoints, [0.0, 5.0, 10.0]), response=2.0)
         costs[fraction] = acceleration_cost(profile)
     assert costs[0.05] < 0.9 * costs[0.1]
 
@@ -161,5 +161,5 @@ def test_the_yaw_at_the_end_of_a_climb_points_in_the_next_direction_of_flight():
     waypoints = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.0, 3.0, 2.0]]
     derivatives = np.full((3, 3, 3), np.nan)
     derivatives[:] = 0.0
-    profile = yaw_along(minimum_snap(waypoints, [0.0, 4.0, 9.0], derivatives))
+    profile = yaw_along_path(minimum_snap(waypoints, [0.0, 4.0, 9.0], derivatives))
     np.testing.assert_allclose(evaluate(profile, [0.0, 2.0, 4.0, 6.0, 9.0])[0], math.pi / 2.0, atol=1e-6)

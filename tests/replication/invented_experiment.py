@@ -8,7 +8,7 @@ from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, Experiment, select_cells
 from drake_quad.replication.sweeps import NOISE_SETTINGS, Q_SETTINGS, SLOPES, Sweep, all_combinations
 from drake_quad.studies.study import Study
 
@@ -39,13 +39,13 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
     levels = dict(zip((*CONTROLLERS, *FAIR_CONTROLLERS), (1.0, 0.8, 0.45, 0.55, 0.7, 0.65, 0.3, 0.25), strict=True))
     winds = {"no_wind": 1.0, "low_wind": 1.3, "high_wind": 0.9}
     cells = {}
-    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
+    for cell in select_cells((*CONTROLLERS, *FAIR_CONTROLLERS)):
         metrics = metrics_of(rng, num_samples, winds[cell.wind] * levels[cell.controller], crashes)
         cells[cell] = Study(paper_scenario(), 27.0, np.arange(num_samples), {}, metrics)
     numbers = [f"{name}_{axis}" for name in EFFORTS for axis in "xy"] + ["pd_fade", "pd_return", "path_error"]
     recorded = {
         cell: {name: levels[cell.controller] * rng.uniform(0.5, 1.5, 4) for name in numbers}
-        for cell in cells_of(CONTROLLERS)
+        for cell in select_cells(CONTROLLERS)
     }
     recorded[Cell("no_wind", "pd_t2fnn")]["pd_fade"][1] = np.nan
     noise, fractions = (

@@ -8,7 +8,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.replication import calibration
-from drake_quad.replication.calibration import HYPOTHESES, FreeNumber, Hypothesis, calibrate, pd_gains
+from drake_quad.replication.calibration import HYPOTHESES, FreeParameter, Hypothesis, calibrate, pd_gains
 from drake_quad.replication.published import Cell, published_table
 from drake_quad.studies.comparison import fly_samples
 
@@ -51,7 +51,7 @@ def test_gains_have_the_declared_damping():
 
 @pytest.mark.slow
 def test_an_impossible_fit_is_refused():
-    stiff = FreeNumber("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
+    stiff = FreeParameter("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
     with pytest.raises(InputError, match="reproduces the mean error of 0.972 m"):
         calibrate(HYPOTHESES["measurement"]._replace(pd=stiff), load, 2)
 
@@ -92,7 +92,7 @@ def test_hypotheses_have_the_expected_fixed_and_free_parameters(name, fixed, fir
 
 
 def number(name, low=0.0, high=10.0):
-    return FreeNumber(name, low, high, lambda value: [f"{name}={value!r}"])
+    return FreeParameter(name, low, high, lambda value: [f"{name}={value!r}"])
 
 
 def errors_of(levels):
@@ -130,7 +130,7 @@ def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypat
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
 def test_a_range_without_the_target_is_refused(low, high):
-    free = FreeNumber("gain (1/s)", low, high, lambda value: value)
+    free = FreeParameter("gain (1/s)", low, high, lambda value: value)
     words = (
         f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from the"
         f" target by {low - 1.75:+.3g} and {high - 1.75:+.3g} m at the ends"

@@ -15,7 +15,7 @@ from drake_quad.replication.effort import effort_matches, published_ratios, publ
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
-from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, select_cells
 from drake_quad.replication.sweeps import (
     NOISE_LEVELS,
     NOISE_SETTINGS,
@@ -434,7 +434,7 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
         return Metrics(**(ones | numbers))
 
     studies = {}
-    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
+    for cell in select_cells((*CONTROLLERS, *FAIR_CONTROLLERS)):
         numbers = {
             metric: np.full(3, value)
             for (wind, controller, metric), value in dict(cells).items()
@@ -450,7 +450,7 @@ def experiment_of_ones(cells=(), recorded=(), noise=(), fractions=(), slope=1.0)
     rmse = np.ones((len(SLOPES), 3))
     rmse[2] = slope
     slopes = {wind: Sweep({"slope": np.array(SLOPES)}, np.arange(3), metrics(rmse.shape, rmse=rmse)) for wind in WINDS}
-    own = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in cells_of(CONTROLLERS)}
+    own = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in select_cells(CONTROLLERS)}
     own[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
     gains = {"k_p": np.array([1.0, 2.0]), "k_d": np.array([1.0, 1.0])}
     maps = {name: Sweep(gains, np.arange(3), metrics((2, 3))) for name in ("pd", "pd_t2fnn")}

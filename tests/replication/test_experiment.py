@@ -21,7 +21,7 @@ from drake_quad.replication.experiment import (
 )
 from drake_quad.replication.measures import CURVED_LEGS, STRAIGHT_LEGS, LegMetrics
 from drake_quad.replication.published import CONTROLLERS, WINDS
-from drake_quad.replication.results import FAIR_CONTROLLERS, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, select_cells
 from drake_quad.replication.sweeps import (
     BEST_GAIN_RANGES,
     NOISE_SETTINGS,
@@ -212,7 +212,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
     found = fly_experiment(
         lambda cell: cell.scenario, sizes, tmp_path, compiled=False, progress=lambda *each: told.append(each)
     )
-    assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
+    assert found == {cell: f"flight of {cell.scenario}" for cell in select_cells(CONTROLLERS)}
     assert cells == {
         f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}")
         for wind in WINDS

@@ -11,7 +11,7 @@ from invented_experiment import invented_experiment
 from drake_quad import load_scenario
 from drake_quad.replication import report as report_module
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, published_table
-from drake_quad.replication.report import CAPTIONS, findings_of, write_report
+from drake_quad.replication.report import CAPTIONS, collect_findings, write_report
 from drake_quad.statistics.interval import Interval
 
 ROOT = Path(__file__).parent.parent.parent
@@ -29,7 +29,7 @@ def written(tmp_path_factory):
         for name in CAPTIONS:
             (folder / "figures" / f"{name}.png").write_bytes(name.encode())
         found = invented_experiment()
-        return folder, write_report(folder, found, findings_of(found), {})
+        return folder, write_report(folder, found, collect_findings(found), {})
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from drake_quad.replication.effort import EffortMatch, published_ratios, publish
 from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.published import CONTROLLERS, WINDS, Cell, Runs, published_table
-from drake_quad.replication.results import Experiment, cells_of
+from drake_quad.replication.results import Experiment, select_cells
 from drake_quad.replication.table_ii import QUANTITIES, TableEntry, table_markdown
 from drake_quad.reports.claims import Claim
 from drake_quad.reports.page import image
@@ -90,7 +90,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
             paper_scenario(), 27.0, np.arange(9), {},
             Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in Metrics._fields[1:]), np.full(9, np.inf)),
         )
-        for i, cell in enumerate(cells_of(COMPARED_CONTROLLERS))
+        for i, cell in enumerate(select_cells(COMPARED_CONTROLLERS))
     }  # fmt: skip
     numbers = {
         cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))

@@ -9,15 +9,15 @@ from drake_quad.replication.published import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import (
     FAIR_CONTROLLERS,
     MAPPED_CONTROLLERS,
-    cells_of,
     read_experiment,
+    select_cells,
     write_recorded,
 )
 
 
 def test_cells_are_sorted_by_wind():
-    assert cells_of(("a", "b")) == [(wind, name) for wind in WINDS for name in ("a", "b")]
-    assert cells_of(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
+    assert select_cells(("a", "b")) == [(wind, name) for wind in WINDS for name in ("a", "b")]
+    assert select_cells(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
     assert not set(FAIR_CONTROLLERS) & set(CONTROLLERS)
     assert set(MAPPED_CONTROLLERS) < set(CONTROLLERS)
 
@@ -28,7 +28,7 @@ def test_recorded_measures_are_read_as_they_were_written(tmp_path, monkeypatch):
     monkeypatch.setattr(results, "load_sweep", lambda path, metrics: (path.relative_to(tmp_path).name, metrics))
     recorded = {
         cell: {"rmse": np.array([i, i + 0.5]), "effort_x": np.array([-1.0 * i, 2.0])}
-        for i, cell in enumerate(cells_of(CONTROLLERS))
+        for i, cell in enumerate(select_cells(CONTROLLERS))
     }
     write_recorded(tmp_path / "recorded.csv", recorded)
     found = read_experiment(tmp_path)

@@ -63,7 +63,7 @@ def test_settings_are_written_to_their_fields():
     batch = settings_batch(scenario, settings, [4, 0, 7])
     assert (len(batch), batch.samples) == (6, (4, 0, 7) * 2)
     for vehicle in range(6):
-        varied = batch.scenario_of(vehicle)
+        varied = batch.vehicle_scenario(vehicle)
         position, network = varied.control.position, varied.control.network
         found = {
             "noise": [varied.laboratory.motion_capture.position_noise],

@@ -7,7 +7,14 @@ import pytest
 
 from drake_quad.evaluation import report as evaluation_report
 from drake_quad.replication import report as replication_report
-from drake_quad.reports.claims import Claim, reduction, verdict_counts, verdict_of, verdict_table, write_claims
+from drake_quad.reports.claims import (
+    Claim,
+    reduction,
+    verdict_counts,
+    verdict_from_conditions,
+    verdict_table,
+    write_claims,
+)
 from drake_quad.reports.page import image
 from drake_quad.statistics.interval import Interval
 
@@ -31,7 +38,7 @@ CLAIMS = [
     ],
 )
 def test_verdicts_follow_from_conditions(needed, enough, verdict):
-    assert verdict_of(needed, *enough) == verdict
+    assert verdict_from_conditions(needed, *enough) == verdict
 
 
 def test_a_reduction_is_one_minus_the_ratio():

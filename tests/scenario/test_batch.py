@@ -54,7 +54,7 @@ def test_a_sample_does_not_depend_on_the_other_samples(study):
         assert (one.seed, one.sample) == (9, i)
         assert [value_at(one, path) for path in drawn] == [many.varying[path][i] for path in drawn]
         assert one.control.position.k_p[1] == 0.8
-        assert one == many.scenario_of(i)
+        assert one == many.vehicle_scenario(i)
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
@@ -73,7 +73,7 @@ def test_the_draw_of_a_field_does_not_depend_on_other_fields(study):
 
 def test_fields_without_distributions_are_not_changed(study):
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
-    drawn = Batch.draw(scenario, range(3)).scenario_of(2)
+    drawn = Batch.draw(scenario, range(3)).vehicle_scenario(2)
     assert drawn.control is scenario.control
     assert drawn.vehicle.model_copy(update={"mass": 0.0}) == scenario.vehicle.model_copy(update={"mass": 0.0})
 
@@ -153,7 +153,7 @@ def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
     batch = Batch.draw(scenario, [3, 8], seed=5)
     assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
-    for i, each in enumerate((batch.scenario, batch.scenario_of(0), batch.scenario_of(1))):
+    for i, each in enumerate((batch.scenario, batch.vehicle_scenario(0), batch.vehicle_scenario(1))):
         path = tmp_path / f"{i}.yaml"
         save_scenario(each, path)
         assert load_scenario(path) == each
@@ -169,7 +169,7 @@ def test_fields_without_distributions_can_vary_in_a_batch(study):
     other = batch.with_varying(varying)
     assert (len(other), other.samples, other.scenario) == (3, (4, 1, 7), batch.scenario)
     for i in range(3):
-        own, before = other.scenario_of(i), batch.scenario_of(i)
+        own, before = other.vehicle_scenario(i), batch.vehicle_scenario(i)
         assert own.control.position.k_p[1] == i + 1.0
         assert own.laboratory.command_link.delay_ticks == varying["laboratory.command_link.delay_ticks"][i]
         assert (own.vehicle, own.control.position.k_d) == (before.vehicle, before.control.position.k_d)

@@ -62,7 +62,7 @@ def test_a_sample_does_not_depend_on_its_batch(kind):
     part = Batch.draw(scenario(kind), [150, 3, 64])
     for path, values in whole.varying.items():
         np.testing.assert_array_equal(part.varying[path], values[[150, 3, 64]])
-    drawn = part.scenario_of(1)
+    drawn = part.vehicle_scenario(1)
     assert (drawn.vehicle.mass, drawn.sample, drawn.draws) == (whole.varying["vehicle.mass"][3], 3, None)
     assert part.noise_samples.indices == (150, 3, 64)
 

@@ -9,7 +9,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.flight.remarks import flight_remarks
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.shipped import shipped_scenarios
-from drake_quad.scenario.inactive import can_act, needs
+from drake_quad.scenario.inactive import can_have_effect, needs
 from drake_quad.scenario.models import UNIONS
 from drake_quad.scenario.quantities import Number
 
@@ -149,7 +149,7 @@ def test_the_strength_fields_of_every_kind_are_existing_fields():
     declared = [(member, name) for member in members for name in member.strength_fields]
     assert declared
     assert all(name in member.model_fields for member, name in declared)
-    assert not can_act(load_scenario("hover", {"laboratory.wind": [ZERO_GUST]}).laboratory.wind)
+    assert not can_have_effect(load_scenario("hover", {"laboratory.wind": [ZERO_GUST]}).laboratory.wind)
 
 
 # Planning the whole route through the forest takes several seconds, so the tests fly a part of it.

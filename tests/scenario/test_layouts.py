@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_mission
-from drake_quad.scenario.layouts import LAYOUTS, RotorLayout, arm_length_of, arms_of, rotors_of
+from drake_quad.scenario.layouts import LAYOUTS, RotorLayout, arm_length_of, arm_length_range, rotors_of
 from drake_quad.scenario.models import Nominal
 from drake_quad.scenario.schema import file_schema
 from drake_quad.vehicle.rotors import Rotor, Rotors
@@ -50,7 +50,7 @@ def check_member(kind, fields):
     assert layout.is_paired == (opposite and (rotors[:2, 3:] == rotors[2:, 3:]).all())
     distances = np.hypot(rotors[:, 0], rotors[:, 1])
     if layout.has_distances:
-        assert arms_of(airframe) == pytest.approx([distances.min(), distances.max()])
+        assert arm_length_range(airframe) == pytest.approx([distances.min(), distances.max()])
         assert arm_length_of(airframe) == pytest.approx(0.5 * (distances.min() + distances.max()))
     else:
         longer = np.array(rotors_of(airframe.model_copy(update={"arm_length": 2.0 * airframe.arm_length})))
@@ -68,7 +68,7 @@ def test_attributes_of_every_layout_agree_with_its_geometry(kind, fields):
 def test_a_user_s_layout_is_checked_and_part_of_the_language():
     with pytest.raises(InputError, match=r"nominal.layout.kind is 'diamond', but must be one of"):
         load_mission("hover", {"nominal.layout": {"kind": "diamond"}})
-    LAYOUTS.member(DiamondLayout)
+    LAYOUTS.register(DiamondLayout)
     check_member("diamond", {})
     assert rotors_of(load_mission("hover", {"nominal.layout": {"kind": "diamond"}}).nominal).rotor_2.y == -0.17
     assert "DiamondLayout" in file_schema()["$defs"]

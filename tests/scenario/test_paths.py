@@ -4,7 +4,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.scenario.distributions import Distribution
-from drake_quad.scenario.paths import distributions_in, join_path, leaves, map_leaves, steps_of, value_at
+from drake_quad.scenario.paths import distributions_in, join_path, leaves, map_leaves, split_path, value_at
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_rotors_are_counted_from_1(scenario):
     paths = [path for path in dict(leaves(scenario)) if "thrust_factor_error" in path]
     assert paths == [f"vehicle.thrust_factor_error.rotor_{number}" for number in (1, 2, 3, 4)]
     assert join_path("a", "rotors", 2, "position", 0) == "a.rotors.rotor_3.position.0"
-    assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
+    assert split_path("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
     assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]
     for step in ("0", "1", "rotor_0", "rotor_5"):
         with pytest.raises(InputError, match="does not name a rotor; write rotor_1, rotor_2, rotor_3 or rotor_4"):

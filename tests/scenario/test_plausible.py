@@ -142,7 +142,7 @@ def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
                 for condition in field.metadata:
                     if isinstance(condition, Plausible) and condition.upper < math.inf:
                         values = [abs(value) / condition.factor for value in numbers_in(getattr(mapping, name))]
-                        if condition.question(max(values, default=0.0), 0.02):
+                        if condition.explain_implausibility(max(values, default=0.0), 0.02):
                             questioned.add(name)
     assert questioned >= {
         *("mass", "arm_length", "centre_of_mass", "rotor_time_constant", "rotor_time_constant_down", "lag"),

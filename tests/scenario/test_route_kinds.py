@@ -12,7 +12,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.models import Mission
 from drake_quad.scenario.quantities import Positive
-from drake_quad.scenario.routes.route import ROUTES, MissionRoute, MovingRoute, Planned
+from drake_quad.scenario.routes.route import ROUTES, MissionRoute, MovingRoute, PlannedRoute
 from drake_quad.scenario.routes.waypoint_times import WaypointTimes
 from drake_quad.scenario.schema import file_schema
 
@@ -40,7 +40,7 @@ class LineRoute(MovingRoute):
         """Return the plan with the shortest duration within the speed limit."""
         ends = np.array([[0.0, 0.0, 1.0], [self.length, 0.0, 1.0]])
         path = minimum_snap(ends, np.array([0.0, 35.0 / 16.0 * self.length / self.top_speed]))
-        return Planned(Plan(path, self.yaw_of(path)))
+        return PlannedRoute(Plan(path, self.yaw_profile(path)))
 
 
 def check_member(kind, fields):
@@ -48,7 +48,7 @@ def check_member(kind, fields):
     route = mission.route
     plan = route.plan(None).plan
     assert plan.waypoints[0] == pytest.approx(evaluate(plan.path, [plan.path.times[0]])[:, 0])
-    path, end = route.known_end()
+    path, end = route.known_end_time()
     assert end is None or end == pytest.approx(plan.path.times[-1], rel=1e-12)
     steps = [int(step) if isinstance(step, int) else step for step in path]
     assert reduce(lambda part, step: part[step] if isinstance(step, int) else getattr(part, step), steps, mission)
@@ -70,7 +70,7 @@ def test_every_kind_of_route_agrees_with_its_plan(kind, fields):
 def test_a_user_s_kind_of_route_is_checked_and_planned_and_is_part_of_the_language():
     with pytest.raises(InputError, match="route.kind is 'line', but must be one of"):
         load_mission("hover", {"route": {"kind": "line"}})
-    ROUTES.member(LineRoute)
+    ROUTES.register(LineRoute)
     check_member("line", {"top_acceleration": 10.0})
     plan = plan_route(load_mission("hover", {"route": {"kind": "line", "length": 3.0, "heading": "along_path"}}))
     assert plan.path.waypoints[-1].tolist() == pytest.approx([3.0, 0.0, 1.0])
@@ -85,5 +85,5 @@ def test_a_kind_of_route_without_a_plan_method_is_refused():
         kind: Literal["without_plan"]
 
     with pytest.raises(TypeError, match="RouteWithoutPlan must define plan"):
-        ROUTES.member(RouteWithoutPlan)
+        ROUTES.register(RouteWithoutPlan)
     assert WaypointTimes.__abstractmethods__ == {"timing"}

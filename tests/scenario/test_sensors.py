@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, closed_loop, load_scenario, read_flight, simulate, simulate_samples
 from drake_quad.assembly.laboratory import laboratory_recipes
-from drake_quad.flight.formats.mcap_file import messages_of, topics_of
+from drake_quad.flight.formats.mcap_file import flight_messages, flight_topics
 from drake_quad.flight.mission import plan_route
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.laboratory.sensors.accelerometer import ACCELEROMETER, AccelerometerParameters, SpecificForce
@@ -20,7 +20,7 @@ from drake_quad.scenario.quantities import NonNegative
 from drake_quad.scenario.schema import file_schema, language_page
 from drake_quad.scenario.sensors.accelerometer import AccelerometerSettings
 from drake_quad.scenario.sensors.sensor import SENSORS, SensorSettings
-from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, numbered
+from drake_quad.signals import SIGNALS, Charge, Number, Quantity, Row, State, Wind, sensor_port_name
 
 SENSORS_OVERRIDE = (
     "laboratory.sensors=[{kind: accelerometer, position: [0.05, -0.03, 0.02], latency_samples: {choice: [0, 1, 3]},"
@@ -64,7 +64,7 @@ class AltimeterSettings(SensorSettings):
 @pytest.fixture
 def altimeter():
     """Register a user's kind of sensor during a test, and return it."""
-    return SENSORS.member(AltimeterSettings)
+    return SENSORS.register(AltimeterSettings)
 
 
 def check_member(kind, name):
@@ -197,9 +197,9 @@ def test_readings_of_a_user_s_sensor_are_recorded_and_read(altimeter, tmp_path):
     again = read_flight(tmp_path)
     np.testing.assert_array_equal(again["altimeter_2"], flights[0]["altimeter_2"])
     assert "altimeter_2.height (m)" in (tmp_path / "flight.csv").read_text(encoding="utf-8")
-    schema = topics_of("own", again)["/own/signals/altimeter_2"]
+    schema = flight_topics("own", again)["/own/signals/altimeter_2"]
     assert schema["properties"]["height"]["description"] == "m, along W"
-    assert {"/own/signals/altimeter"} <= {message.topic for message in messages_of("own", again, 0)}
+    assert {"/own/signals/altimeter"} <= {message.topic for message in flight_messages("own", again, 0)}
 
 
 @pytest.mark.slow
@@ -214,7 +214,7 @@ def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimete
     assert "altimeter" not in SIGNALS
     with pytest.raises(InputError, match="laboratory.sensors.0.kind is 'altimeter', but must be one of"):
         hover({"kind": "altimeter"})
-    SENSORS.member(altimeter)
+    SENSORS.register(altimeter)
 
 
 def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(altimeter):
@@ -226,16 +226,20 @@ def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(alt
         kind: Literal["accelerometer"]
 
     with pytest.raises(TypeError, match="IncompleteSensor must define law and parameters"):
-        SENSORS.member(IncompleteSensor)
+        SENSORS.register(IncompleteSensor)
     with pytest.raises(ValueError, match="the name accelerometer of .* is taken by AccelerometerSettings"):
-        SENSORS.member(SecondAccelerometer)
+        SENSORS.register(SecondAccelerometer)
     for name in ("wind", "wind_2"):
         SecondAccelerometer.model_fields["kind"].annotation = Literal[name]
         with pytest.raises(ValueError, match=f"the kind {name} of .* is the name of an existing signal"):
-            SENSORS.member(SecondAccelerometer)
+            SENSORS.register(SecondAccelerometer)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
     assert not any(name in SIGNALS for name in ("incomplete", "altimeter_", "altimeter_x"))
-    assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
+    assert [sensor_port_name("altimeter", number) for number in (1, 2, 12)] == [
+        "altimeter",
+        "altimeter_2",
+        "altimeter_12",
+    ]
     with pytest.raises(KeyError):
         SIGNALS["incomplete_2"]
 

@@ -65,11 +65,13 @@ def folder(tmp_path):
 
 def test_a_space_has_the_given_obstacles(folder):
     space = load_scenario(folder / "rooms.yaml:room").space
-    room = space.room(0.25)
-    assert room.names == ("pillar", "beam", "ball", "rock")
-    assert (room.radius, room.margin, room.tracking) == (0.25, 0.1, 0.0)
-    np.testing.assert_array_equal([room.bounds.low, room.bounds.high], [[-5.0, -5.0, 0.0], [5.0, 5.0, 3.0]])
-    pillar, beam, ball, rock = (obstacle.shape for obstacle in room.obstacles)
+    flight_space = space.flight_space(0.25)
+    assert flight_space.names == ("pillar", "beam", "ball", "rock")
+    assert (flight_space.radius, flight_space.margin, flight_space.tracking) == (0.25, 0.1, 0.0)
+    np.testing.assert_array_equal(
+        [flight_space.bounds.low, flight_space.bounds.high], [[-5.0, -5.0, 0.0], [5.0, 5.0, 3.0]]
+    )
+    pillar, beam, ball, rock = (obstacle.shape for obstacle in flight_space.obstacles)
     assert (pillar.centre, pillar.radius, pillar.height) == ((2.0, 0.5, 1.0), 0.2, 2.0)
     assert (beam.centre, beam.size, beam.rotation) == ((0.0, 0.0, 2.0), (1.0, 2.0, 0.1), (0.0, 0.0, 0.6))
     assert (ball.centre, ball.radius) == ((0.0, 1.0, 1.0), 0.3)
@@ -80,11 +82,11 @@ def test_a_space_has_the_given_obstacles(folder):
 
 def test_the_predicted_error_is_multiplied_by_tracking(folder):
     space = load_scenario(folder / "rooms.yaml:room", "space.tracking_error_factor=3").space
-    assert space.room(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
+    assert space.flight_space(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
 
 
 def test_obstacles_are_merged_by_name(folder):
-    smaller = load_scenario(folder / "rooms.yaml:smaller").space.room(0.25)
+    smaller = load_scenario(folder / "rooms.yaml:smaller").space.flight_space(0.25)
     assert smaller.names == ("pillar", "beam", "ball", "rock", "new")
     assert smaller.radius == 0.2
     assert smaller.obstacles[2].shape.radius == 0.1

@@ -210,7 +210,7 @@ def test_every_kind_of_control_is_tested():
 def sliding_mode(monkeypatch):
     """Register the position controller of the example during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
-    return POSITION_CONTROLLERS.member(import_module(EXAMPLE_SCRIPT.stem).SlidingPosition)
+    return POSITION_CONTROLLERS.register(import_module(EXAMPLE_SCRIPT.stem).SlidingPosition)
 
 
 SLIDING_MODE = {"kind": "sliding_mode", "slope": [1.5, 1.4, 2.0], "gain": [2.0, 2.1, 4.0], "width": [0.9, 0.8, 1.0]}
@@ -267,7 +267,7 @@ def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     POSITION_CONTROLLERS.remove("sliding_mode")
     with pytest.raises(InputError, match="control.position.kind is 'sliding_mode', but must be one of"):
         figure_eight_with()
-    POSITION_CONTROLLERS.member(sliding_mode)
+    POSITION_CONTROLLERS.register(sliding_mode)
 
 
 class OwnAutopilot(AttitudeAutopilotSettings):
@@ -301,7 +301,7 @@ POLICY_CONTROL = {"kind": "policy", "action": {"kind": "acceleration"}, "attitud
     ],
 )
 def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, changes, path):
-    union.member(kind)
+    union.register(kind)
     changes = changes | {"duration": 0.1}
     scenario = load_scenario(base, changes)
     (name,) = get_args(kind.model_fields["kind"].annotation)
@@ -315,7 +315,7 @@ def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, ch
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_a_command_imports_a_user_s_position_controller(run, tmp_path):
     position = (
         f"control.position={{kind: sliding_mode, slope: {SLIDING_MODE['slope']}, gain: [2, 2, 4], width: [1, 1, 1]}}"

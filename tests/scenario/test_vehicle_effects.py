@@ -77,7 +77,7 @@ def test_a_hovering_vehicle_tilts_against_its_trim_force():
 def ceiling_effect(monkeypatch):
     """Register the effect of the example during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
-    return EFFECTS.member(import_module(EXAMPLE_SCRIPT.stem).CeilingEffect)
+    return EFFECTS.register(import_module(EXAMPLE_SCRIPT.stem).CeilingEffect)
 
 
 def example(name, kind):
@@ -224,7 +224,7 @@ def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     before = load_scenario("hover")
     with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
         declaration_of("ceiling.rotor_radius")
-    EFFECTS.member(ceiling_effect)
+    EFFECTS.register(ceiling_effect)
     assert declaration_of("ceiling.rotor_radius").unit == "m"
     assert before.vehicle.effects() == {}
     assert nominal_hover(before).vehicle.effects() == {}
@@ -264,12 +264,12 @@ def test_an_effect_with_missing_attributes_is_refused(ceiling_effect):
     with pytest.raises(
         TypeError, match="IncompleteEffect must define field and depends_on_time and couples_axes and belongs"
     ):
-        EFFECTS.member(IncompleteEffect)
+        EFFECTS.register(IncompleteEffect)
     with pytest.raises(TypeError, match="EffectWithoutSlope must define max_damping"):
-        EFFECTS.member(EffectWithoutSlope)
+        EFFECTS.register(EffectWithoutSlope)
     with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
-        EFFECTS.member(EffectNamedBattery)
+        EFFECTS.register(EffectNamedBattery)
     with pytest.raises(ValueError, match="the name mass of .* is taken by another field"):
-        EFFECTS.member(EffectNamedMass)
+        EFFECTS.register(EffectNamedMass)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
-        EFFECTS.member(dict)
+        EFFECTS.register(dict)

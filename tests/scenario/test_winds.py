@@ -65,7 +65,7 @@ def mean_wind(source: WindSource) -> np.ndarray:
 def shear_wind(monkeypatch):
     """Register the kind of wind in the example script during a test, and return it."""
     monkeypatch.syspath_prepend(EXAMPLE_SCRIPT.parent)
-    return WINDS.member(import_module(EXAMPLE_SCRIPT.stem).ShearSource)
+    return WINDS.register(import_module(EXAMPLE_SCRIPT.stem).ShearSource)
 
 
 def check_member(kind):
@@ -135,7 +135,7 @@ def test_a_user_s_wind_is_part_of_the_language(shear_wind):
     assert "ShearSource" not in file_schema()["$defs"]
     with pytest.raises(InputError, match="laboratory.wind.0.kind is 'shear', but must be one of"):
         hover()
-    WINDS.member(shear_wind)
+    WINDS.register(shear_wind)
 
 
 def test_wind_that_depends_on_time_is_removed_in_hover(shear_wind, monkeypatch):
@@ -160,13 +160,13 @@ def test_a_wind_with_missing_attributes_is_refused():
     with pytest.raises(
         TypeError, match="IncompleteWind must define depends_on_time and max_speed and recipe and without_turbulence"
     ):
-        WINDS.member(IncompleteWind)
+        WINDS.register(IncompleteWind)
     with pytest.raises(TypeError, match="WindWithoutKind must have a field kind"):
-        WINDS.member(WindWithoutKind)
+        WINDS.register(WindWithoutKind)
     with pytest.raises(ValueError, match="the name gust of .* is taken by GustSource"):
-        WINDS.member(WindNamedGust)
+        WINDS.register(WindNamedGust)
     with pytest.raises(TypeError, match="dict must extend WindSource"):
-        WINDS.member(dict)
+        WINDS.register(dict)
 
 
 def test_steady_winds_add_up():
@@ -182,7 +182,7 @@ def test_steady_winds_add_up():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("blank_figures")
 def test_a_command_imports_a_user_s_wind(run, tmp_path):
     wind = "laboratory.wind=[{kind: shear, velocity: [3, 0, 0], exponent: {uniform: {min: 0.1, max: 0.3}}}]"
     changes = (part for field in ("duration=0.5", "vehicle.linear_drag=0.1", wind) for part in ("--set", field))

@@ -15,10 +15,10 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import around
 from drake_quad.space.around import (
-    RouteAround,
+    CollisionFreeRoute,
     check_waypoint_clearance,
     direct_route,
-    plan_around,
+    plan_collision_free_path,
     with_bounds,
     with_corridors,
 )
@@ -99,7 +99,7 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
 def detour(*corners):
     """Return a route through some points between the first and the last waypoint."""
     places = [START, *map(Box.point, corners), END]
-    return RouteAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
+    return CollisionFreeRoute(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
 # The straight route has the shortest time and the minimum snap. The other routes pass 0.4 m to 1 m to the side.
@@ -116,37 +116,39 @@ TIMINGS_AND_LIMITS = {
 
 @pytest.mark.parametrize(("timing", "limits"), TIMINGS_AND_LIMITS.values(), ids=TIMINGS_AND_LIMITS)
 def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
-    ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
+    ways = [CollisionFreeRoute(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
-    path, way = plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
+    path, way = plan_collision_free_path(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
     # If the best route is removed, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
-        assert plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)[1] is ways[2]
+        assert (
+            plan_collision_free_path(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)[1] is ways[2]
+        )
 
 
 def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
     """A flight of three metres in four seconds needs more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
-    slow = RouteAround(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
+    slow = CollisionFreeRoute(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, aside, straight])
-    assert plan_around(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))[1] is straight
+    assert plan_collision_free_path(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))[1] is straight
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
     with pytest.raises(InputError, match="acceleration"):
-        plan_around(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))
+        plan_collision_free_path(space_of(), BOUNDS, straight.problem, MinimumSnapTiming(4.0))
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
     """The times are those of a constant speed along a polyline whose segments are one millimetre longer."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
-    way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
+    way = CollisionFreeRoute(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, FixedTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed in succession.
-    twice = RouteAround(PathProblem([START, END, END]), np.array([0, 2]))
+    twice = CollisionFreeRoute(PathProblem([START, END, END]), np.array([0, 2]))
     times = around._timing_for(twice, FixedTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
@@ -164,7 +166,7 @@ def test_the_path_passes_a_gate_at_a_free_point(gate):
     """A wall closes the gate except for a gap on the left, which leaves 20 cm for the centre of mass."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
     problem = PathProblem([START, gate, END], limits=LIMITS)
-    path, way = plan_around(space, BOUNDS, problem, HeuristicTiming())
+    path, way = plan_collision_free_path(space, BOUNDS, problem, HeuristicTiming())
     passed = evaluate(path, [path.times[way.waypoints[1]]])[:, 0]
     np.testing.assert_allclose(passed, gate.nearest(passed) if not isinstance(gate, Polytope) else passed, atol=1e-6)
     assert not isinstance(gate, Polytope) or gate.contains(passed)
@@ -178,7 +180,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
     with pytest.raises(
         InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
     ):
-        plan_around(
+        plan_collision_free_path(
             space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall),
             BOUNDS,
             PathProblem([START, gate, END]),
@@ -192,7 +194,9 @@ def test_a_path_passes_divided_gates_on_one_side_of_the_wall():
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
     gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in (1.0, 0.8)]
-    path, way = plan_around(space, bounds, PathProblem([START, *gates, END], limits=LIMITS), HeuristicTiming())
+    path, way = plan_collision_free_path(
+        space, bounds, PathProblem([START, *gates, END], limits=LIMITS), HeuristicTiming()
+    )
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= 0.1
     for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
@@ -206,7 +210,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
     with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
-        plan_around(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), HeuristicTiming())
+        plan_collision_free_path(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), HeuristicTiming())
 
 
 class RecordingRegions(Regions):
@@ -233,7 +237,7 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
     room = random_room(1)
     beside = room.places[1] + [-0.02, 0.0, 0.0]
     problem = PathProblem([Box.point(place) for place in (*room.places, beside)], limits=LIMITS)
-    plan_around(room.space, room.bounds, problem, HeuristicTiming())
+    plan_collision_free_path(room.space, room.bounds, problem, HeuristicTiming())
     (regions,) = RecordingRegions.made
     low, high = room.bounds.low, room.bounds.high
     points = np.random.default_rng(0).uniform(low, high, (5000, 3))
@@ -247,18 +251,18 @@ def test_only_the_leg_with_a_corridor_has_its_routes_inside_the_corridor(monkeyp
     """Routes start from both ends of a leg. Legs without a corridor share the routes from their common waypoint."""
     recorded = []
 
-    def lengths_from(grid, places, clearance, inside=None):
+    def route_lengths(grid, places, clearance, inside=None):
         recorded.append((places[0].tolist(), inside))
         if len(recorded) == 5:
             raise StopIteration
         return np.zeros(len(grid.points)), np.full(len(grid.points), -1)
 
-    monkeypatch.setattr(around.Grid, "lengths_from", lengths_from)
+    monkeypatch.setattr(around.Grid, "route_lengths", route_lengths)
     places = [Box.point([x, 1.0, 1.0]) for x in (0.5, 1.5, 2.5, 3.5)]
     corridor = Box([2.0, 0.8, 0.8], [4.0, 1.2, 1.2])
     problem = PathProblem(places, corridors=[None, None, corridor], limits=LIMITS)
     with pytest.raises(StopIteration):
-        plan_around(space_of(), BOUNDS, problem, HeuristicTiming())
+        plan_collision_free_path(space_of(), BOUNDS, problem, HeuristicTiming())
     assert [place[0] for place, _ in recorded] == [0.5, 1.5, 2.5, 2.5, 3.5]
     assert [inside is None for _, inside in recorded] == [True, True, True, False, False]
     grid = around.Grid.of(space_of(), BOUNDS, max_points=30_000, min_spacing=0.05)
@@ -321,7 +325,7 @@ def test_the_estimated_cost_of_a_straight_route_is_exact():
     straight = DETOURS[-1]
     timing = MinimumSnapTiming(4.0)
     for limits in (LIMITS, PathLimits()):
-        way = RouteAround(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
+        way = CollisionFreeRoute(PathProblem(straight.problem.waypoints, limits=limits), straight.waypoints)
         expected = snap_cost(plan_path(way.problem, timing)).sum()
         assert around._estimated_cost(way, timing) == pytest.approx(expected, rel=1e-6)
     assert (
@@ -357,7 +361,7 @@ def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
         grid = around.Grid.of(space, bounds, max_points=most, min_spacing=finest)
         free = grid.points[grid.nearest >= space.clearance]
         assert (np.abs(free[:, 0] - 0.5) < 0.03).any() == leads
-    path, _ = plan_around(space, bounds, problem, HeuristicTiming())
+    path, _ = plan_collision_free_path(space, bounds, problem, HeuristicTiming())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= space.clearance
 
@@ -365,21 +369,21 @@ def test_a_finer_grid_finds_a_route_that_a_coarse_grid_misses():
 def test_candidate_routes_keep_the_clearance_plus_the_slack_of_regions(monkeypatch):
     """A route through a point is at least as long as the two straight lines from the point to both ends."""
     recorded = []
-    lengths_from = around.Grid.lengths_from
+    route_lengths = around.Grid.route_lengths
 
     def recording_lengths_from(grid, places, clearance, inside=None):
         recorded.append(clearance)
-        return lengths_from(grid, places, clearance, inside)
+        return route_lengths(grid, places, clearance, inside)
 
     def recording_candidate_regions(regions, ways, points, lengths):
         recorded.append((points, lengths))
         raise StopIteration
 
-    monkeypatch.setattr(around.Grid, "lengths_from", recording_lengths_from)
+    monkeypatch.setattr(around.Grid, "route_lengths", recording_lengths_from)
     monkeypatch.setattr(around, "candidate_regions", recording_candidate_regions)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
-        plan_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS), HeuristicTiming())
+        plan_collision_free_path(space, BOUNDS, PathProblem([START, END], limits=LIMITS), HeuristicTiming())
     *clearances, (points, lengths) = recorded
     assert clearances == [space.clearance + 1e-5] * 2
     assert space.nearest(points)[0].min() >= space.clearance + 1e-5

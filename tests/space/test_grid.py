@@ -92,7 +92,7 @@ def test_the_length_of_a_route_without_obstacles_is_the_sum_of_its_steps(most):
     """A starting point is connected to all grid points within 1.8 spacings. From these, routes consist of steps."""
     grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, max_points=most, min_spacing=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
-    lengths, before = grid.lengths_from(place[None], 0.1)
+    lengths, before = grid.route_lengths(place[None], 0.1)
     away = np.linalg.norm(grid.points - place, axis=1)
     near = np.flatnonzero(away <= 1.8 * grid.spacing)
     expected = np.min([away[point] + step_lengths(grid, point) for point in near], axis=0)
@@ -126,7 +126,7 @@ def test_the_cost_of_a_route_falls_with_clearance_from_twice_its_length(room, fa
     grid, row = tunnel(room)
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
-    lengths, _ = grid.lengths_from(grid.points[row[:1]], clearance)
+    lengths, _ = grid.route_lengths(grid.points[row[:1]], clearance)
     # The first two points are directly connected to the starting point.
     np.testing.assert_allclose(lengths[row[1]], 0.1)
     np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
@@ -137,9 +137,9 @@ def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
     space = wall_at(-0.31, 0.2, radius=0.2)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), max_points=100, min_spacing=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
-    away, _ = grid.lengths_from(grid.points[:1], 0.2)
+    away, _ = grid.route_lengths(grid.points[:1], 0.2)
     np.testing.assert_allclose(np.diff(away[1:]), expected[1:])
-    towards, _ = grid.lengths_from(grid.points[-1:], 0.2)
+    towards, _ = grid.route_lengths(grid.points[-1:], 0.2)
     np.testing.assert_allclose(-np.diff(towards[:-1]), expected[:-1])
 
 
@@ -154,7 +154,7 @@ def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
     space = wall_at(x, 0.01, radius=0.01)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.05)
     places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
-    lengths, before = grid.lengths_from(places[0], space.clearance)
+    lengths, before = grid.route_lengths(places[0], space.clearance)
     free = grid.nearest >= space.clearance
     ahead = grid.points[:, 0] < x
     across = any((free[one] & free[other] & (ahead[one] != ahead[other])).any() for one, other in grid.neighbours())
@@ -169,7 +169,7 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
     space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), max_points=10_000, min_spacing=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
-    lengths, before = grid.lengths_from(places[0], space.clearance)
+    lengths, before = grid.route_lengths(places[0], space.clearance)
     way = grid.shortest_route(lengths, before, *places)
     assert 0.45 < way[:, 1].max() < 0.6
     fine = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(way)])
@@ -180,7 +180,7 @@ def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
     grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.1)
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
-    lengths, before = grid.lengths_from(begins, 0.1)
+    lengths, before = grid.route_lengths(begins, 0.1)
     way = grid.shortest_route(lengths, before, begins, ends)
     np.testing.assert_array_equal(way[[0, -1]], [begins[1], ends[1]])
     length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
@@ -194,9 +194,9 @@ def test_a_route_ends_via_the_best_grid_point_and_begins_at_the_nearest_start():
     """No other grid point near the end has a smaller sum of its route length and its distance to the end."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, max_points=20_000, min_spacing=0.08)
-    reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
+    reached = grid.points[np.isfinite(grid.route_lengths(room.places[:1], room.space.clearance)[0])]
     begins = reached[[0, len(reached) // 2, len(reached) - 1]]
-    lengths, before = grid.lengths_from(begins, room.space.clearance)
+    lengths, before = grid.route_lengths(begins, room.space.clearance)
     used = set()
     for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
         way = grid.shortest_route(lengths, before, begins, end[None])
@@ -220,10 +220,10 @@ def test_route_lengths_do_not_depend_on_earlier_legs_on_the_same_grid():
     for clearance, inside in ((0.1, None), (0.1, low), (0.2, None), (0.2, low), (0.1, None)):
         new_grid = Grid.of(space, bounds, max_points=10_000, min_spacing=0.1)
         for found, expected in zip(
-            grid.lengths_from(start, clearance, inside), new_grid.lengths_from(start, clearance, inside), strict=True
+            grid.route_lengths(start, clearance, inside), new_grid.route_lengths(start, clearance, inside), strict=True
         ):
             np.testing.assert_array_equal(found, expected)
-        lengths, _ = grid.lengths_from(start, clearance, inside)
+        lengths, _ = grid.route_lengths(start, clearance, inside)
         assert inside is None or (lengths[~inside] == np.inf).all()
 
 
@@ -231,9 +231,9 @@ def test_a_starting_point_is_connected_only_to_free_grid_points_nearby():
     space = wall_at(0.5, 0.3, radius=0.1)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), max_points=10_000, min_spacing=0.1)
     inside, beside = np.array([[0.5, 0.5, 0.5]]), np.array([[0.1, 0.5, 0.5]])
-    lengths, _ = grid.lengths_from(inside, space.clearance)
+    lengths, _ = grid.route_lengths(inside, space.clearance)
     assert (lengths == np.inf).all()
-    lengths, before = grid.lengths_from(beside, space.clearance)
+    lengths, before = grid.route_lengths(beside, space.clearance)
     assert grid.shortest_route(lengths, before, beside, inside) is None
 
 

@@ -16,7 +16,7 @@ from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.planner import MinimumTimeTiming, plan_path
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_around, with_corridors
+from drake_quad.space.around import plan_collision_free_path, with_corridors
 from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
@@ -57,7 +57,7 @@ def test_no_random_restart_finds_a_much_faster_path(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
-    ours = plan_around(room.space, room.bounds, problem, MinimumTimeTiming())[0].duration
+    ours = plan_collision_free_path(room.space, room.bounds, problem, MinimumTimeTiming())[0].duration
     durations = durations_of_restarts(room, problem, NUM_RESTARTS)
     assert durations
     best = min(durations)

@@ -14,7 +14,7 @@ from drake_quad.reference.path_problem import PathLimits, PathProblem
 from drake_quad.reference.planner import HeuristicTiming, MinimumSnapTiming, MinimumTimeTiming
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.regions import Box
-from drake_quad.space.around import plan_around
+from drake_quad.space.around import plan_collision_free_path
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
@@ -26,7 +26,7 @@ LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 def plan(room, timing):
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
-    return plan_around(room.space, room.bounds, problem, timing)[0]
+    return plan_collision_free_path(room.space, room.bounds, problem, timing)[0]
 
 
 def keeps_clear(room, path):

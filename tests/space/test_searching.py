@@ -27,7 +27,7 @@ def test_a_route_over_an_empty_grid_is_nearly_straight():
     bounds = Box([0.0, 0.0, 0.0], [2.0, 1.0, 1.0])
     grid = Grid.of(Space((), radius=0.1), bounds, max_points=30_000, min_spacing=0.05)
     begin, end = np.array([[0.11, 0.12, 0.13]]), np.array([[1.87, 0.12, 0.13]])
-    lengths, before = grid.lengths_from(begin, 0.1)
+    lengths, before = grid.route_lengths(begin, 0.1)
     way = grid.shortest_route(lengths, before, begin, end)
     np.testing.assert_allclose(way[[0, -1]], [begin[0], end[0]])
     assert 1.76 <= np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 1.8
@@ -41,16 +41,16 @@ def test_there_is_no_route_through_a_wall_or_outside_the_allowed_points():
     shut = walled(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
     begin, end = shut.places[:1], shut.places[1:]
     grid = grid_of(shut)
-    lengths, before = grid.lengths_from(begin, shut.space.clearance)
+    lengths, before = grid.route_lengths(begin, shut.space.clearance)
     assert grid.shortest_route(lengths, before, begin, end) is None
     door = walled(WALL_WITH_DOOR)
     grid = grid_of(door)
-    lengths, before = grid.lengths_from(begin, door.space.clearance)
+    lengths, before = grid.route_lengths(begin, door.space.clearance)
     way = grid.shortest_route(lengths, before, begin, end)
     fine = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(way)])
     assert least_distances(door.space, fine).min() >= door.space.clearance - 1e-9
     inside = grid.points[:, 1] < 2.0
-    lengths, before = grid.lengths_from(begin, door.space.clearance, inside)
+    lengths, before = grid.route_lengths(begin, door.space.clearance, inside)
     assert grid.shortest_route(lengths, before, begin, end) is None
 
 
@@ -74,8 +74,8 @@ def test_a_region_contains_its_seed_and_keeps_the_clearance(seed):
 def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
     room = walled(WALL_WITH_DOOR)
     grid, (begin, end) = grid_of(room), room.places[:, None]
-    lengths, before = grid.lengths_from(begin, room.space.clearance)
-    onward, _ = grid.lengths_from(end, room.space.clearance)
+    lengths, before = grid.route_lengths(begin, room.space.clearance)
+    onward, _ = grid.route_lengths(end, room.space.clearance)
     way = grid.shortest_route(lengths, before, begin, end)
     regions = Regions(room.space, room.bounds)
     numbers = region_chain(regions, way)

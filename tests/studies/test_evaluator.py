@@ -54,7 +54,7 @@ def test_a_coordinate_of_normal_space_is_the_normal_quantile(scenario):
     evaluator = Evaluator(scenario, num_vehicles=2)
     point = np.array([[0.2, 0.9, 0.5, 0.4]])
     normal = scipy.special.ndtri(point)
-    assert evaluator.at_normal(normal, 3).rmse == pytest.approx(evaluator(point, 3).rmse, rel=1e-9)
+    assert evaluator.metrics_at_normal_points(normal, 3).rmse == pytest.approx(evaluator(point, 3).rmse, rel=1e-9)
     alone = simulate(evaluator.scenario_at(point[0], 3))
     assert alone.metrics.rmse == evaluator(point, [3]).rmse[0]
 

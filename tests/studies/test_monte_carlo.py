@@ -22,7 +22,7 @@ from drake_quad.studies.flying import BatchJob, build_fleet, fly_batch, fly_tria
 from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
-from drake_quad.studies.study import columns_of, format_of, read_record, read_study
+from drake_quad.studies.study import read_record, read_study, study_columns, study_row_format
 from drake_quad.studies.study_folder import StudyInterrupted, open_study
 from drake_quad.studies.worker_pool import Outcome, WorkerPool, size_of_batches
 
@@ -301,7 +301,7 @@ def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
 def test_rows_whose_values_do_not_follow_from_the_seed_are_flown_again(whole, tmp_path):
     """Such rows have valid checksums; another version could have drawn their values."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
-    form = format_of(study("seed=5"))
+    form = study_row_format(study("seed=5"))
     rows = read_results(tmp_path / "results.csv", form).rows
     rows[2, 1] *= 1.0 + 1e-9
     write_results(tmp_path / "results.csv", form, rows)
@@ -539,10 +539,10 @@ class PoolWithOutcome(WorkerPool):
 
 def trial(num_vehicles, rmse, reason="", invalid_input=False, in_user_code=False):
     """Check a system in a trial whose three flights have the given errors, and return the pool."""
-    rows = np.ones((3, len(columns_of(study()))))
-    rows[:, columns_of(study()).index("rmse")] = rmse
+    rows = np.ones((3, len(study_columns(study()))))
+    rows[:, study_columns(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
-    rows[:, columns_of(study()).index("crashed")] = 0.0
+    rows[:, study_columns(study()).index("crashed")] = 0.0
     pool = PoolWithOutcome(Outcome([0], rows, reason, invalid_input, in_user_code))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))

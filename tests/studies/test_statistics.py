@@ -26,7 +26,7 @@ from drake_quad.studies.statistics import (
     metric_mean,
     values_with_crashes,
     values_without_crashes,
-    worst,
+    worst_samples,
 )
 from drake_quad.studies.study import Study
 from drake_quad.studies.summary import crash_text, metric_table
@@ -186,7 +186,7 @@ def test_a_comparison_counts_crashes_separately():
 
 def test_the_worst_samples_are_early_crashes_then_large_errors():
     found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
-    assert worst(found, 4) == [14, 11, 12, 13]
+    assert worst_samples(found, 4) == [14, 11, 12, 13]
 
 
 def test_the_mean_of_values_with_an_infinite_value_is_infinite_and_has_no_interval():
@@ -265,8 +265,8 @@ def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():
 
 def test_samples_without_a_metric_come_last_among_the_worst_samples():
     found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
-    assert worst(found) == [6, 5, 4]
-    assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]
+    assert worst_samples(found) == [6, 5, 4]
+    assert worst_samples(study(np.arange(8.0))) == [7, 6, 5, 4, 3]
 
 
 def test_the_statistics_of_designed_draws_follow_from_their_replicates():

@@ -50,7 +50,13 @@ def search(scenario, tmp_path, monkeypatch):
 
     def evaluate(points=POINTS, value=lambda values: values.total, *, resume=False, progress=None, **settings):
         evaluator = Sum()
-        options = {"own": UserSystems(), "compiled": True, "folder": tmp_path, "resume": resume, "progress": progress}
+        options = {
+            "user_systems": UserSystems(),
+            "compiled": True,
+            "folder": tmp_path,
+            "resume": resume,
+            "progress": progress,
+        }
         with stored_flights(
             evaluator, value, scenario, {"search": "sum", **settings}, max_flights=20, **options
         ) as flights:

@@ -13,7 +13,15 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.studies.results_file import StoredRows
-from drake_quad.studies.study import Record, Study, check_draws, column_description, columns_of, read_record, rows_of
+from drake_quad.studies.study import (
+    Record,
+    Study,
+    check_draws,
+    column_description,
+    read_record,
+    study_columns,
+    study_rows,
+)
 
 REQUIRED_RECORD_FIELDS = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
@@ -47,15 +55,15 @@ def metrics_of(crash_time):
 
 def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     metrics, batch = metrics_of([math.inf, 0.04]), Batch.draw(two_masses, [3, 1])
-    rows = rows_of(batch, metrics)
-    columns = columns_of(two_masses)
+    rows = study_rows(batch, metrics)
+    columns = study_columns(two_masses)
     assert columns[:3] == ["sample", "vehicle.mass", "vehicle.linear_drag"]
     assert columns[3:] == [*Metrics._fields[:-1], "crashed", "crash_time"]
     expected = {"sample": [3.0, 1.0], "crashed": [0.0, 1.0], **batch.varying, **metrics._asdict()}
     for name, column in zip(columns, rows.T, strict=True):
         np.testing.assert_array_equal(column, expected[name])
 
-    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, simulated_time=0.14, invalid_lines=[5])
+    study = Study.from_rows(two_masses, 0.1, rows, failures={7: "late"}, simulated_time=0.14, invalid_lines=[5])
     assert study.samples.tolist() == [3, 1]
     assert list(study.parameters) == ["vehicle.mass", "vehicle.linear_drag"]
     np.testing.assert_array_equal(study.metrics, metrics)
@@ -64,7 +72,7 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn fields: vehicle.mass, vehicle.linear_drag>"
     assert repr(study) == words
     still = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
-    assert repr(Study.of_rows(still, 0.1, rows_of(Batch.draw(still, [0]), metrics_of([math.inf])))) == (
+    assert repr(Study.from_rows(still, 0.1, study_rows(Batch.draw(still, [0]), metrics_of([math.inf])))) == (
         "<Study of hover: 1 samples, 0 crashed; drawn fields: none>"
     )
 
@@ -72,7 +80,7 @@ def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
 def test_drawn_values_are_compared_to_the_number_of_written_digits(two_masses):
     """Twelve digits are written; a value that differs in the eleventh digit does not count as drawn."""
     samples = [4, 0, 2]
-    rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
+    rows = study_rows(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
     rows[1, 2] *= 1.0 - 5e-11
     found = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
@@ -97,7 +105,7 @@ def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
     assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)
     assert record.wind == f"{__name__}:metrics_of"
     assert record.position_controller == "types:SimpleNamespace"
-    assert list(record.columns) == [*columns_of(two_masses), "checksum"]
+    assert list(record.columns) == [*study_columns(two_masses), "checksum"]
     record = record.model_copy(update={"columns": {"sample": "yes", "on": "off"}})
     record.write(tmp_path / "study.yaml")
     assert read_record(tmp_path) == record

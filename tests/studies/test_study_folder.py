@@ -12,7 +12,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies import study_folder
 from drake_quad.studies.results_file import StoredRows
-from drake_quad.studies.study import columns_of, read_record, read_study, rows_of
+from drake_quad.studies.study import read_record, read_study, study_columns, study_rows
 from drake_quad.studies.study_folder import StudyRows, _difference
 from drake_quad.studies.study_folder import open_study as open_any
 from drake_quad.studies.worker_pool import Outcome
@@ -31,7 +31,7 @@ def table(samples, crash_time=math.inf, value=0.5):
     """Return rows of a scenario without distributions."""
     columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
     batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
-    return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
+    return study_rows(batch, Metrics(*columns, np.full(len(samples), crash_time)))
 
 
 def test_a_sample_counts_as_present_whatever_its_values(hover):
@@ -82,7 +82,7 @@ def test_the_rows_in_a_folder_are_sorted_at_the_end(hover, tmp_path):
     assert sorted(path.name for path in folder.iterdir()) == ["results.csv", "scenario.yaml", "study.yaml"]
     study = read_study(folder)
     assert (study.scenario, study.duration, read_record(folder).samples) == (hover, 2.0, 3)
-    assert len(columns_of(hover)) == study.metrics.rmse.size + len(lines[0].split(",")) - 3
+    assert len(study_columns(hover)) == study.metrics.rmse.size + len(lines[0].split(",")) - 3
 
 
 def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):

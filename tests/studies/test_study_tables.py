@@ -11,7 +11,7 @@ from drake_quad import InputError, load_scenario, read_studies, read_study, run_
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.statistics.estimates import proportion_interval
-from drake_quad.studies.study import Study, columns_of, rows_of
+from drake_quad.studies.study import Study, study_columns, study_rows
 from drake_quad.studies.summary import crash_text, obstacle_table
 
 SCENARIO_FIELDS = {
@@ -33,15 +33,15 @@ def study(scenario):
     batch = Batch.draw(scenario, [1, 3, 4])
     numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
     numbers[2, 2] = math.nan
-    rows = rows_of(batch, Metrics(*numbers, np.array([math.inf, 0.04, math.inf])))
-    return Study.of_rows(scenario, 0.1, rows, failures={2: "too fast"})
+    rows = study_rows(batch, Metrics(*numbers, np.array([math.inf, 0.04, math.inf])))
+    return Study.from_rows(scenario, 0.1, rows, failures={2: "too fast"})
 
 
 def test_a_frame_has_rows_for_samples_and_columns_for_paths_and_metrics(study, scenario):
     frame = study.to_frame()
     assert frame.index.name == "sample"
     assert frame.index.tolist() == [1, 3, 4]
-    assert ["sample", *frame.columns] == columns_of(scenario)
+    assert ["sample", *frame.columns] == study_columns(scenario)
     np.testing.assert_array_equal(frame["vehicle.mass"], study.parameters["vehicle.mass"])
     for name in Metrics._fields[:-1]:
         np.testing.assert_array_equal(frame[name], getattr(study.metrics, name), err_msg=name)
@@ -55,11 +55,11 @@ def test_a_study_counts_crashes_into_each_obstacle():
     ball = {"kind": "sphere", "centre": [0.0, 0.0, 5.0], "radius": 0.1}
     scenario = load_scenario("hover", {"space.obstacles": {"near": ball, "far": ball}})
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
-    study = Study.of_rows(scenario, 0.1, rows_of(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
+    study = Study.from_rows(scenario, 0.1, study_rows(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
     assert study.crashes_by_obstacle == {"near": 0, "far": 2}
-    assert [study.obstacle_of(place) for place in range(4)] == [None, "far", None, "far"]
+    assert [study.hit_obstacle_name(place) for place in range(4)] == [None, "far", None, "far"]
     frame = study.to_frame()
-    assert ["sample", *frame.columns] == columns_of(scenario)
+    assert ["sample", *frame.columns] == study_columns(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
     assert frame["obstacle"].dropna().tolist() == ["far", "far"]
     crashed, touched = (proportion_interval(count, 4).percent() for count in (3, 2))

@@ -18,8 +18,8 @@ from drake_quad.vehicle.motors import (
     allocate_throttle,
     nominal_rotor_speeds,
     rotor_speeds_of_throttles,
-    throttle_for,
-    thrust_of,
+    throttle_from_thrust,
+    thrust_from_throttle,
 )
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
@@ -39,13 +39,13 @@ CRAZYFLIE_THRUST_CURVE = ThrustCurve(0.0227, -0.0119, 0.1284)
 def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
     """A root finder agrees with the closed form over the whole curve."""
     for throttle in np.linspace(0.0, 1.0, 21).tolist():
-        thrust = thrust_of(throttle, curve)
+        thrust = thrust_from_throttle(throttle, curve)
         assert thrust == pytest.approx(np.polyval(curve[::-1], throttle), rel=1e-14)
-        assert throttle_for(thrust, curve) == pytest.approx(throttle, abs=1e-12)
+        assert throttle_from_thrust(thrust, curve) == pytest.approx(throttle, abs=1e-12)
 
 
 def test_the_throttle_is_on_the_rising_branch_of_a_curve_that_falls_at_first():
-    throttle = throttle_for(0.05, CRAZYFLIE_THRUST_CURVE)
+    throttle = throttle_from_thrust(0.05, CRAZYFLIE_THRUST_CURVE)
     root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE_THRUST_CURVE[::-1], u) - 0.05, 0.1, 1.0)
     assert throttle == pytest.approx(root, rel=1e-12)
 
@@ -104,7 +104,7 @@ def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
     speeds = RotorSpeed(200.0, 210.0, 190.0, 205.0)
     commanded_speeds = nominal_rotor_speeds(speeds, vehicle, nominal)
     thrusts = nominal.thrust_factor * np.square(commanded_speeds)
-    command = Throttle(*(throttle_for(thrust, nominal.curve) for thrust in thrusts))
+    command = Throttle(*(throttle_from_thrust(thrust, nominal.curve) for thrust in thrusts))
     np.testing.assert_allclose(
         rotor_speeds_of_throttles(command, vehicle.curve, asymmetric_vehicle), speeds, rtol=1e-12
     )

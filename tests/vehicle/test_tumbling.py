@@ -29,7 +29,7 @@ from drake_quad.vehicle.attitude_response import (
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorConfig
-from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
+from drake_quad.vehicle.slung_load import SlungLoad, rod_from_swing, swing_from_rod
 
 TIME_STEPS = (0.01, 0.005, 0.0025, 0.00125)  # s
 
@@ -312,7 +312,7 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     swings = np.column_stack([rng.uniform(-3.0, 3.0, (20, 2)), rng.uniform(-4.0, 4.0, (20, 2))])
     swings[:3, 1], swings[:3, 2] = 0.5 * np.pi, 0.0
     swings[3:6, 1] = 0.5 * np.pi - 1e-4
-    rods = [rod_of(swing) for swing in swings]
+    rods = [rod_from_swing(swing) for swing in swings]
     initial_rods = np.array([rod.direction for rod in rods]), np.array([rod.rate for rod in rods])
     position, rotation, velocity, _, load_position, load_velocity = flown(
         asymmetric_vehicle, tumbles, 1.0, SLUNG_LOAD, initial_rods
@@ -322,7 +322,7 @@ def test_a_load_around_a_tumbling_vehicle_is_integrated_with_fourth_order(asymme
     errors = []
     for step in TIME_STEPS[:3]:
         states, swings_after = final_states_and_swings(asymmetric_vehicle, tumbles, step, 1.0, SLUNG_LOAD, swings)
-        final_rods = [rod_of(swing) for swing in swings_after]
+        final_rods = [rod_from_swing(swing) for swing in swings_after]
         errors.append(np.abs(np.array([rod.direction for rod in final_rods]) - directions).max())
         assert degrees_apart(states[:, 3:6], rotation).max() < 1e-3
         np.testing.assert_allclose([rod.rate for rod in final_rods], rates, atol=1e3 * step**3)
@@ -339,6 +339,6 @@ def test_the_angles_of_a_swing_reproduce_any_rod():
         direction = np.array([rng.choice([-1.0, 1.0]), *(distance * rng.normal(size=2))])
         direction /= np.linalg.norm(direction)
         rate = np.cross(rng.normal(size=3), direction)
-        rod = rod_of(swing_of(type(rod_of((0.0,) * 4))(Vector(*direction), Vector(*rate))))
+        rod = rod_from_swing(swing_from_rod(type(rod_from_swing((0.0,) * 4))(Vector(*direction), Vector(*rate))))
         np.testing.assert_allclose(rod.direction, direction, atol=1e-15)
         np.testing.assert_allclose(rod.rate, rate, atol=1e-15 / min(distance, 1.0) + 1e-15)

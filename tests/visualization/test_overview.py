@@ -8,7 +8,7 @@ from PIL import Image
 
 from drake_quad import load_scenario, run_monte_carlo, simulate
 from drake_quad.visualization.overview import plot_flight, plot_study
-from drake_quad.visualization.style import new_figure, styled
+from drake_quad.visualization.style import new_figure, use_style
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def test_the_overview_of_studies_shows_their_statistics():
 
 
 def test_a_notebook_shows_a_figure():
-    with styled():
+    with use_style():
         figure = new_figure(2.0, 1.0)
     # IPython calls this method to display a value as a picture.
     assert Image.open(io.BytesIO(figure._repr_png_())).size == (220, 110)

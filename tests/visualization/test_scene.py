@@ -28,11 +28,11 @@ from drake_quad.visualization.replay.shapes import (
     draw_solid,
     draw_trail_piece,
     part_scale,
-    pose_of,
     quadrotor_mesh,
     rotation_angles,
     rotor_poses,
     tube,
+    vehicle_pose,
     wind_arrow,
 )
 from drake_quad.visualization.style import AXES, BLUE, SKY
@@ -279,7 +279,7 @@ def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
 def test_a_pose_agrees_with_the_state():
     state = State(1.0, 2.0, 3.0, 0.1, -0.2, 0.3, *[0.0] * 6)
     expected = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(pose_of(state).GetAsMatrix4(), expected.GetAsMatrix4())
+    np.testing.assert_allclose(vehicle_pose(state).GetAsMatrix4(), expected.GetAsMatrix4())
 
 
 def test_the_room_has_a_floor_edges_and_a_grid():
@@ -355,7 +355,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
             # A frame shows the last tick up to its time.
             tick = np.flatnonzero(flight.time <= min(frame / 30.0, flight.time[-1]) + 1e-9)[-1]
             np.testing.assert_allclose(
-                pose.GetAsMatrix4(), pose_of(State(*flight["state"][tick])).GetAsMatrix4(), atol=1e-12
+                pose.GetAsMatrix4(), vehicle_pose(State(*flight["state"][tick])).GetAsMatrix4(), atol=1e-12
             )
         # Rotors keep turning from frame to frame.
         turned = [moved[f"{path}/rotor_1"][frame].rotation().matrix()[:2, 0] for frame in range(3)]

@@ -8,11 +8,11 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from drake_quad.visualization import style
-from drake_quad.visualization.style import Vector, new_figure, save_figures, shading, styled
+from drake_quad.visualization.style import Vector, new_figure, save_figures, shading, use_style
 
 
 def drawn():
-    with styled():
+    with use_style():
         figure = new_figure(3.0, 2.0)
         axes = figure.subplots()
         axes.plot([0.0, 1.0], [0.0, 2.0], label="2 x")
@@ -71,7 +71,7 @@ def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_visible():
 
 
 def test_axes_have_a_grid_and_no_frame():
-    with styled():
+    with use_style():
         axes = new_figure(2.0, 1.0).subplots()
         legend = axes.legend(handles=axes.plot([0.0, 1.0], label="a"))
     assert axes.xaxis.get_gridlines()[0].get_visible()

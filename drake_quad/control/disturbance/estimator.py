@@ -31,9 +31,9 @@ ZERO_COMMANDS = (AxisCommand(0.0, 0.0),) * 3
 """Commands on X, Y and Z of a vehicle at rest."""
 
 
-def memory_at_rest(parameters: Any) -> tuple[Any, ...]:
+def initial_memories(parameters: Any) -> tuple[Any, ...]:
     """Return the memory of the law on each axis, for a vehicle at rest at its initial position."""
-    return tuple([law.at_rest(start) for law, start in zip(parameters.laws, parameters.start, strict=True)])
+    return tuple([law.initial_memory(start) for law, start in zip(parameters.laws, parameters.start, strict=True)])
 
 
 def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
@@ -157,7 +157,7 @@ class DisturbanceEstimator(FleetSystem):
         correction = self.input("correction", absent=zero)
         feed_forward = self.input("feed_forward", absent=zero)
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        memory, following = self.state("memory", memory_at_rest), self.state("following", lambda _: ZERO_COMMANDS)
+        memory, following = self.state("memory", initial_memories), self.state("following", lambda _: ZERO_COMMANDS)
         in_transit = self.state("commands_in_transit", lambda _: (ZERO_COMMANDS,) * delay_ticks) if delay_ticks else ()
         writes = memory, following, in_transit
         reads = measurement, command, correction, feed_forward, parameter, period

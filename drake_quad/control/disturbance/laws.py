@@ -44,7 +44,7 @@ class ModelIncrement(NamedTuple):
 class DisturbanceLaw(Protocol):
     """Law that estimates the disturbance on one axis."""
 
-    def at_rest(self, position: Row) -> "tuple[Row, ...]":
+    def initial_memory(self, position: Row) -> "tuple[Row, ...]":
         """Return the memory for a vehicle at rest at a position (m) without disturbance."""
 
     def correct(self, memory: "tuple[Row, ...]", measured: AxisMeasurement, period: float) -> "tuple[Row, ...]":
@@ -102,7 +102,7 @@ class KalmanLaw(NamedTuple):
         gain = P @ C.T / (C @ P @ C.T + R)
         return cls(time_constant, KalmanMemory(*gain.ravel().tolist()))
 
-    def at_rest(self, position: Row) -> KalmanMemory:
+    def initial_memory(self, position: Row) -> KalmanMemory:
         """Return the memory at rest; see `DisturbanceLaw`."""
         return KalmanMemory(position, 0.0, 0.0)
 
@@ -178,7 +178,7 @@ class AdaptiveLaw(NamedTuple):
     adaptation: Row
     bandwidth: Row
 
-    def at_rest(self, position: Row) -> DifferencedMemory:
+    def initial_memory(self, position: Row) -> DifferencedMemory:
         """Return the memory at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 
@@ -213,7 +213,7 @@ class IncrementalLaw(NamedTuple):
 
     bandwidth: Row
 
-    def at_rest(self, position: Row) -> DifferencedMemory:
+    def initial_memory(self, position: Row) -> DifferencedMemory:
         """Return the memory at rest; see `DisturbanceLaw`."""
         return _differenced_memory_at_rest(position)
 

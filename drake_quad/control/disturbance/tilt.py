@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.control.disturbance.estimator import estimate, measured_on_axes, memory_at_rest, shift_delay_line
+from drake_quad.control.disturbance.estimator import estimate, initial_memories, measured_on_axes, shift_delay_line
 from drake_quad.control.disturbance.laws import ModelIncrement
 from drake_quad.control.disturbance.response import lag_step
 from drake_quad.framework.elementary import sqrt
@@ -159,7 +159,7 @@ class TiltDisturbanceEstimator(FleetSystem):
         zero = Acceleration(0.0, 0.0, 0.0)
         learned = self.input("learned_disturbance", absent=zero)
         parameter = self.parameter("parameters", lambda parameters: parameters)
-        memory = self.state("memory", memory_at_rest)
+        memory = self.state("memory", initial_memories)
         before = self.state("before", lambda _: KnownAccelerations(zero, zero))
         thrust = self.state("thrust", _hover)
         in_transit: Any = ()

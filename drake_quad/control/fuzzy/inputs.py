@@ -21,7 +21,7 @@ _LAP_TOLERANCE = 1e-9
 _SIGNALS_ON_NETWORK_AXIS = ("error", "error_rate", "disturbance")  # inputs with one value for each axis
 
 
-def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:
+def input_signals(inputs: Sequence[InputName]) -> tuple[str, ...]:
     """Return the names of the signals that determine the inputs, without duplicates."""
     names = [name if name in _SIGNALS_ON_NETWORK_AXIS else "measurement" for name in inputs if name != "phase"]
     return tuple(dict.fromkeys(names))
@@ -35,7 +35,7 @@ def input_values(
     Args:
         axis: axis of the network.
         inputs: names of the inputs.
-        signals: signals whose names `signals_of` returns, by name.
+        signals: signals whose names `input_signals` returns, by name.
         time: time, s; used only by the input `phase`.
         lap_times: start of each lap and end of the last one, s; used only by the input `phase`.
     """

@@ -5,7 +5,7 @@ from typing import Any, Literal, NamedTuple
 
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part, adapt_antecedents, output_gradient
 from drake_quad.control.fuzzy.inference import Antecedents
-from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
+from drake_quad.control.fuzzy.inputs import InputName, input_signals, input_values
 from drake_quad.control.fuzzy.systems import (
     UNCONNECTED,
     LearningParameters,
@@ -62,9 +62,9 @@ def adapt_antecedents_on_axes(
         period: tick period h, s.
         signal_of: formula of the learning signal, `surface` or `feedback`.
         ports: names of the arguments of this formula.
-        signals: values of these arguments, followed by the signals of `signals_of`, without duplicates.
+        signals: values of these arguments, followed by the signals of `input_signals`, without duplicates.
     """
-    signals_by_name = dict(zip(dict.fromkeys([*ports, *signals_of(inputs)]), signals, strict=True))
+    signals_by_name = dict(zip(dict.fromkeys([*ports, *input_signals(inputs)]), signals, strict=True))
     after = []
     for axis, sets, f, initial in zip(axes, antecedents, weights, parameters.antecedents, strict=True):
         signal = signal_of(axis, parameters.learning, *[signals_by_name[port] for port in ports])
@@ -122,7 +122,7 @@ class SetLearning(FleetSystem):
         first, *_ = parameters.antecedents
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))
         signal_of, ports = signal_and_ports(learns_from)
-        names = dict.fromkeys([*ports, *signals_of(inputs)])
+        names = dict.fromkeys([*ports, *input_signals(inputs)])
         signals = [self.input(name, absent=UNCONNECTED.get(name, REQUIRED)) for name in names]
         antecedents = self.state(
             "antecedents",

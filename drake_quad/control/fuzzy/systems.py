@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.inputs import InputName, extrapolate_position, input_values, signals_of
+from drake_quad.control.fuzzy.inputs import InputName, extrapolate_position, input_signals, input_values
 from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
 from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import REQUIRED, TIME, AutoDiffXd, FleetSystem, fleet_system
@@ -54,9 +54,9 @@ def firing_on_axes(
         time: time, s.
         lap_times: start of each lap of the route and end of the last one, s.
         lead: lead time of position and phase; None without one.
-        signals: signals that determine the inputs, in the order of `signals_of`.
+        signals: signals that determine the inputs, in the order of `input_signals`.
     """
-    signals_by_name = dict(zip(signals_of(inputs), signals, strict=True))
+    signals_by_name = dict(zip(input_signals(inputs), signals, strict=True))
     if lead is not None:
         time = time + lead.time
         if "measurement" in signals_by_name:
@@ -130,7 +130,7 @@ class FuzzyRules(FleetSystem):
     ) -> None:
         """Declare ports, states and parameters."""
         axes, inputs = tuple(axes), tuple(inputs)
-        signals = [self.input(name) for name in signals_of(inputs)]
+        signals = [self.input(name) for name in input_signals(inputs)]
         antecedents: Any
         if adaptive:
             antecedents = self.input(

@@ -90,7 +90,7 @@ class Regulator(NamedTuple):
     weight: float
 
 
-def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) -> Regulator:
+def design_regulator(model: ContinuousModel, timing: Timing, command_weight: float) -> Regulator:
     """Return the regulator that minimises the sum of p² + ρ u² over all ticks, with commands in transit as states.
 
     Args:
@@ -111,9 +111,9 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
     """Design filter and regulator of an axis.
 
-    `regulator_of` designs the regulator. In equilibrium u is zero for a `TorqueChain`, and equal to the specific thrust
-    s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k, with k = K_s for
-    a `TorqueChain`, and k = 1 + K_s + ΣK_pending for the other chains.
+    `design_regulator` designs the regulator. In equilibrium u is zero for a `TorqueChain`, and equal to the specific
+    thrust s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k, with
+    k = K_s for a `TorqueChain`, and k = 1 + K_s + ΣK_pending for the other chains.
 
     Args:
         model: model of the chain.
@@ -129,7 +129,7 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     L = kalman_gain(A, model.C, discretise_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
     if not np.abs(np.linalg.eigvals(A - A @ L @ model.C)).max() < 1.0:
         raise np.linalg.LinAlgError("the filter is unstable")
-    K = regulator_of(model, timing, command_weight).K
+    K = design_regulator(model, timing, command_weight).K
     record = model.kind
     on_state, pending = record(*K[:n]), K[n:]
     pending_fraction = 0.0 if record is TorqueChain else 1.0 + sum(pending)

@@ -28,7 +28,14 @@ from typing import Annotated, Any, NamedTuple
 
 from drake_quad.control.lqg.design import AxisLoop
 from drake_quad.framework.elementary import dot, maximum, minimum, sin_cos, sqrt, where, wrap_angle
-from drake_quad.geometry.flatness import ThrustTilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.geometry.flatness import (
+    ThrustTilt,
+    angular_accelerations,
+    attitude_from_tilt,
+    body_rates,
+    in_heading,
+    tilt_from_thrust,
+)
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -308,7 +315,7 @@ def regulator_output(
         ChainCommands(u_x, u_y, u_z),
         ChainCommands(u_x - feed_forward.x, u_y - feed_forward.y, u_z - feed_forward.z),
         Acceleration(a_x, a_y, u_z),
-        limits.gravity + _limited_vertical(acceleration.z - disturbance_of(estimate).z, limits),
+        limits.gravity + _limited_vertical(acceleration.z - total_disturbance(estimate).z, limits),
     )
 
 
@@ -338,7 +345,7 @@ def feed_forward_commands(
     )
 
 
-def wrench_for(
+def wrench_from_snap(
     output: RegulatorOutput,
     estimate: Estimate,
     measurement: State,
@@ -379,16 +386,16 @@ def wrench_for(
     )
 
 
-def target_for(
+def target_from_acceleration(
     output: RegulatorOutput, estimate: Estimate, measurement: State, reference: Reference, parameters: LqgParameters
 ) -> AttitudeTarget:
-    """Return thrust and attitude that produce a commanded acceleration; the arguments are as in `wrench_for`.
+    """Return thrust and attitude that produce a commanded acceleration; the arguments are as in `wrench_from_snap`.
 
     Roll and pitch rates are zero, because the command already contains their feed-forward.
     """
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     level = in_heading(Acceleration(output.command.x, output.command.y, 0.0), sin_yaw, cos_yaw)
-    roll, pitch = attitude_of(tilt_of(level._replace(up=output.upward)))
+    roll, pitch = attitude_from_tilt(tilt_from_thrust(level._replace(up=output.upward)))
     thrust = _thrust(output, estimate, parameters.thrust)
     return AttitudeTarget(thrust, roll, pitch, reference.yaw, 0.0, 0.0, reference.yaw_rate)
 
@@ -438,13 +445,13 @@ def next_sent(output: RegulatorOutput, snap: Snap, sent: SentCommands) -> SentCo
     return SentCommands(tuple(commands), tuple(in_transit), output.upward, None if sent.snap is None else snap)
 
 
-def error_of(estimate: Estimate, reference: Reference) -> PositionError:
+def position_error(estimate: Estimate, reference: Reference) -> PositionError:
     """Return the position error: reference position minus estimated position."""
     x, y, z = estimate
     return PositionError(reference.x - x.position, reference.y - y.position, reference.z - z.position)
 
 
-def error_rate_of(estimate: Estimate, reference: Reference) -> PositionErrorRate:
+def position_error_rate(estimate: Estimate, reference: Reference) -> PositionErrorRate:
     """Return the rate of the position error: reference velocity minus estimated velocity."""
     x, y, z = estimate
     return PositionErrorRate(reference.v_x - x.velocity, reference.v_y - y.velocity, reference.v_z - z.velocity)
@@ -458,7 +465,7 @@ def outer_feedback(error: PositionError, rate: PositionErrorRate, parameters: Lq
     )
 
 
-def disturbance_of(estimate: Estimate) -> Acceleration:
+def total_disturbance(estimate: Estimate) -> Acceleration:
     """Return the estimated disturbing acceleration d̂₁ + d̂₂."""
     return Acceleration._make(chain.first + chain.second for chain in estimate)
 

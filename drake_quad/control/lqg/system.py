@@ -58,13 +58,13 @@ def _regulate(
 def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
     estimate, regulated = _regulate(reference, jerk, snap, *reads)
     _, _, _, measurement, _, _, _, parameters, *_ = reads
-    return laws.wrench_for(regulated, estimate, measurement, reference, jerk, snap, parameters)
+    return laws.wrench_from_snap(regulated, estimate, measurement, reference, jerk, snap, parameters)
 
 
 def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
     estimate, regulated = _regulate(reference, jerk, snap, *reads)
     _, _, _, measurement, _, _, _, parameters, *_ = reads
-    return laws.target_for(regulated, estimate, measurement, reference, parameters)
+    return laws.target_from_acceleration(regulated, estimate, measurement, reference, parameters)
 
 
 def _acceleration(*reads: Any) -> Acceleration:
@@ -86,29 +86,29 @@ def _deviation(
 
 
 def _error(reference: Reference, *filter_inputs: Any) -> PositionError:
-    return laws.error_of(laws.estimator_step(*filter_inputs), reference)
+    return laws.position_error(laws.estimator_step(*filter_inputs), reference)
 
 
 def _error_rate(reference: Reference, *filter_inputs: Any) -> PositionErrorRate:
-    return laws.error_rate_of(laws.estimator_step(*filter_inputs), reference)
+    return laws.position_error_rate(laws.estimator_step(*filter_inputs), reference)
 
 
 def _pd(reference: Reference, *filter_inputs: Any) -> Acceleration:
     _, _, _, _, parameters, *_ = filter_inputs
     estimate = laws.estimator_step(*filter_inputs)
-    error, rate = laws.error_of(estimate, reference), laws.error_rate_of(estimate, reference)
+    error, rate = laws.position_error(estimate, reference), laws.position_error_rate(estimate, reference)
     return laws.outer_feedback(error, rate, parameters)
 
 
 def _disturbance(*filter_inputs: Any) -> Acceleration:
-    return laws.disturbance_of(laws.estimator_step(*filter_inputs))
+    return laws.total_disturbance(laws.estimator_step(*filter_inputs))
 
 
 def _no_acceleration(parameters: LqgParameters) -> Acceleration:
     return Acceleration(0.0, 0.0, 0.0)
 
 
-def deviations_of(parameters: LqgParameters) -> Layout:
+def deviation_layout(parameters: LqgParameters) -> Layout:
     """Return the layout of the port `deviation`."""
     lateral, vertical = ((*loop.K, *loop.K_pending) for loop in (parameters.lateral, parameters.vertical))
     return layout_of(Deviations, Deviations(lateral, lateral, vertical, _no_acceleration(parameters)))
@@ -212,7 +212,7 @@ class LinearQuadraticGaussian(FleetSystem):
         self.output("disturbance", _disturbance, *filter_inputs)
         if takes_perturbation:
             deviation_inputs = reference, jerk, snap, correction, *filter_inputs
-            self.output("deviation", _deviation, *deviation_inputs, layout=deviations_of(parameters))
+            self.output("deviation", _deviation, *deviation_inputs, layout=deviation_layout(parameters))
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:

@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from drake_quad.control.lqg.design import Regulator
 from drake_quad.control.lqg.laws import ChainCommands, LqgParameters
-from drake_quad.control.lqg.system import deviations_of
+from drake_quad.control.lqg.system import deviation_layout
 from drake_quad.control.mpc.constraints import Corridor, Horizon, Preview, horizontal_constraints, vertical_constraints
 from drake_quad.control.mpc.programme import Programme
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -68,7 +68,7 @@ class PredictiveProgramme(FleetSystem):
         horizon = Horizon(nominal, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)
         level = Programme(list(horizontal_constraints(lateral, horizon)), lateral.weight)
         upright = Programme(list(vertical_constraints(vertical, horizon)), vertical.weight)
-        deviation = self.input("deviation", layout=deviations_of(nominal))
+        deviation = self.input("deviation", layout=deviation_layout(nominal))
 
         def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
             time = context.get_time() if system.scalar is float else context.get_time().value()

@@ -17,7 +17,7 @@ from drake_quad.control.pid_cascade.parameters import (
 )
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where
 from drake_quad.geometry.axes import TINY, Vector
-from drake_quad.geometry.flatness import attitude_of, in_heading, tilt_of
+from drake_quad.geometry.flatness import attitude_from_tilt, in_heading, tilt_from_thrust
 from drake_quad.pid.loop import Memory, Terms, differentiate, integrate
 from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time, VelocityW
 
@@ -71,8 +71,8 @@ def acceleration_target(
     force, unsaturated = _limited_force(commanded, error, parameters, rules)
     terms = parameters.velocity.terms or (None, None, None)
     velocity = [_integrated(*axis, period) for axis in zip(memories, unsaturated, terms, strict=True)]
-    tilt = tilt_of(in_heading(force, *sin_cos(r.yaw)))
-    roll, pitch = attitude_of(tilt)
+    tilt = tilt_from_thrust(in_heading(force, *sin_cos(r.yaw)))
+    roll, pitch = attitude_from_tilt(tilt)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(m.roll), sin_cos(m.pitch)
     # The commanded angular velocity is the yaw rate about Z, expressed along the measured axes of the body.
     level = r.yaw_rate * cos_pitch

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 from drake_quad.control.attitude import MomentOfInertia
 from drake_quad.control.policy.frames import LevelFrame, level_axes
-from drake_quad.control.thrust_vectoring import Vectored
+from drake_quad.control.thrust_vectoring import VectoringOutput
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.geometry.axes import Vector
-from drake_quad.geometry.kinematics import torque_of
+from drake_quad.geometry.kinematics import euler_torque
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import (
     Acceleration,
@@ -138,10 +138,10 @@ def commanded_acceleration(
     return Acceleration(*(components if axes is None else axes.in_world(components)))
 
 
-def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> Vectored:
+def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> VectoringOutput:
     """Return the thrust and the attitude for an action: thrust, roll, pitch, and yaw relative to the reference."""
     thrust, roll, pitch, yaw = action
-    return Vectored(
+    return VectoringOutput(
         Thrust(_scaled_thrust(thrust, scale.thrust)),
         Attitude(
             saturate_action(roll) * scale.tilt,
@@ -175,7 +175,7 @@ def offboard_rate_command(action: Action, measurement: State, scale: RatesScale)
         for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(rates), scale.rates), measured, strict=True)
     )
     return Wrench(
-        _scaled_thrust(thrust, scale.thrust), *torque_of(acceleration, measured, scale.i_xx, scale.i_yy, scale.i_zz)
+        _scaled_thrust(thrust, scale.thrust), *euler_torque(acceleration, measured, scale.i_xx, scale.i_yy, scale.i_zz)
     )
 
 

@@ -16,7 +16,7 @@ from drake_quad.control.policy.actions import (
     wrench_of_speeds,
 )
 from drake_quad.control.policy.frames import LevelFrame
-from drake_quad.control.thrust_vectoring import Vectored
+from drake_quad.control.thrust_vectoring import VectoringOutput
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, Input, Parameter, fleet_system
 from drake_quad.framework.records import rows_layout
 
@@ -70,8 +70,8 @@ class AttitudeActuation(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The yaw of the action is relative to the yaw of the `reference`. The output packs the signals of `Vectored`, with
-    zero body rates and angular accelerations.
+    The yaw of the action is relative to the yaw of the `reference`. The output packs the signals of `VectoringOutput`,
+    with zero body rates and angular accelerations.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -81,7 +81,9 @@ class AttitudeActuation(FleetSystem):
     def declare(self, *, parameters: AttitudeScale) -> None:
         """Declare ports, states and parameters."""
         action, scale = _declare_action(self)
-        self.packed_output("thrust_and_attitude", Vectored, commanded_attitude, action, self.input("reference"), scale)
+        self.packed_output(
+            "thrust_and_attitude", VectoringOutput, commanded_attitude, action, self.input("reference"), scale
+        )
 
 
 @fleet_system(float, AutoDiffXd)
@@ -90,7 +92,7 @@ class OffboardRateActuation(FleetSystem):
 
     .. pydrake_system::
 
-        name: RatesFromTheGround
+        name: OffboardRateActuation
         input_ports:
         - action
         - measurement
@@ -116,7 +118,7 @@ class OnboardRateActuation(FleetSystem):
 
     .. pydrake_system::
 
-        name: RatesOnBoard
+        name: OnboardRateActuation
         input_ports:
         - action
         output_ports:

@@ -197,7 +197,7 @@ class ObservationParameters(NamedTuple):
     initial_action: tuple[Row, ...]
 
 
-def observed(
+def observation_rows(
     state: State,
     reference: Reference,
     ahead: tuple[PositionW, ...],

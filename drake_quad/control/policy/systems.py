@@ -15,7 +15,7 @@ from pydrake.systems.primitives import PassThrough
 
 from drake_quad.control.cascade import connect_inner_loop
 from drake_quad.control.policy.network import Network, evaluate_network
-from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec, num_observed, observed
+from drake_quad.control.policy.observation import ObservationParameters, ObservationSpec, num_observed, observation_rows
 from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import rows_layout
@@ -26,21 +26,21 @@ from drake_quad.signals import Row
 _EXPORTED_INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
-def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
-    """Return the current observation, computed by `observed`, followed by the earlier observations."""
-    return (*observed(*observation_inputs), *past)
+def observation_with_history(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
+    """Return the current observation, computed by `observation_rows`, followed by the earlier observations."""
+    return (*observation_rows(*observation_inputs), *past)
 
 
-def initial_past(times: int, *observation_inputs: Any) -> tuple[Row, ...]:
+def initial_history(times: int, *observation_inputs: Any) -> tuple[Row, ...]:
     """Return the initial earlier observations, which are copies of the first observation."""
-    return observed(*observation_inputs) * times
+    return observation_rows(*observation_inputs) * times
 
 
 def next_observation_states(
     action: tuple[Row, ...], past: tuple[Row, ...], *observation_inputs: Any
 ) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """Return the last action and the earlier observations at the next tick; the oldest observation is dropped."""
-    return action, observation_with_past(past, *observation_inputs)[: len(past)]
+    return action, observation_with_history(past, *observation_inputs)[: len(past)]
 
 
 @fleet_system(float, AutoDiffXd)
@@ -73,7 +73,7 @@ class Observation(FleetSystem):
         period: tick period, s.
         spec: specification of the observation.
         num_actions: number of rows of an action.
-        num_ahead: number of future times at which the reference is observed.
+        num_ahead: number of future times at which the reference is observation_rows.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
         parameters: parameters of the observation.
@@ -102,21 +102,27 @@ class Observation(FleetSystem):
         before = spec.history - 1
         past: Any = self.state("past", lambda _: (0.0,) * (before * num_rows)) if before else ()
         self.output(
-            "observation", observation_with_past, past, *observation_inputs, layout=rows_layout(spec.history * num_rows)
+            "observation",
+            observation_with_history,
+            past,
+            *observation_inputs,
+            layout=rows_layout(spec.history * num_rows),
         )
         if before:
-            self.initialize(initial_past, before, *observation_inputs, writes=[past])
+            self.initialize(initial_history, before, *observation_inputs, writes=[past])
             self.update(period, next_observation_states, action, past, *observation_inputs, writes=[last, past])
         else:
             self.update(period, identity, action, writes=[last])
 
 
-def output_of(observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network) -> tuple[Row, ...]:
+def policy_output(
+    observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network
+) -> tuple[Row, ...]:
     """Return the action of a policy."""
     return evaluate_network(network, observation, memory).output
 
 
-def memory_of(
+def next_policy_memory(
     observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network
 ) -> tuple[tuple[Row, ...], ...]:
     """Return the memory of a policy at the next tick."""
@@ -149,9 +155,9 @@ class Policy(FleetSystem):
         observation = self.input("observation", layout=rows_layout(network.num_inputs))
         memory: Any = self.state("memory", lambda _: network.memory) if network.memory else ()
         layout = rows_layout(network.num_outputs)
-        self.output("action", output_of, observation, memory, network, layout=layout)
+        self.output("action", policy_output, observation, memory, network, layout=layout)
         if network.memory:
-            self.update(period, memory_of, observation, memory, network, writes=[memory])
+            self.update(period, next_policy_memory, observation, memory, network, writes=[memory])
 
 
 def build_policy_control(

@@ -90,7 +90,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
             file.start(library="drake_quad")
             topics: dict[str, dict[str, Any]] = {}
             for name, flight in named.items():
-                topics |= topics_of(name, flight)
+                topics |= flight_topics(name, flight)
             schemas = {
                 title: file.register_schema(title, "jsonschema", json.dumps(schema).encode())
                 for title, schema in {schema["title"]: schema for schema in topics.values()}.items()
@@ -99,7 +99,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
                 topic: file.register_channel(topic, "json", schemas[schema["title"]])
                 for topic, schema in topics.items()
             }
-            each = [messages_of(name, flight, i) for i, (name, flight) in enumerate(named.items())]
+            each = [flight_messages(name, flight, i) for i, (name, flight) in enumerate(named.items())]
             for count, message in enumerate(heapq.merge(*each, key=lambda message: message.time)):
                 data = json.dumps(message.data, allow_nan=False).encode()
                 file.add_message(channels[message.topic], message.time, data, message.time, count)
@@ -112,7 +112,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
     return write_atomically(Path(path), write)
 
 
-def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
+def flight_topics(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
     """Return the schemas of a flight's topics, by topic name."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
@@ -123,7 +123,7 @@ def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
     return topics | {f"/{name}/signals/{signal}": signal_schema(signal, flight) for signal in flight}
 
 
-def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
+def flight_messages(name: str, flight: Flight, number: int) -> Iterator[Message]:
     """Yield the messages of a flight, sorted by time.
 
     Args:

@@ -41,7 +41,7 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.statistics.interval import Interval
-from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+from drake_quad.vehicle.motors import ThrustCurve, thrust_from_throttle
 from drake_quad.vehicle.rigid_body import explain_invalid_inertia, nearest_rigid_inertia
 
 _COMMENT_WIDTH = 100  # characters
@@ -364,7 +364,7 @@ def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltag
             "kind": _Entry("throttle"),
             "curve": [_Entry(coefficient) for coefficient in nominal_curve],
         }
-    max_thrust = max(0.0, float(thrust_of(1.0, ThrustCurve(*coefficients))))
+    max_thrust = max(0.0, float(thrust_from_throttle(1.0, ThrustCurve(*coefficients))))
     full_speed = _SPEED_LIMIT_RATIO * math.sqrt(max_thrust / base.nominal.thrust_factor)
     for part in ("vehicle", "nominal") if nominal else ("vehicle",):
         limit = getattr(base, part).max_rotor_speed

@@ -15,7 +15,7 @@ from drake_quad.scenario.setting import ControlSetting
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-@ACTIONS.member
+@ACTIONS.register
 class AccelerationAction(Action):
     """Acceleration action, which thrust vectoring converts to thrust and attitude."""
 

@@ -1,6 +1,6 @@
 """Base classes of policy actions, and their registry `ACTIONS`.
 
-To add an action, extend `Action` and register the class with `ACTIONS.member`.
+To add an action, extend `Action` and register the class with `ACTIONS.register`.
 """
 
 from abc import abstractmethod

@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import FixedTilt, radians
 from drake_quad.scenario.setting import ControlSetting
 
 
-@ACTIONS.member
+@ACTIONS.register
 class AttitudeAction(ThrustAction):
     """Action with thrust, roll, pitch, and yaw relative to the yaw of the reference."""
 

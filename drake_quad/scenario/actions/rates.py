@@ -18,7 +18,7 @@ from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import BodyRates
 
 
-@ACTIONS.member
+@ACTIONS.register
 class RatesAction(ThrustAction):
     """Action with thrust and body rates."""
 

@@ -17,7 +17,7 @@ from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-@ACTIONS.member
+@ACTIONS.register
 class RotorSpeedsAction(Action):
     """Action with the speed of each rotor, from the idle speed to the top speed."""
 

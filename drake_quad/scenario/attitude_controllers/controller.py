@@ -1,7 +1,7 @@
 """Base class of attitude controllers that run on the ground, and their registry `ATTITUDE_CONTROLLERS`.
 
 To add an attitude controller, extend `AttitudeControllerSettings` and register the class with
-`ATTITUDE_CONTROLLERS.member`.
+`ATTITUDE_CONTROLLERS.register`.
 """
 
 from abc import abstractmethod

@@ -18,7 +18,7 @@ from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
 from drake_quad.vehicle.parameters import Inertia
 
 
-@ATTITUDE_CONTROLLERS.member
+@ATTITUDE_CONTROLLERS.register
 class GeometricAttitude(AttitudeControllerSettings):
     """PD controller of the rotation matrix error, without a singularity. Thrust is projected on the measured z_B.
 

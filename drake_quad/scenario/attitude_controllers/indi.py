@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import Positive, Span
 from drake_quad.vehicle.parameters import Inertia
 
 
-@ATTITUDE_CONTROLLERS.member
+@ATTITUDE_CONTROLLERS.register
 class IndiAttitude(AttitudeControllerSettings):
     """PD controller with incremental nonlinear dynamic inversion of the angular acceleration."""
 

@@ -10,7 +10,7 @@ from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROL
 from drake_quad.vehicle.parameters import Inertia
 
 
-@ATTITUDE_CONTROLLERS.member
+@ATTITUDE_CONTROLLERS.register
 class PdAttitude(AttitudeControllerSettings):
     """PD controller of roll, pitch and yaw."""
 

@@ -24,7 +24,7 @@ from drake_quad.scenario.quantities import (
     Span,
     any_nonzero,
     bounds,
-    field_of,
+    field_from_record,
 )
 from drake_quad.signals import BodyRates, Wrench
 from drake_quad.vehicle import autopilot
@@ -45,14 +45,16 @@ _PLAUSIBLE_GYROSCOPE_ERROR = not_in_degrees_per_second(upper=0.5)
 class NeglectedDragSettings(Model):
     """Drag that the onboard attitude estimator neglects and therefore mistakes for tilt."""
 
-    tilt_per_speed: Number = field_of(
+    tilt_per_speed: Number = field_from_record(
         NeglectedDrag, "tilt_per_speed", "tilt error over velocity: drag coefficient over weight"
     )
-    time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
+    time: Span = field_from_record(
+        NeglectedDrag, "time", "time constant with which the tilt error follows the velocity"
+    )
     strength_fields: ClassVar = ("tilt_per_speed",)
 
 
-@AUTOPILOTS.member
+@AUTOPILOTS.register
 class AttitudeAutopilotSettings(Autopilot):
     """Attitude loop and rate loop on board. The command link carries thrust, attitude and body rates.
 

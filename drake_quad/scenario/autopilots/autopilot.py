@@ -1,6 +1,6 @@
 """Base class of autopilots, and their registry `AUTOPILOTS`.
 
-To add an autopilot, extend `Autopilot` and register the class with `AUTOPILOTS.member`.
+To add an autopilot, extend `Autopilot` and register the class with `AUTOPILOTS.register`.
 """
 
 from abc import abstractmethod

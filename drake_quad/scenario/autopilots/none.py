@@ -7,7 +7,7 @@ from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-@AUTOPILOTS.member
+@AUTOPILOTS.register
 class NoAutopilot(Autopilot):
     """No autopilot: the attitude is controlled on the ground, and the link carries a wrench, as in the paper."""
 

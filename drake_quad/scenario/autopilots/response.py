@@ -27,7 +27,7 @@ from drake_quad.vehicle.quadrotor import QuadrotorConfig
 _ATTITUDE_FIELDS = ("inertia", "rotor_inertia", "drag_factor", "arm_length", "layout", "centre_of_mass")
 
 
-@AUTOPILOTS.member
+@AUTOPILOTS.register
 class AttitudeResponseSettings(Autopilot):
     """Second-order response of each angle to its command, identified in flights of the vehicle with its autopilot."""
 

@@ -20,7 +20,7 @@ from drake_quad.scenario.position_controllers.controller import POSITION_CONTROL
 from drake_quad.scenario.setting import ControlSetting
 
 
-@CONTROLS.member
+@CONTROLS.register
 class CascadeControl(Control):
     """Cascade of a position controller, thrust vectoring and, without an autopilot on board, an attitude controller."""
 

@@ -1,6 +1,6 @@
 """Base class of controls (the controllers on the ground), and their registry `CONTROLS`.
 
-To add a control, extend `Control` and register the class with `CONTROLS.member`.
+To add a control, extend `Control` and register the class with `CONTROLS.register`.
 """
 
 from abc import abstractmethod

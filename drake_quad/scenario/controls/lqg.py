@@ -162,7 +162,7 @@ class YawPd(Model):
     k_d: NonNegative = Field(description="gain of the yaw rate error (1/s)")
 
 
-@CONTROLS.member
+@CONTROLS.register
 class LqgControl(Control):
     """A Kalman filter and a linear-quadratic regulator that replace the whole cascade. The design uses `nominal`."""
 

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from drake_quad.control.lqg.design import regulator_of
+from drake_quad.control.lqg.design import design_regulator
 from drake_quad.control.lqg.laws import LqgParameters
 from drake_quad.control.mpc import constraints
 from drake_quad.control.mpc.constraints import Preview
@@ -21,7 +21,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.controls.lqg import LqgControl
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.paths import distributions_in, keys_of
+from drake_quad.scenario.paths import distributions_in, path_keys
 from drake_quad.scenario.quantities import FixedPositive
 from drake_quad.scenario.setting import ControlSetting
 from drake_quad.signals import Jerk, Reference, Snap
@@ -58,7 +58,7 @@ class Tube(_Corridor):
         )
 
 
-class Room(_Corridor):
+class FixedCorridor(_Corridor):
     """Walls at fixed positions in W."""
 
     kind: Literal["room"]
@@ -72,7 +72,7 @@ class Room(_Corridor):
     )
 
     @model_validator(mode="after")
-    def _has_room(self) -> "Room":
+    def _upper_exceeds_lower(self) -> "FixedCorridor":
         for axis, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):
             if low is not None and high is not None and not low < high:
                 raise self.field_error(f"must be larger than lower, {low}", "upper", axis)
@@ -88,7 +88,7 @@ def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
     return PerAxis(*[none if wall is None else wall for wall in walls])
 
 
-@CONTROLS.member
+@CONTROLS.register
 class MpcControl(LqgControl):
     """A Kalman filter and a regulator with constraints over a horizon. All vehicles of a fleet share one regulator."""
 
@@ -96,7 +96,7 @@ class MpcControl(LqgControl):
     horizon: Annotated[float, Field(gt=0.0, le=4.0)] = Field(
         default=0.6, description="horizon of the constraints (s), rounded to ticks of the control"
     )
-    corridor: Annotated[Tube | Room, Field(discriminator="kind")] | None = Field(
+    corridor: Annotated[Tube | FixedCorridor, Field(discriminator="kind")] | None = Field(
         default=None, description="walls as soft constraints on the position; null for none"
     )
     tilt_weight: FixedPositive = Field(
@@ -113,7 +113,7 @@ class MpcControl(LqgControl):
         for path in distributions_in(self):
             if not path.startswith("network."):
                 demand = "must be a number with control.kind mpc, not a distribution"
-                raise self.field_error(demand, *keys_of(path))
+                raise self.field_error(demand, *path_keys(path))
         return self
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
@@ -127,8 +127,8 @@ class MpcControl(LqgControl):
             "tick": times.tick,
             "num_ticks": max(1, round(self.horizon / times.tick)),
             "nominal": nominal,
-            "lateral": regulator_of(self.lateral.model(), times, self.lateral.command_weight),
-            "vertical": regulator_of(self.vertical.model(), times, self.vertical.command_weight),
+            "lateral": design_regulator(self.lateral.model(), times, self.lateral.command_weight),
+            "vertical": design_regulator(self.vertical.model(), times, self.vertical.command_weight),
             "preview": _preview(setting.plan, times.tick),
             "corridor": NO_WALLS if self.corridor is None else self.corridor.walls(),
             "tilt_weight": self.tilt_weight,

@@ -101,7 +101,7 @@ class AccelerationCommand(_CommandKind):
         )
 
 
-@CONTROLS.member
+@CONTROLS.register
 class PidCascadeControl(Control):
     """PID loops on position and velocity, as in common firmware. Attitude and body rates are controlled on board."""
 

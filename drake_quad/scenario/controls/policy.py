@@ -14,13 +14,13 @@ from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROL
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
-from drake_quad.scenario.networks.learned import or_file
+from drake_quad.scenario.networks.learned import allow_file_name
 from drake_quad.scenario.policies.observation import ObservationSettings
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 from drake_quad.scenario.setting import ControlSetting
 
 
-@CONTROLS.member
+@CONTROLS.register
 class PolicyControl(Control):
     """A trained network that replaces the position controller, the cascade, or the whole control on the ground."""
 
@@ -29,7 +29,7 @@ class PolicyControl(Control):
         default=None,
         description="file of the network, .npz or .onnx, relative to the folder of the scenario's file; FILE.onnx:NAME"
         " selects one of several outputs; without a network, the scenario can only be used in drake_quad.gym",
-        json_schema_extra=or_file,
+        json_schema_extra=allow_file_name,
     )
     action: AnyAction = Field(description="meaning of the output of the network")
     observation: ObservationSettings = Field(default=ObservationSettings(), description="input of the network")

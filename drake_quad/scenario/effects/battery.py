@@ -6,7 +6,7 @@ from pydantic import model_validator
 
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.plausible import Plausible
-from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds, extremes, field_of
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds, extremes, field_from_record
 from drake_quad.vehicle.battery import Battery
 
 # Vehicles of 20 kg have at most 14 cells in series (59 V) and 100 A h. A cell of a 20 g vehicle has a resistance of 0.3
@@ -16,19 +16,23 @@ _PLAUSIBLE_CAPACITY = Plausible("A h", "mA h", 1e-3, upper=200.0)
 _PLAUSIBLE_RESISTANCE = Plausible("Ω", "mΩ", 1e-3, upper=2.0)
 
 
-@EFFECTS.member
+@EFFECTS.register
 class BatteryEffect(VehicleEffect):
     """A battery that the rotors discharge. Its voltage falls as it discharges, and with the current."""
 
-    voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
+    voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_from_record(
         Battery, "voltage", "open-circuit voltage of the full battery"
     )
-    empty_voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_of(
+    empty_voltage: Annotated[Positive, _PLAUSIBLE_VOLTAGE] = field_from_record(
         Battery, "empty_voltage", "open-circuit voltage of the empty battery"
     )
-    capacity: Annotated[Positive, _PLAUSIBLE_CAPACITY] = field_of(Battery, "capacity", "charge of the full battery")
-    resistance: Annotated[NonNegative, _PLAUSIBLE_RESISTANCE] = field_of(Battery, "resistance", "internal resistance")
-    efficiency: Annotated[Number, bounds(ge=0.01, le=1.0, is_fraction=True)] = field_of(
+    capacity: Annotated[Positive, _PLAUSIBLE_CAPACITY] = field_from_record(
+        Battery, "capacity", "charge of the full battery"
+    )
+    resistance: Annotated[NonNegative, _PLAUSIBLE_RESISTANCE] = field_from_record(
+        Battery, "resistance", "internal resistance"
+    )
+    efficiency: Annotated[Number, bounds(ge=0.01, le=1.0, is_fraction=True)] = field_from_record(
         Battery, "efficiency", "mechanical power of the rotors over electrical power"
     )
     field: ClassVar = "battery"

@@ -7,18 +7,18 @@ import numpy as np
 
 from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, AirLoadEffect, PerAxis, VehicleEffect
 from drake_quad.scenario.plausible import PLAUSIBLE_SIZE
-from drake_quad.scenario.quantities import Position, field_of
+from drake_quad.scenario.quantities import Position, field_from_record
 from drake_quad.signals import Row
 from drake_quad.vehicle.aerodynamics import BodyDrag
 
 
-@EFFECTS.member
+@EFFECTS.register
 class BodyDragEffect(AirLoadEffect):
     """Drag of the body on each axis k: F_k = (c1_k + c2_k |u|) u_k, with the air velocity u relative to the body."""
 
-    linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
-    quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
-    centre_of_pressure: Annotated[Position, PLAUSIBLE_SIZE] = field_of(
+    linear: PerAxis = field_from_record(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
+    quadratic: PerAxis = field_from_record(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
+    centre_of_pressure: Annotated[Position, PLAUSIBLE_SIZE] = field_from_record(
         BodyDrag, "centre_of_pressure", "point at which the drag acts, x, y, z in B relative to the centre of mass"
     )
     strength_fields: ClassVar = ("linear", "quadratic")

@@ -1,6 +1,6 @@
 """Base classes of physical effects on the vehicle, and their registry `EFFECTS`.
 
-To add an effect, extend `AirLoadEffect` and register the class with `EFFECTS.member`.
+To add an effect, extend `AirLoadEffect` and register the class with `EFFECTS.register`.
 """
 
 from abc import abstractmethod

@@ -11,16 +11,16 @@ from drake_quad.scenario.effects.effect import EFFECTS, NO_OFFSET, PerAxis, Vehi
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, late_setting
 from drake_quad.scenario.inertia import INERTIA_RULE, explain_invalid_inertia
 from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, PLAUSIBLE_SIZE
-from drake_quad.scenario.quantities import Moment, Position, Positive, field_of
+from drake_quad.scenario.quantities import Moment, Position, Positive, field_from_record
 from drake_quad.signals import Row
 from drake_quad.vehicle.payload import Payload
 
 
-@EFFECTS.member
+@EFFECTS.register
 class PayloadEffect(VehicleEffect):
     """A mass fixed to the vehicle that is picked up or dropped during the flight."""
 
-    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(Payload, "mass", "mass of the payload")
+    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_from_record(Payload, "mass", "mass of the payload")
     position: Annotated[Position, PLAUSIBLE_SIZE] = Field(
         default=NO_OFFSET,
         description="centre of mass of the payload, x, y, z in B relative to the centre of mass of the empty vehicle"

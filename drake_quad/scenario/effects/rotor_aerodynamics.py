@@ -5,27 +5,27 @@ from typing import Any, ClassVar
 import numpy as np
 
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect
-from drake_quad.scenario.quantities import NonNegative, Number, field_of
+from drake_quad.scenario.quantities import NonNegative, Number, field_from_record
 from drake_quad.signals import RotorSpeed, Row
 from drake_quad.vehicle.aerodynamics import RotorAerodynamics
 
 
-@EFFECTS.member
+@EFFECTS.register
 class RotorAerodynamicsEffect(AirLoadEffect):
     """Aerodynamic forces on the rotors that depend on the airspeed. The paper neglects them."""
 
-    lift: NonNegative = field_of(
+    lift: NonNegative = field_from_record(
         RotorAerodynamics,
         "lift",
         "thrust gained by all rotors together, divided by the squared airspeed perpendicular to z of B",
     )
-    climb: Number = field_of(
+    climb: Number = field_from_record(
         RotorAerodynamics, "climb", "thrust lost by all rotors together, divided by the speed of climb along z of B"
     )
-    drag: NonNegative = field_of(
+    drag: NonNegative = field_from_record(
         RotorAerodynamics, "drag", "force on a rotor perpendicular to z of B, divided by airspeed and rotor speed"
     )
-    inflow: NonNegative = field_of(
+    inflow: NonNegative = field_from_record(
         RotorAerodynamics, "inflow", "thrust lost by a rotor, divided by speed of climb along z of B and rotor speed"
     )
     strength_fields: ClassVar = ("lift", "climb", "drag", "inflow")

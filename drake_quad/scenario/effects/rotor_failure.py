@@ -13,7 +13,7 @@ from drake_quad.signals import Row
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 
 
-@EFFECTS.member
+@EFFECTS.register
 class RotorFailureEffect(VehicleEffect):
     """Sudden partial or total loss of speed of one rotor."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from drake_quad.scenario.effects.effect import EFFECTS, VehicleEffect
 from drake_quad.scenario.limits import MAX_MAGNITUDE
 from drake_quad.scenario.plausible import PLAUSIBLE_LOAD, not_in_millimetres
-from drake_quad.scenario.quantities import Number, Positive, bounds, field_of
+from drake_quad.scenario.quantities import Number, Positive, bounds, field_from_record
 from drake_quad.signals import Row
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -15,12 +15,12 @@ from drake_quad.vehicle.slung_load import SlungLoad
 _PLAUSIBLE_LENGTH = not_in_millimetres(upper=100.0)
 
 
-@EFFECTS.member
+@EFFECTS.register
 class SlungLoadEffect(VehicleEffect):
     """A point mass on a massless rod that is hinged at the centre of mass of the vehicle."""
 
-    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_of(SlungLoad, "mass", "mass of the load")
-    length: Annotated[Number, bounds(ge=0.01, le=MAX_MAGNITUDE), _PLAUSIBLE_LENGTH] = field_of(
+    mass: Annotated[Positive, PLAUSIBLE_LOAD] = field_from_record(SlungLoad, "mass", "mass of the load")
+    length: Annotated[Number, bounds(ge=0.01, le=MAX_MAGNITUDE), _PLAUSIBLE_LENGTH] = field_from_record(
         SlungLoad, "length", "length of the rod"
     )
     field: ClassVar = "slung_load"

@@ -3,18 +3,18 @@
 from typing import Any, ClassVar
 
 from drake_quad.scenario.effects.effect import EFFECTS, AirLoadEffect, VehicleEffect
-from drake_quad.scenario.quantities import Number, field_of
+from drake_quad.scenario.quantities import Number, field_from_record
 from drake_quad.signals import Row
 from drake_quad.vehicle.trim_force import TrimForce
 
 
-@EFFECTS.member
+@EFFECTS.register
 class TrimForceEffect(AirLoadEffect):
     """Force at the centre of mass that is constant in body axes and unknown to planner and controllers."""
 
-    x: Number = field_of(TrimForce, "x", "force along x of B")
-    y: Number = field_of(TrimForce, "y", "force along y of B")
-    z: Number = field_of(TrimForce, "z", "force along z of B")
+    x: Number = field_from_record(TrimForce, "x", "force along x of B")
+    y: Number = field_from_record(TrimForce, "y", "force along y of B")
+    z: Number = field_from_record(TrimForce, "z", "force along z of B")
     strength_fields: ClassVar = ("x", "y", "z")
     field: ClassVar = "trim_force"
     description: ClassVar = "force that is constant in the axes of B; none if not given"

@@ -40,13 +40,13 @@ class Document(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4096)
-def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: int = MAX_NODES) -> Document:
+def parse_document(text: str, source: str, *, with_line_numbers: bool = True, max_nodes: int = MAX_NODES) -> Document:
     """Parse YAML 1.2 text. The result is cached, so callers must not change it.
 
     Args:
         text: text of the document.
         source: name of the document in error messages.
-        numbered: True to add line numbers to the marks.
+        with_line_numbers: True to add line numbers to the marks.
         max_nodes: largest number of YAML nodes (keys and values) that is accepted.
 
     Raises:
@@ -54,15 +54,15 @@ def parse_document(text: str, source: str, *, numbered: bool = True, max_nodes: 
             is not text, or a tag.
     """
     try:
-        return _Reader(text, source, numbered, max_nodes).document()
+        return _Reader(text, source, with_line_numbers, max_nodes).document()
     except yaml.MarkedYAMLError as error:
         position = error.problem_mark or error.context_mark
-        mark = Mark(source, position.line + 1 if numbered and position else 0)
+        mark = Mark(source, position.line + 1 if with_line_numbers and position else 0)
         raise InputError(f"{mark}: is not YAML: {shorten_text(str(error.problem or error.context), 100)}") from None
     except (ReaderError, UnicodeEncodeError):
         forbidden = _FORBIDDEN.search(text)
         assert forbidden is not None
-        mark = Mark(source, text.count("\n", 0, forbidden.start()) + 1 if numbered else 0)
+        mark = Mark(source, text.count("\n", 0, forbidden.start()) + 1 if with_line_numbers else 0)
         raise InputError(
             f"{mark}: is not YAML: it contains the character {short_repr(forbidden[0])}, which YAML does not allow"
         ) from None
@@ -83,9 +83,9 @@ class _Reader:
     counts each time that the alias occurs, since the content may include further aliases.
     """
 
-    def __init__(self, text: str, source: str, numbered: bool, max_nodes: int) -> None:
+    def __init__(self, text: str, source: str, with_line_numbers: bool, max_nodes: int) -> None:
         self._events: Iterator[Any] = yaml.parse(text, _PARSER)
-        self._source, self._numbered, self._max_nodes = source, numbered, max_nodes
+        self._source, self._with_line_numbers, self._max_nodes = source, with_line_numbers, max_nodes
         self._nodes = self._level = self._deepest = 0
         self._anchors: dict[str, _Anchored] = {}
 
@@ -105,7 +105,7 @@ class _Reader:
             raise InputError(f"{self._mark(event)}: is not YAML: expected a single document, but another begins here")
 
     def _mark(self, event: Any) -> Mark:
-        return Mark(self._source, event.start_mark.line + 1 if self._numbered else 0)
+        return Mark(self._source, event.start_mark.line + 1 if self._with_line_numbers else 0)
 
     def _enter(self, event: Any, nodes: int, levels: int) -> None:
         """Count nodes, and levels below the present one, towards the limits."""

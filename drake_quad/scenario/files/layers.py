@@ -63,7 +63,7 @@ def merge(base: Tree, extension: Tree, default_kind: str | None = None) -> Tree:
     return Tree({**old, **parts}, extension.mark)
 
 
-def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
+def expand_list_items(tree: Tree, override: Tree, path: str = "") -> Tree:
     """Expand an override: where it gives single list items by index, insert the whole list.
 
     Args:
@@ -77,7 +77,7 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
     old, new = tree.value, override.value
     if isinstance(old, dict) and isinstance(new, dict):
         known = {
-            key: within_lists(old[key], value, join_path(path, key)) if key in old else value
+            key: expand_list_items(old[key], value, join_path(path, key)) if key in old else value
             for key, value in new.items()
         }
         return Tree(known, override.mark)
@@ -89,7 +89,7 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
                     f"its items are {join_path(path, 0)} to {join_path(path, len(old) - 1)}" if old else "it is empty"
                 )
                 raise InputError(f"{override.mark}: {path} has no item {shorten_text(key)}; {extent}")
-            items[key] = merge(items[key], within_lists(items[key], value, join_path(path, key)))
+            items[key] = merge(items[key], expand_list_items(items[key], value, join_path(path, key)))
         return Tree([*items.values()], override.mark)
     return override
 
@@ -138,7 +138,7 @@ def with_layer(base: Tree, layer: Tree) -> Tree:
     for fields, mark in ((base_fields, base.mark), (layer.value, layer.mark)):
         distributions = relative_part(fields["vehicle"]) if "vehicle" in fields else None
         if distributions is not None:
-            result = merge(result, within_lists(result, Tree({"vehicle": distributions}, mark)))
+            result = merge(result, expand_list_items(result, Tree({"vehicle": distributions}, mark)))
     return result
 
 

@@ -48,7 +48,7 @@ class Library:
         Raises:
             InputError: if the file cannot be read or contains something else.
         """
-        tree = self.parse(read_text(path, max_bytes=self._bytes), str(path), numbered=True)
+        tree = self.parse(read_text(path, max_bytes=self._bytes), str(path), with_line_numbers=True)
         if not isinstance(tree.value, dict):
             raise InputError(f"{tree.mark}: must be a mapping of fields")
         return tree
@@ -63,16 +63,17 @@ class Library:
         self._bytes -= len(text)
         return parse_piece_table(text, path)
 
-    def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
+    def parse(self, text: str, source: str, *, with_line_numbers: bool) -> Tree:
         """Parse YAML text with `parse_document`, and count its size towards the limits of the scenario."""
         if len(text) > self._bytes:
             raise InputError(
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        document = parse_document(text, source, numbered=numbered)  # the default limit allows a cached result
+        # The default limit allows a cached result.
+        document = parse_document(text, source, with_line_numbers=with_line_numbers)
         if document.nodes > self._nodes:
-            document = parse_document(text, source, numbered=numbered, max_nodes=self._nodes)
+            document = parse_document(text, source, with_line_numbers=with_line_numbers, max_nodes=self._nodes)
         self._bytes -= len(text)
         self._nodes -= document.nodes
         return document.tree
@@ -98,7 +99,7 @@ class Library:
                 parse = _parse_trajectory if is_piece_table(text) else parse_waypoint_table
                 self._documents[path] = parse(text, path)
             else:
-                self._documents[path] = self.parse(text, str(path), numbered=True)
+                self._documents[path] = self.parse(text, str(path), with_line_numbers=True)
         return self._documents[path]
 
     def _resolve(self, path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:

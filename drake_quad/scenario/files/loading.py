@@ -13,7 +13,7 @@ from drake_quad.scenario.attitude_controllers.controller import ATTITUDE_CONTROL
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS
 from drake_quad.scenario.controls.control import CONTROLS
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
-from drake_quad.scenario.files.layers import merge, with_default_vehicle, with_layer, with_override, within_lists
+from drake_quad.scenario.files.layers import expand_list_items, merge, with_default_vehicle, with_layer, with_override
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.files.named_files import with_named_files
@@ -22,7 +22,7 @@ from drake_quad.scenario.files.relative import refuse_dropped, refuse_outside_ve
 from drake_quad.scenario.files.saving import saved_options
 from drake_quad.scenario.limits import MAX_LEVELS
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import is_item, join_path, steps_of
+from drake_quad.scenario.paths import is_item, join_path, split_path
 from drake_quad.scenario.unions import alternatives
 
 # Tags for the alternatives of a quantity, which pydantic adds to the paths of its errors.
@@ -90,7 +90,7 @@ def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
     return validate(Scenario, reduce(merge, trees))
 
 
-def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
+def build_model(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
     """Return a model with default values, except for the fields that overrides give.
 
     Raises:
@@ -193,7 +193,7 @@ def _loaded(
     library = Library()
     name, tree = library.find(spec)
     if defaults_text:
-        tree = merge(library.parse(defaults_text, "defaults", numbered=False), tree)._replace(mark=tree.mark)
+        tree = merge(library.parse(defaults_text, "defaults", with_line_numbers=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = with_layer(tree, library.find(layer)[1])
     tree = with_default_vehicle(tree)
@@ -202,7 +202,7 @@ def _loaded(
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
         # The tree keeps the mark of the file, since messages about missing fields refer to the file.
-        tree = with_override(tree, within_lists(tree, override))._replace(mark=tree.mark)
+        tree = with_override(tree, expand_list_items(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     return _without_relatives(with_named_files(tree, library))
@@ -266,7 +266,7 @@ def validate(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     base = Tree.of(defaults, tree.mark)
     if not paths or not all(isinstance(base.at(path)[0].value, list) for path in paths):
         raise InputError(_explain(problems, model, tree, data))
-    return validate(model, within_lists(base, tree))
+    return validate(model, expand_list_items(base, tree))
 
 
 def _without_field(tree: Tree, path: tuple[Any, ...]) -> Tree:
@@ -306,12 +306,12 @@ def _parsed(override: Override, library: Library) -> Tree:
     if not equals or not all(path.strip().split(".")) or not text.strip():
         raise InputError(f"{mark}: must be field.path=value, for example vehicle.mass=0.7")
     try:
-        keys = steps_of(path.strip())
+        keys = split_path(path.strip())
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
     if len(keys) > MAX_LEVELS:
         raise InputError(f"{mark}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels")
-    tree = library.parse(text, source, numbered=False)
+    tree = library.parse(text, source, with_line_numbers=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
     return tree

@@ -11,7 +11,7 @@ from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.marked_tree import Mark, Tree
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_LEVELS
-from drake_quad.scenario.paths import join_path, steps_of
+from drake_quad.scenario.paths import join_path, split_path
 
 # Largest number of characters that a message shows of a path. The longest path has seventy characters.
 _MAX_PATH_CHARACTERS = 80
@@ -86,7 +86,7 @@ class _Values:
                 raise InputError(f"{self._mark}: {short_repr(key)} must be the path of a field, as in vehicle.mass")
             inside = f"{path}.{name}" if path else name
             try:
-                steps = steps_of(inside)[len(path.split(".")) if path else 0 :]
+                steps = split_path(inside)[len(path.split(".")) if path else 0 :]
             except InputError as error:
                 raise InputError(f"{self._mark}: {error}") from None
             if level + len(steps) > MAX_LEVELS:

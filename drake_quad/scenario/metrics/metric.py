@@ -345,7 +345,7 @@ def _registered(function: _Function, definition: Callable[..., Metric]) -> _Func
     )
     # Pickle looks the class up as an attribute of the function.
     model.__qualname__ = f"{function.__qualname__}.settings"
-    function.settings = METRICS.member(model)  # type: ignore[attr-defined, type-var]
+    function.settings = METRICS.register(model)  # type: ignore[attr-defined, type-var]
     return function
 
 

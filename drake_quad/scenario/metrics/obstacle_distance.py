@@ -26,7 +26,7 @@ def _value(sums: ValueSums, ticks: Any, _: float) -> Any:
     return np.where(ticks > 0.0, sums.value, np.nan)
 
 
-@METRICS.member
+@METRICS.register
 class ObstacleDistance(MetricSettings):
     """Smallest distance between the vehicle and the obstacles of the scenario."""
 
@@ -38,7 +38,7 @@ class ObstacleDistance(MetricSettings):
         Raises:
             InputError: if the scenario has no obstacles.
         """
-        space = scenario.room()
+        space = scenario.flight_space()
         if space is None or not space.obstacles:
             raise InputError(f"metrics.additional.{name} needs obstacles, but {scenario.name} has none in `space`")
         surroundings = Surroundings(tuple(each.shape for each in space.obstacles), space.radius)

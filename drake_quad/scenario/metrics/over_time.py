@@ -47,7 +47,7 @@ class SignalMetric(MetricSettings):
 for _rule, _description in _DESCRIPTIONS.items():
     _name = f"{_rule.capitalize()}OverTime"
     # Pickle looks the class up by its name in this module.
-    globals()[_name] = METRICS.member(
+    globals()[_name] = METRICS.register(
         create_model(
             _name,
             __base__=SignalMetric,

@@ -51,6 +51,6 @@ class LearnedNetwork(Model):
         return self
 
 
-def or_file(schema: dict[str, Any]) -> None:
+def allow_file_name(schema: dict[str, Any]) -> None:
     """Allow a file name in the JSON schema of a field, since its content can be read from a file."""
     schema["anyOf"].insert(0, {"type": "string"})

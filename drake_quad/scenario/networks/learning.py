@@ -9,7 +9,7 @@ from pydantic import Field
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw
 from drake_quad.control.fuzzy.systems import LearningParameters
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.inactive import can_act, needs
+from drake_quad.scenario.inactive import can_have_effect, needs
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, bounds
 
 
@@ -86,7 +86,7 @@ class GradientLearning(_LearningFromEither):
 
     def can_change_weights(self) -> bool:
         """Return whether the rate or the initial weight can differ from zero."""
-        return can_act((self.rate, self.initial_weight))
+        return can_have_effect((self.rate, self.initial_weight))
 
     def law(self) -> GradientLaw:
         """Return the law with a constant covariance."""

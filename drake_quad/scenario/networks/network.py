@@ -16,7 +16,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.distributions import Model, validation_error
 from drake_quad.scenario.inactive import FlightConditions, InactiveSetting, is_set
 from drake_quad.scenario.networks.inputs import InputSets, NetworkInputs
-from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, or_file
+from drake_quad.scenario.networks.learned import AXES, Axis, LearnedAxis, LearnedNetwork, allow_file_name
 from drake_quad.scenario.networks.learning import CovarianceLearning, Learning
 from drake_quad.scenario.plausible import PLAUSIBLE_LAG
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounds, can_differ_from_zero
@@ -45,7 +45,7 @@ class _Network(Model):
         default=None,
         description="parameters at the start of the flight: a file of `fly --save-network`, relative to the folder of"
         " the scenario's file",
-        json_schema_extra=or_file,
+        json_schema_extra=allow_file_name,
     )
 
     @model_validator(mode="after")

@@ -1,6 +1,6 @@
 """Base class of the position controllers, and their registry `POSITION_CONTROLLERS`.
 
-To add a position controller, extend `PositionController` and register the class with `POSITION_CONTROLLERS.member`.
+To add a position controller, extend `PositionController` and register the class with `POSITION_CONTROLLERS.register`.
 """
 
 from abc import abstractmethod

@@ -13,7 +13,7 @@ from drake_quad.scenario.position_controllers.estimating import EstimatingPositi
 from drake_quad.scenario.quantities import FixedPositive, FixedPositives, FixedSpans
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class ObserverPosition(EstimatingPosition):
     """PD controller with a Kalman filter that estimates the acceleration disturbance from measured positions."""
 

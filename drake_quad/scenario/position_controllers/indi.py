@@ -10,7 +10,7 @@ from drake_quad.scenario.position_controllers.estimating import EstimatingPositi
 from drake_quad.scenario.quantities import Positives
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class IndiPosition(EstimatingPosition):
     """PD controller with incremental nonlinear dynamic inversion of the acceleration."""
 

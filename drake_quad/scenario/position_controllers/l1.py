@@ -10,7 +10,7 @@ from drake_quad.scenario.position_controllers.estimating import EstimatingPositi
 from drake_quad.scenario.quantities import Positive, Positives
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class L1Position(EstimatingPosition):
     """PD controller with piecewise-constant L1 adaptive augmentation, a method described in US patent 8,712,559."""
 

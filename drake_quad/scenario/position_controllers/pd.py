@@ -19,7 +19,7 @@ from drake_quad.scenario.quantities import Gains
 from drake_quad.scenario.setting import ControlSetting
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class PdPosition(PositionController):
     """PD controller of the position error, eq (8)."""
 

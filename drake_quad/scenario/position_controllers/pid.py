@@ -14,7 +14,7 @@ from drake_quad.scenario.quantities import Gains, IntegrationRule, Positive
 from drake_quad.scenario.setting import ControlSetting
 
 
-@POSITION_CONTROLLERS.member
+@POSITION_CONTROLLERS.register
 class PidPosition(PdPosition):
     """PD controller with an integral term, which is limited to prevent windup."""
 

@@ -11,11 +11,11 @@ from drake_quad.reference.routes import Route, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.scenario.distributions import validation_error
 from drake_quad.scenario.quantities import Number, Positive
-from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, Planned, split_three_laps
+from drake_quad.scenario.routes.route import ROUTES, Laps, MovingRoute, PlannedRoute, split_three_laps
 from drake_quad.space.space import Space
 
 
-@ROUTES.member
+@ROUTES.register
 class FigureEightRoute(MovingRoute):
     """The paper's figure eight, scaled in time until one of the limits is met exactly."""
 
@@ -40,12 +40,14 @@ class FigureEightRoute(MovingRoute):
             raise validation_error(f"must be larger than the radius, {radius}")
         return offset
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan of the laps."""
         geometry = figure_eight(
             lower_height=self.lower_height, upper_height=self.upper_height, radius=self.radius, offset=self.offset
         )
-        return Planned(self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry))
+        return PlannedRoute(
+            self.scaled_in_time(geometry, self.cruise_speed) if self.laps == 1 else self._in_laps(geometry)
+        )
 
     def _in_laps(self, geometry: Route) -> Plan:
         """Return a plan with a climb and several laps. A speed profile over three laps determines the durations."""
@@ -58,4 +60,4 @@ class FigureEightRoute(MovingRoute):
         path, laps = path.scaled_in_time(factor), tuple([factor * time for time in laps])
         rise, *others = geometry.legs
         legs = [leg._replace(first=leg.first + i * (len(lap) - 1)) for i in range(self.laps) for leg in others]
-        return Plan(path, self.yaw_of(path), (rise, *legs), laps)
+        return Plan(path, self.yaw_profile(path), (rise, *legs), laps)

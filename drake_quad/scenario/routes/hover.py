@@ -6,11 +6,11 @@ from pydantic import Field
 
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.quantities import Direction, FixedSpan, Position
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, PlannedRoute
 from drake_quad.space.space import Space
 
 
-@ROUTES.member
+@ROUTES.register
 class HoverRoute(MissionRoute):
     """Hover at one point."""
 
@@ -19,10 +19,10 @@ class HoverRoute(MissionRoute):
     yaw: Direction = Field(default=0.0, description="constant yaw of the reference (rad)")
     duration: FixedSpan = Field(default=10.0, description="duration of the hover (s)")
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
         return ("route", "duration"), self.duration
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan of the hover."""
-        return Planned(Plan.hover(self.position, duration=self.duration, yaw=self.yaw))
+        return PlannedRoute(Plan.hover(self.position, duration=self.duration, yaw=self.yaw))

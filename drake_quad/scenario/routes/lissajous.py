@@ -8,13 +8,13 @@ from pydantic import Field
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.quantities import FixedDirection, FixedDirections, FixedSpan, Point
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MissionRoute, Planned
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MissionRoute, PlannedRoute
 from drake_quad.space.space import Space
 
 _Turns = Annotated[int, Field(ge=0, le=20)]
 
 
-@ROUTES.member
+@ROUTES.register
 class LissajousRoute(MissionRoute):
     """Laps of a Lissajous curve: centre + amplitude · sin(2π turns t / period + phase) along each axis, with time t.
 
@@ -32,13 +32,13 @@ class LissajousRoute(MissionRoute):
     laps: Laps = Field(default=2, description="number of laps")
     yaw: FixedDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
         return ("route", "laps"), self.laps * self.period
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan of the laps."""
         names = ("centre", "amplitude", "turns", "phase", "period", "laps")
         laps = tuple(np.linspace(0.0, self.laps * self.period, self.laps + 1).tolist())
         path = lissajous(**{name: getattr(self, name) for name in names})
-        return Planned(Plan.with_constant_yaw(path, self.yaw, laps=laps))
+        return PlannedRoute(Plan.with_constant_yaw(path, self.yaw, laps=laps))

@@ -1,6 +1,6 @@
 """Base classes of the routes, and their registry `ROUTES`.
 
-To add a route, extend `MissionRoute` and register the class with `ROUTES.member`.
+To add a route, extend `MissionRoute` and register the class with `ROUTES.register`.
 """
 
 from abc import abstractmethod
@@ -16,7 +16,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.routes import Route
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
-from drake_quad.reference.yaw import constant_yaw, yaw_along
+from drake_quad.reference.yaw import constant_yaw, yaw_along_path
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.inactive import needs
 from drake_quad.scenario.quantities import Direction, Positive
@@ -28,7 +28,7 @@ KnownEnd = tuple[tuple[str | int, ...], float | None]
 """Path of the field of a scenario that determines the end time of its route, and this time, s."""
 
 
-class Planned(NamedTuple):
+class PlannedRoute(NamedTuple):
     """Plan of a route, and the planning problem that it solves.
 
     Attributes:
@@ -51,7 +51,7 @@ class MissionRoute(Model):
 
     kind: str
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that sets the end time of the route, and this time (s), or None if it must be planned."""
         return ("route",), None
 
@@ -60,7 +60,7 @@ class MissionRoute(Model):
         return PathLimits()
 
     @abstractmethod
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan of the route.
 
         The caller checks the plan for obstacles, rotor limits and duration.
@@ -99,10 +99,12 @@ class MovingRoute(MissionRoute):
         specified = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return PathLimits(**{name: limit for name, limit in specified.items() if limit is not None})
 
-    def yaw_of(self, path: PolynomialPath) -> PolynomialPath:
+    def yaw_profile(self, path: PolynomialPath) -> PolynomialPath:
         """Return the yaw of the reference along a path."""
         return (
-            yaw_along(path) if self.heading == "along_path" else constant_yaw(path.times[0], path.times[-1], self.yaw)
+            yaw_along_path(path)
+            if self.heading == "along_path"
+            else constant_yaw(path.times[0], path.times[-1], self.yaw)
         )
 
     def scaled_in_time(self, geometry: Route, cruise_speed: float) -> Plan:
@@ -115,7 +117,7 @@ class MovingRoute(MissionRoute):
         times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=self.top_acceleration)
         path = minimum_snap(geometry.waypoints, times)
         path = path.scaled_in_time(stretch_factor(path, self.limits()))
-        return Plan(path, self.yaw_of(path), geometry.legs)
+        return Plan(path, self.yaw_profile(path), geometry.legs)
 
 
 def split_three_laps(durations: np.ndarray, segments: int) -> LapDurations:

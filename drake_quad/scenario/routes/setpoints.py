@@ -11,13 +11,13 @@ from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.scenario.distributions import Real
 from drake_quad.scenario.limits import MIN_DURATION
 from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedSpan, radians_demand
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, PlannedRoute
 from drake_quad.space.space import Space
 
 Setpoint = Annotated[tuple[FixedMoment, Real, Real, Real, Real], Field(strict=False)]
 
 
-@ROUTES.member
+@ROUTES.register
 class SetpointsRoute(MissionRoute):
     """Setpoints of position and yaw, each held until the next setpoint, as a computer sends them to an autopilot.
 
@@ -50,15 +50,15 @@ class SetpointsRoute(MissionRoute):
             raise self.field_error(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)
         return self
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
         return ("route", "last_hold"), self.setpoints[-1][0] + self.last_hold
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the setpoints as a plan of constant pieces."""
         rows = np.array(self.setpoints)
         times = np.append(rows[:, 0], rows[-1, 0] + self.last_hold)
         coefficients = np.zeros((len(rows), 8, 4))
         coefficients[:, 0] = rows[:, 1:]
         path, yaw = (PolynomialPath(times, part) for part in np.split(coefficients, [3], axis=2))
-        return Planned(Plan(path, yaw))
+        return PlannedRoute(Plan(path, yaw))

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from drake_quad.reference.pieces import POWERS, plan_of_pieces
+from drake_quad.reference.pieces import POWERS, pieces_to_plan
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, hermite_path, power_basis
 from drake_quad.scenario.distributions import Model, Real, omits_defaults, validation_error
 from drake_quad.scenario.limits import MAX_WAYPOINTS, MIN_DURATION
 from drake_quad.scenario.quantities import TWO_TURNS, FixedMoment, FixedPositive, FixedSpan, Point, radians_demand
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, PlannedRoute
 from drake_quad.space.space import Space
 
 # Unit and largest allowed jump between trajectory pieces, by path and order of the derivative. Such small jumps do not
@@ -64,7 +64,7 @@ class Piece(Model):
         return [self.duration, *itertools.chain(*padded)]
 
 
-@ROUTES.member
+@ROUTES.register
 class TrajectoryRoute(MissionRoute):
     """A trajectory given by knots, as written by `drake-quad plan`, or by polynomials, as in Crazyswarm2 files.
 
@@ -138,7 +138,7 @@ class TrajectoryRoute(MissionRoute):
         """Raise an error if position, velocity or yaw jump between pieces. Yaw jumps by whole turns are allowed."""
         if self.pieces is None:
             return self
-        plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))
+        plan = pieces_to_plan(np.array([piece.row() for piece in self.pieces]))
         for i in range(1, len(self.pieces)):
             for (name, order), (unit, max_jump) in _MAX_JUMPS.items():
                 path: PolynomialPath = getattr(plan, name)
@@ -153,7 +153,7 @@ class TrajectoryRoute(MissionRoute):
                     )
         return self
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that determines the duration, and the duration, s."""
         if self.pieces is not None:
             return ("route", "pieces"), self.time_scale * sum(piece.duration for piece in self.pieces)
@@ -161,19 +161,19 @@ class TrajectoryRoute(MissionRoute):
         last = len(self.knots) - 1
         return ("route", "knots", last, "time"), self.time_scale * self.knots[last].time
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the trajectory as a plan."""
         if self.pieces is not None:
             rows = np.array([piece.row() for piece in self.pieces])
-            return Planned(plan_of_pieces(rows, origin=self.origin, time_scale=self.time_scale))
+            return PlannedRoute(pieces_to_plan(rows, origin=self.origin, time_scale=self.time_scale))
         assert self.knots is not None
         times = np.array([knot.time for knot in self.knots])
         derivatives = [[knot.position, knot.velocity, knot.acceleration, knot.jerk] for knot in self.knots]
         path = hermite_path(times, np.array(derivatives))
         path.coefficients[:, 0] += self.origin
         if self.yaw_knots is None:
-            return Planned(Plan.with_constant_yaw(path._replace(times=self.time_scale * times)))
+            return PlannedRoute(Plan.with_constant_yaw(path._replace(times=self.time_scale * times)))
         yaw_times = np.array([knot.time for knot in self.yaw_knots])
         yaw = hermite_path(yaw_times, np.array([[[knot.yaw], [knot.yaw_rate]] for knot in self.yaw_knots]))
         scaled = [part._replace(times=self.time_scale * part.times) for part in (path, yaw)]
-        return Planned(Plan(scaled[0], scaled[1]))
+        return PlannedRoute(Plan(scaled[0], scaled[1]))

@@ -23,7 +23,7 @@ class WaypointTimes(Model):
 
     chooses_total: ClassVar[bool] = False
 
-    def known_end(self, laps: int) -> KnownEnd | None:
+    def known_end_time(self, laps: int) -> KnownEnd | None:
         """Return the field that sets the end time of the last lap, and this time (s), or None if it must be planned."""
         return None
 
@@ -54,7 +54,7 @@ class FixedWaypointTimes(WaypointTimes):
             raise validation_error(f"must not exceed {MAX_DURATION} s")
         return times
 
-    def known_end(self, laps: int) -> KnownEnd | None:
+    def known_end_time(self, laps: int) -> KnownEnd | None:
         """Return the field that contains the times, and the time at which the last lap ends, s."""
         return ("route", "times"), self.times[0] + laps * (self.times[-1] - self.times[0])
 
@@ -80,7 +80,7 @@ class MinimumSnapTimes(WaypointTimes):
     kind: Literal["minimum_snap"]
     duration: FixedSpan = Field(description="total time (s)")
 
-    def known_end(self, laps: int) -> KnownEnd | None:
+    def known_end_time(self, laps: int) -> KnownEnd | None:
         """Return the field that contains the duration, and the duration, s."""
         return ("route", "times", "duration"), self.duration
 

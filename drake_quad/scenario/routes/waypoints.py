@@ -24,13 +24,13 @@ from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.quantities import TWO_TURNS, Point, Position, Positive, radians_demand
 from drake_quad.scenario.regions import BoxRegion, CorridorRegion, SphereRegion
-from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, Planned, split_three_laps
+from drake_quad.scenario.routes.route import ROUTES, KnownEnd, Laps, MovingRoute, PlannedRoute, split_three_laps
 from drake_quad.scenario.routes.waypoint_times import FixedWaypointTimes, MinimumSnapTimes, MinimumTimes, Times
 from drake_quad.space.distance import nearest_approach
 from drake_quad.space.space import Space
 
 if TYPE_CHECKING:
-    from drake_quad.space.around import RouteAround
+    from drake_quad.space.around import CollisionFreeRoute
 
 # Half a turn plus a rounding tolerance, rad. Successive yaws that differ by at most this angle describe a continuous
 # turn.
@@ -77,7 +77,7 @@ class Waypoint(Model):
         return Box.point(np.array(self.point, dtype=float))
 
 
-@ROUTES.member
+@ROUTES.register
 class WaypointRoute(MovingRoute):
     """Minimum-snap path through waypoints, within limits and corridors."""
 
@@ -183,9 +183,9 @@ class WaypointRoute(MovingRoute):
                 raise PydanticCustomError("path", "{reason}", {"reason": str(error)}) from None
         return self
 
-    def known_end(self) -> KnownEnd:
+    def known_end_time(self) -> KnownEnd:
         """Return the field that sets the end time of the route, and this time (s), or None if it must be planned."""
-        return self.times.known_end(self.laps) or super().known_end()
+        return self.times.known_end_time(self.laps) or super().known_end_time()
 
     def problem(self, laps: int = 1) -> PathProblem:
         """Return the planning problem for a number of laps. The route must not contain distributions.
@@ -221,23 +221,27 @@ class WaypointRoute(MovingRoute):
                 raise InputError(f"the corridor of segment {i} lies outside route.space; enlarge one of the two")
         return inside
 
-    def plan(self, space: Space | None) -> Planned:
+    def plan(self, space: Space | None) -> PlannedRoute:
         """Return the plan through the waypoints, around the obstacles of a space."""
         path, laps, way = self._path(space)
         if self.heading == "waypoints":
             yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in self.waypoints]
             yaw = yaw_through(self._passing_times(path, way), [*yaws, *yaws[1:] * (self.laps - 1)])
         else:
-            yaw = self.yaw_of(path)
+            yaw = self.yaw_profile(path)
         plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
-        return Planned(plan, self.problem(self.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
+        return (
+            PlannedRoute(plan, self.problem(self.laps))
+            if way is None
+            else PlannedRoute(plan, way.problem, way.waypoints)
+        )
 
-    def _passing_times(self, path: PolynomialPath, way: "RouteAround | None") -> np.ndarray:
+    def _passing_times(self, path: PolynomialPath, way: "CollisionFreeRoute | None") -> np.ndarray:
         """Return the times at which the path passes the waypoints, (waypoints,) in s."""
         flown_path = path if way is None else path._replace(times=path.times[way.waypoints])
         return passing_times(self.problem(self.laps), flown_path)
 
-    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "RouteAround | None"]:
+    def _path(self, space: Space | None) -> tuple[PolynomialPath, tuple[float, ...], "CollisionFreeRoute | None"]:
         """Return the path, the start and end times of its laps (s), and its route around obstacles.
 
         The times are empty for a single lap. The route around obstacles is None if there are none. If the method
@@ -275,14 +279,19 @@ class WaypointRoute(MovingRoute):
             return all_laps._replace(times=all_laps.times + start), tuple([start + time for time in laps]), None
         return all_laps.scaled_in_time(factor), tuple([factor * time for time in laps]), None
 
-    def _around(self, space: Space) -> tuple[PolynomialPath, "RouteAround"]:
+    def _around(self, space: Space) -> tuple[PolynomialPath, "CollisionFreeRoute"]:
         """Return a path that keeps the clearance and the bounds of a space, and its route around obstacles.
 
         Raises:
             InputError: if no path exists or none is found.
         """
         # Imported here, because space.around imports pydrake.planning, which most flights do not need.
-        from drake_quad.space.around import check_waypoint_clearance, direct_route, plan_around, with_bounds
+        from drake_quad.space.around import (
+            check_waypoint_clearance,
+            direct_route,
+            plan_collision_free_path,
+            with_bounds,
+        )
 
         problem, timing = self.problem(), self.times.timing()
         if not isinstance(self.times, FixedWaypointTimes):
@@ -298,7 +307,7 @@ class WaypointRoute(MovingRoute):
                 f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
                 " space.bounds, the box in which to plan a route around the obstacles"
             )
-        path, way = cached_on_disk(plan_around, space, space.bounds, problem, timing)
+        path, way = cached_on_disk(plan_collision_free_path, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)
         if approach is not None and approach.distance < space.clearance:
             raise RuntimeError(f"a path planned with a clearance of {space.clearance:g} m comes to {approach}")

@@ -1,6 +1,6 @@
 """Base class of onboard sensors, and their registry `SENSORS`.
 
-To add a sensor, extend `SensorSettings` and register the class with `SENSORS.member`. The readings then form a signal
+To add a sensor, extend `SensorSettings` and register the class with `SENSORS.register`. The readings then form a signal
 named after the kind. The laboratory has a port with this name. The signal is recorded, and a control may read it.
 """
 
@@ -57,9 +57,9 @@ class SensorSettings(Model):
 class _SensorUnion(OpenUnion):
     """Registry of sensors that also registers the readings of each sensor as a signal."""
 
-    def member(self, model: _Member) -> _Member:
+    def register(self, model: _Member) -> _Member:
         """Register a sensor and its signal, as a decorator of the sensor class."""
-        super().member(model)
+        super().register(model)
         name = self._name_of(model)
         SIGNALS[name] = self.members[name].law.reading
         return model

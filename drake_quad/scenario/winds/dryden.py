@@ -12,7 +12,7 @@ from drake_quad.scenario.winds.source import WINDS, WindSource, WindSurroundings
 from drake_quad.signals import VelocityW
 
 
-@WINDS.member
+@WINDS.register
 class DrydenSource(WindSource):
     """Continuous turbulence by the Dryden model of MIL-F-8785C at low altitude."""
 

@@ -19,7 +19,7 @@ _PLAUSIBLE_FLOW = Plausible("m³/s", "m³/h", 1.0 / 3600.0, upper=500.0)
 _PLAUSIBLE_DIAMETER = not_in_millimetres(upper=10.0)
 
 
-@WINDS.member
+@WINDS.register
 class FanSource(WindSource):
     """An industrial fan: a free jet in a room."""
 

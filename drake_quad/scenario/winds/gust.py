@@ -13,7 +13,7 @@ from drake_quad.scenario.quantities import Moment, Span
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
 
-@WINDS.member
+@WINDS.register
 class GustSource(BlowingSource):
     """A 1-cosine gust: it rises over the rise time, holds its peak, and falls over the same time."""
 

@@ -10,7 +10,7 @@ from drake_quad.scenario.quantities import Direction, Positive
 from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSurroundings
 
 
-@WINDS.member
+@WINDS.register
 class SineSource(BlowingSource):
     """A wind whose velocity is a sine of time, so that it reverses periodically."""
 

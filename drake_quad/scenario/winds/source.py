@@ -1,6 +1,6 @@
 """Base class of wind sources, and their registry `WINDS`.
 
-To add a source, extend `WindSource` and register the class with `WINDS.member`.
+To add a source, extend `WindSource` and register the class with `WINDS.register`.
 """
 
 from abc import abstractmethod

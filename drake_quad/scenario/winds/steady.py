@@ -11,7 +11,7 @@ from drake_quad.scenario.winds.source import WINDS, BlowingSource, WindSource, W
 from drake_quad.signals import VelocityW, Wind
 
 
-@WINDS.member
+@WINDS.register
 class SteadySource(BlowingSource):
     """Wind that is independent of position and time. It blows at full speed from the start of the flight."""
 

@@ -25,11 +25,11 @@ from drake_quad.visualization.replay.shapes import (
     draw_quadrotor,
     draw_trail_piece,
     part_scale,
-    pose_of,
     quadrotor_mesh,
     rgba,
     rotation_angles,
     rotor_poses,
+    vehicle_pose,
     wind_arrow,
 )
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
@@ -106,7 +106,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
             scene_path = f"/{_path_component(name)}/{index}"
             meshcat.SetTriangleMesh(f"{scene_path}/body", *quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
             for frame, tick in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
-                animation.SetTransform(frame, scene_path, pose_of(State(*flight["state"][tick])))
+                animation.SetTransform(frame, scene_path, vehicle_pose(State(*flight["state"][tick])))
             line = positions(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
             shade = rgba(_RED) if crashed else rgba(_tint(colors[name]))
             meshcat.SetLine(f"/{_path_component(name)}_trails/{index}", np.ascontiguousarray(line), 1.0, shade)
@@ -139,7 +139,7 @@ def _animate_vehicle(
     frames = _frames(flight, FRAMES_PER_SECOND, last)
     angles = np.zeros(4)
     for frame, tick in frames:
-        animation.SetTransform(frame, scene_path, pose_of(State(*flight["state"][tick])))
+        animation.SetTransform(frame, scene_path, vehicle_pose(State(*flight["state"][tick])))
         for number, pose in enumerate(rotor_poses(body.rotors, angles), start=1):
             animation.SetTransform(frame, f"{scene_path}/rotor_{number}", pose)
         angles += rotation_angles(body.rotors, RotorSpeed(*flight["rotor_speed"][tick]), 1.0 / FRAMES_PER_SECOND)

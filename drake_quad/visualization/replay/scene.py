@@ -95,7 +95,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, visited_
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
-    space = scenario.room()
+    space = scenario.flight_space()
     names = {}
     for obstacle in () if space is None else space.obstacles:
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)

@@ -246,7 +246,7 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     return vertices.T, np.array(faces).T
 
 
-def pose_of(state: State) -> RigidTransform:
+def vehicle_pose(state: State) -> RigidTransform:
     """Return the pose of a vehicle in W."""
     return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), positions(state))
 

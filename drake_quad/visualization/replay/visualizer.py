@@ -21,9 +21,9 @@ from drake_quad.visualization.replay.shapes import (
     draw_quadrotor,
     draw_trail_piece,
     part_scale,
-    pose_of,
     rotation_angles,
     rotor_poses,
+    vehicle_pose,
     wind_arrow,
 )
 from drake_quad.visualization.style import BLACK, VERMILION
@@ -138,7 +138,7 @@ class QuadrotorVisualizer(LeafSystem):
             self._delete_trail()
         elapsed = time - self._last_time if np.isfinite(self._last_time) else 0.0
         self._last_time = time
-        self._meshcat.SetTransform(self._path, pose_of(state), time)
+        self._meshcat.SetTransform(self._path, vehicle_pose(state), time)
         if (rotor_speed := self._signal_value("rotor_speed", context)) is not None:
             self._angles += rotation_angles(self._rotors, rotor_speed, elapsed)
             for number, pose in enumerate(rotor_poses(self._rotors, self._angles), start=1):

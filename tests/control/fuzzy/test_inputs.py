@@ -9,7 +9,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.inputs import extrapolate_position, input_values, route_phase, signals_of
+from drake_quad.control.fuzzy.inputs import extrapolate_position, input_signals, input_values, route_phase
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
@@ -23,15 +23,15 @@ SIGNALS = {
 
 def test_rule_inputs_are_axis_signals_coordinates_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
-    assert signals_of(inputs) == ("error", "error_rate", "measurement", "disturbance")
+    assert input_signals(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
         e, rate, d = own
         assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
 
 
 def test_a_network_requires_only_the_signals_of_its_inputs():
-    assert signals_of(("phase", "v_z", "x")) == ("measurement",)
-    assert signals_of(("phase", "error_rate")) == ("error_rate",)
+    assert input_signals(("phase", "v_z", "x")) == ("measurement",)
+    assert input_signals(("phase", "error_rate")) == ("error_rate",)
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,16 @@ from drake_quad.control.lqg.laws import (
     KalmanState,
     RegulatorOutput,
     SentCommands,
-    disturbance_of,
-    error_of,
-    error_rate_of,
     estimator_step,
     filter_step,
     next_sent,
     outer_feedback,
+    position_error,
+    position_error_rate,
     regulator_output,
-    target_for,
-    wrench_for,
+    target_from_acceleration,
+    total_disturbance,
+    wrench_from_snap,
 )
 from drake_quad.signals import Acceleration, Jerk, PositionError, PositionErrorRate, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
@@ -102,9 +102,9 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
     first = running_filter(TorqueChain)._replace(has_started=0.0)
     after = filter_step(MEASUREMENT, first, sent_commands(2, SNAP), None, TORQUE_LQG, H, True)
     assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
-    assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
-    assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
-    assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
+    assert position_error(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
+    assert position_error_rate(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
+    assert total_disturbance(after.estimate) == (0.0, 0.0, 0.0)
 
 
 def test_a_known_acceleration_changes_the_estimated_motion_but_not_the_estimated_disturbance():
@@ -153,7 +153,7 @@ def test_the_snap_command_contains_state_feedback_and_feedforward_with_lead():
         assert getattr(output.command, axis) == pytest.approx(forward - feedback)
         assert getattr(output.deviation, axis) == pytest.approx(-feedback)
     # The acceleration is the command of an outer loop: the PD plus the compensation of the disturbance.
-    pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), parameters)
+    pd = outer_feedback(position_error(estimate, REFERENCE), position_error_rate(estimate, REFERENCE), parameters)
     K = parameters.lateral.K
     compensation = (
         K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate
@@ -248,11 +248,11 @@ def test_the_wrench_for_a_vehicle_on_its_path_follows_from_flatness():
     equal_inertia = TORQUE_LQG.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
     parameters = TORQUE_LQG._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
     requested = undisturbed_output(SNAP.x, SNAP.y, REFERENCE.a_z)
-    wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, parameters)
+    wrench = wrench_from_snap(requested, estimate, measured, REFERENCE, JERK, SNAP, parameters)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
     yaw = 3.1 * (REFERENCE.yaw_rate - measured.r) + SNAP.yaw
     assert wrench.tau_z == pytest.approx(0.01 * yaw)
-    turned = wrench_for(
+    turned = wrench_from_snap(
         requested, estimate, measured._replace(yaw=measured.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, parameters
     )
     assert turned == pytest.approx(wrench)
@@ -261,7 +261,9 @@ def test_the_wrench_for_a_vehicle_on_its_path_follows_from_flatness():
 def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
     demand, measured, estimate = vehicle_on_path(AttitudeChain)
     requested = undisturbed_output(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(requested, estimate, measured, REFERENCE, TARGET_LQG._replace(thrust=UNLIMITED_THRUST))
+    target = target_from_acceleration(
+        requested, estimate, measured, REFERENCE, TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
+    )
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
@@ -285,8 +287,8 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     changed_estimate = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
     usual, other = undisturbed_output(1.3, -0.7, 0.4), undisturbed_output(1.3, -0.7, 0.4 + change)
-    commanded = target_for(usual, estimate, measured, REFERENCE, free)
-    changed_target = target_for(other, changed_estimate, measured, REFERENCE, free)
+    commanded = target_from_acceleration(usual, estimate, measured, REFERENCE, free)
+    changed_target = target_from_acceleration(other, changed_estimate, measured, REFERENCE, free)
     assert changed_target[1:] == commanded[1:]
     # The thrust points along the attitude, and its vertical component is the commanded one.
     up = rotation(measured)[2, 2]
@@ -297,7 +299,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     )
     torques = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST)
     wrench, changed_wrench = (
-        wrench_for(requested, estimate, torque_measurement, REFERENCE, JERK, SNAP, torques)
+        wrench_from_snap(requested, estimate, torque_measurement, REFERENCE, JERK, SNAP, torques)
         for requested, estimate in ((usual, torque_estimate), (other, changed_torque_estimate))
     )
     assert changed_wrench[1:] == wrench[1:]

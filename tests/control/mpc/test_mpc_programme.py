@@ -14,7 +14,7 @@ from drake_quad.control.lqg.chains import (
     torque_model,
     vertical_model,
 )
-from drake_quad.control.lqg.design import Timing, augment_with_delay, axis_loop, regulator_of
+from drake_quad.control.lqg.design import Timing, augment_with_delay, axis_loop, design_regulator
 from drake_quad.control.lqg.laws import LqgParameters, TargetParameters, ThrustParameters, TorqueParameters
 from drake_quad.control.mpc.constraints import (
     Corridor,
@@ -158,7 +158,7 @@ def test_horizontal_commands_solve_the_same_problem_written_with_explicit_states
     scale = np.repeat([20.0 if kind == "torques" else 0.5, 0.05], [2 * NUM_TICKS, 3 * NUM_TICKS])
     solution = minimised(cost, margins, 5 * NUM_TICKS, scale)
     assert np.abs(margins(solution)).min() < 1e-7
-    regulator = regulator_of(MODELS[kind], TIMING, lateral_weight(kind))
+    regulator = design_regulator(MODELS[kind], TIMING, lateral_weight(kind))
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
     added = programme.perturbations(HORIZON_START, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
     K = np.array(regulator.K)
@@ -178,7 +178,7 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
         ("xy", "torques", COMMAND_WEIGHTS["lateral"], horizontal_constraints),
         ("z", "height", COMMAND_WEIGHTS["vertical"], vertical_constraints),
     ):
-        regulator, axis = regulator_of(MODELS[model], TIMING, weight), ExplicitAxis(MODELS[model], weight)
+        regulator, axis = design_regulator(MODELS[model], TIMING, weight), ExplicitAxis(MODELS[model], weight)
         starts, added = (rng.normal(size=(len(names), size)) for size in (len(axis.A), NUM_TICKS))
         expected = {}
         for name, x, c in zip(names, starts, added, strict=True):
@@ -224,7 +224,7 @@ def test_vertical_commands_solve_the_same_problem_written_with_explicit_states(h
 
     scale = np.repeat([1.0, 0.05], NUM_TICKS)
     solution = minimised(cost, margins, 2 * NUM_TICKS, scale)
-    regulator = regulator_of(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
+    regulator = design_regulator(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     added = programme.perturbations(HORIZON_START, z[:, None], CORRECTION[:, None]).item()
     assert abs(added) > 1e-2
@@ -240,7 +240,7 @@ def test_a_violated_limit_beyond_the_horizon_has_no_influence():
     spike = np.zeros(NUM_INSTANTS)
     spike[9] = 30.0
     preview = calm._replace(snap=calm.snap._replace(x=spike), before=calm.before._replace(x=spike))
-    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
+    regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     limited = still.parameters._replace(torques=TORQUE_PARAMETERS._replace(max_snap=20.0))
     programme = Programme(
         list(horizontal_constraints(regulator, still._replace(preview=preview, parameters=limited))), regulator.weight
@@ -257,7 +257,7 @@ def test_a_violated_limit_beyond_the_horizon_has_no_influence():
 
 def test_the_programme_has_a_solution_for_any_deviation():
     """Deviations may have any size. The solution satisfies the limits on commands."""
-    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
+    regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
     rng = np.random.default_rng(8)
@@ -274,7 +274,7 @@ def test_the_programme_has_a_solution_for_any_deviation():
 
 def test_derivatives_are_those_for_fixed_active_constraints():
     horizon = horizon_of("torques")
-    regulator = regulator_of(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
+    regulator = design_regulator(MODELS["height"], TIMING, COMMAND_WEIGHTS["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
     ((perturbation,),) = programme.perturbations(HORIZON_START, InitializeAutoDiff(z), correction)
@@ -295,7 +295,7 @@ def test_derivatives_are_those_for_fixed_active_constraints():
 
 def test_predictions_match_a_simulation_of_the_axis():
     """The axis is simulated tick by tick with random perturbations of its commands."""
-    regulator = regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
+    regulator = design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"])
     A, B, K = (np.array(part) for part in regulator[:3])
     rng = np.random.default_rng(3)
     x, c = rng.normal(size=len(A)), 100.0 * rng.normal(size=NUM_TICKS)
@@ -313,7 +313,7 @@ def test_predictions_match_a_simulation_of_the_axis():
 def test_a_perturbation_adds_its_weighted_square_to_the_cost():
     """The sum of p² + ρ u² over all time is the regulator's cost plus w Σ c² for perturbations c of its commands."""
     regulator, axis = (
-        regulator_of(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"]),
+        design_regulator(MODELS["torques"], TIMING, COMMAND_WEIGHTS["lateral"]),
         ExplicitAxis(MODELS["torques"], 2e-6),
     )
     K = np.array(regulator.K)

@@ -12,7 +12,7 @@ from drake_quad.control.policy.observation import (
     ObservationParameters,
     ObservationSpec,
     num_observed,
-    observed,
+    observation_rows,
 )
 from drake_quad.signals import Reference, RotorSpeed, State, Wind
 
@@ -28,7 +28,7 @@ BODY_ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
 def observed_signal(name, frame="world", turn=0.0):
     spec = ObservationSpec((name,), frame, 1, turn)
     parameters = ObservationParameters(200.0, ACTION)
-    rows = observed(
+    rows = observation_rows(
         STATE,
         REFERENCE,
         REFERENCE_AHEAD,
@@ -108,7 +108,7 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     spec = ObservationSpec(names, "reference_heading", 1, 0.6)
     parameters = ObservationParameters(200.0, ACTION)
     rows = [
-        observed(*given, ROTOR_SPEEDS, present_wind, ACTION, parameters, None, spec)
+        observation_rows(*given, ROTOR_SPEEDS, present_wind, ACTION, parameters, None, spec)
         for given, present_wind in (((STATE, REFERENCE, REFERENCE_AHEAD), WIND), ((state, reference, ahead), wind))
     ]
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
@@ -126,7 +126,7 @@ def test_signals_without_a_direction_do_not_depend_on_the_frame():
 def test_observed_signals_have_the_order_of_the_specification():
     names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
-    rows = observed(
+    rows = observation_rows(
         STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, ObservationParameters(200.0, ACTION), max, spec
     )
     parts = [observed_signal(name) for name in names]
