@@ -1,5 +1,6 @@
 # make fly   sets up a virtual environment and flies the figure eight
-# make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
+# make test  sets it up and runs the tests, except for the long ones; TESTS="-m long" runs those, TESTS="-m 'not slow'" the
+#            quick ones, and TESTS= all
 # make fuzz  reads and flies ten thousand mutated scenarios, a hundred structures in compiled diagrams, and thousands of
 #            mutated logs
 # make rooms  plans a hundred random rooms, or proves that there is no route
@@ -20,6 +21,9 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 # Scenarios whose diagrams are drawn in diagrams/drawings
 DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard outdoor robustness \
 	paper:low_wind_pd_t2fnn crazyswarm2:log08 nanobench forest bad_day:racer upset
+
+# Tests that are run
+TESTS ?= -m "not long"
 
 # Mutants of each package, drawn evenly over its lines
 MUTANTS ?= 40

@@ -54,7 +54,12 @@ def pytest_xdist_auto_num_workers() -> int:
     return min(4, (os.cpu_count() or 1) + 1)
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest selects the tests with the markers that `-m` names
 def pytest_collection_modifyitems(items) -> None:
+    """Mark long tests as slow, and let the slowest files come first."""
+    for item in items:
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
     order = {name: i for i, name in enumerate(_LONG_FILES)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 

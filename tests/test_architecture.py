@@ -6,6 +6,8 @@ import re
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 from drake_quad.command_line.main import COMMANDS
 
 ROOT = Path(__file__).parent.parent
@@ -63,6 +65,7 @@ def test_the_folder_table_repeats_the_docstring_of_each_folder():
     assert rows == docstrings
 
 
+@pytest.mark.long
 def test_folders_import_only_from_folders_at_lower_levels():
     """Folders at the same level must not import each other either."""
     # Imports of the package itself are allowed, since they only read its version.

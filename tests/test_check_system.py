@@ -27,7 +27,7 @@ EXAMPLES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.system.__name__)
 def test_every_system_of_the_package_passes_check_system(example):
     """The rule "compiled" does not apply to systems with a continuous state or an optimisation problem."""

@@ -93,7 +93,7 @@ def few_samples(monkeypatch):
     monkeypatch.setattr("drake_quad.run_monte_carlo", run_few)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "few_samples", "cached_results")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_of_the_pages_runs(block, linked_folder, capsys):
@@ -134,7 +134,7 @@ def test_every_scenario_of_the_pages_loads(block, linked_folder):
         load_scenario(path)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "linked_folder", "cached_results")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
@@ -150,7 +150,7 @@ def test_every_shell_block_of_the_pages_runs(block, monkeypatch):
         run_program(program, [*arguments, *options], monkeypatch)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "linked_folder", "cached_results")
 @pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
 def test_every_walkthrough_prints_the_shown_output(page, monkeypatch, capsys):

@@ -49,7 +49,7 @@ def loaded():
     return [{*line.split()} for line in printed.stdout.splitlines()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("index", range(len(STATEMENTS)))
 def test_a_statement_loads_only_the_libraries_that_it_uses(loaded, index):
     _, required, forbidden = STATEMENTS[index]

@@ -73,7 +73,7 @@ def test_the_check_finds_row_numbers_of_states(text, counts):
     assert len([*numbered_states(ast.parse(text))]) == counts
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_code_that_reads_flights_accesses_rows_by_name(root):
     violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"

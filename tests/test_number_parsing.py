@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.command_line.main import COMMANDS, command_module
 from drake_quad.errors import InputError
 from drake_quad.files import read_table
 from drake_quad.identification.logs.reading import read_log
@@ -63,13 +63,13 @@ def test_numbers_in_options_must_have_ascii_digits(arguments, capsys):
     command, option = arguments
     for value in ("1_0", "١"):
         with pytest.raises(SystemExit):
-            module_of(command).options().parse_args([option, value])
+            command_module(command).options().parse_args([option, value])
         assert re.search(rf"error: {option}: invalid (int|float) value: '{value}'", capsys.readouterr().err)
 
 
 @pytest.mark.slow
 def test_every_command_reads_its_numbers_in_ascii_digits():
     for command in COMMANDS:
-        options = module_of(command).options()
+        options = command_module(command).options()
         for kind, read in ((int, parse_int), (float, parse_float)):
             assert options._registry_get("type", kind, kind) is read

@@ -39,7 +39,7 @@ def lacks_subject(kind: str, text: str) -> bool:
     return patterns[kind].match(text) is not None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_docstrings_and_comments_of_the_package_have_a_subject():
     texts = [(path, *text) for path in sorted(PACKAGE.rglob("*.py")) for text in texts_of(path)]
     assert len(texts) > 5000

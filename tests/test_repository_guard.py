@@ -31,7 +31,7 @@ def session(folder, body):
     return result.returncode, result.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("body", "changed"),
     [

@@ -155,7 +155,7 @@ def deviation(states):
 
 # Products of Drake expressions cause NumPy's warning about invalid values, which Drake itself ignores.
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_certified_region_of_attraction_also_holds_for_the_simulated_vehicle(run_script, tmp_path):
     """The certificate is checked by samples of V', and by flights of the scenario's vehicle from the boundary.
 
@@ -227,7 +227,7 @@ def test_the_certified_region_of_attraction_also_holds_for_the_simulated_vehicle
     assert (values[:, -1] < 1e-2 * rho).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path):
     text, _ = run_script("monte_carlo_study.py")
     rmse, low, high = numbers(r"RMSE without crashes: # cm \[#, #\]", text)
@@ -299,7 +299,7 @@ def test_gains_designed_from_a_data_sheet_have_stability_margins_and_fly(run_scr
     assert 100.0 * simulate(saved, compiled=True).metrics.rmse == pytest.approx(float(rmse), abs=0.051)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_lqr_script_prints_the_errors_of_both_controllers_and_their_ratio(run_script):
     text, _ = run_script("lqr_with_kalman_filter.py")
     custom, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
@@ -312,7 +312,7 @@ def test_the_lqr_script_prints_the_errors_of_both_controllers_and_their_ratio(ru
     assert fraction == pytest.approx(custom / other, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_time_varying_lqr_removes_the_initial_error(run_script):
     text, _ = run_script("time_varying_lqr.py")
     distances = [float(distance) for distance in re.findall(r"^\d s: ([\d.]+) cm", text, re.MULTILINE)]
@@ -322,7 +322,7 @@ def test_the_time_varying_lqr_removes_the_initial_error(run_script):
 
 
 @pytest.mark.usefixtures("cached_results")
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_script, tmp_path):
     text, _ = run_script("identify_crazyflie.py")
     number = r"(\S+)"

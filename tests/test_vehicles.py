@@ -37,7 +37,7 @@ MAX_CRASH_FRACTION = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAX_CRASH_FRACTION)
 def test_a_vehicle_rarely_crashes_in_its_bad_day_scenario(name):
     metrics = run_monte_carlo(load_scenario(f"bad_day:{name}"), 200, num_workers=1).metrics

@@ -75,7 +75,7 @@ def installed(wheel, tmp_path_factory):
     return folder / "venv" / "bin"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert wheel.name.startswith(f"drake_quad-{drake_quad.__version__}-")
     with zipfile.ZipFile(wheel) as archive:
@@ -110,7 +110,7 @@ def printed(installed, tmp_path_factory):
     ), folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_code_blocks_of_the_readme_run_without_the_repository(printed):
     errors = re.findall(r"\d cm", printed[0].partition("wrote\n")[0])
     assert len(errors) >= len(README_BLOCKS)
@@ -127,7 +127,7 @@ def test_commands_run_without_the_repository(printed):
         assert all((folder / path).exists() for path in written)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_installed_program_prints_the_version_of_the_wheel(installed, tmp_path):
     printed = run_checked(installed / "drake-quad", "--version", cwd=tmp_path)
     assert printed.startswith(f"drake_quad {drake_quad.__version__} ")

@@ -106,7 +106,7 @@ def flight_without_effects(asymmetric):
     return simulate(asymmetric("pid", *SHORT_FLIGHT_OVERRIDES), sample=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "names", SETS_OF_EFFECTS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects"
 )
@@ -119,7 +119,7 @@ def test_compiled_and_uncompiled_flights_of_single_vehicles_and_fleets_agree(asy
     np.testing.assert_allclose(second["state"], alone["state"], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parameters_of_effects_may_be_distributions(asymmetric):
     distributions = [
         "vehicle.body_drag={linear: [{uniform: {min: 0.1, max: 0.3}}, 0, 0]}",

@@ -141,7 +141,7 @@ def test_a_registered_formula_has_a_linear_model_and_margins() -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("system", [Formula, Plain])
 def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
     scenario = with_position(register_controller(system), RANDOM_MASS)
@@ -168,7 +168,7 @@ class IntegralController(Plain):
         output.SetFromVector(output.CopyToVector() + 0.4 * integral)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_registered_controller_with_a_state_has_the_same_flight_uncompiled_compiled_and_in_studies() -> None:
     scenario = with_position(register_controller(IntegralController), "laboratory.wind=[]")
     uncompiled, compiled = (simulate(scenario, compiled=each) for each in (False, True))

@@ -86,7 +86,7 @@ def test_a_derivative_of_the_measurement_causes_an_error_of_k_d_over_k_p_times_t
     assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_vehicles_with_a_time_step_and_with_a_continuous_state_agree_on_a_figure_eight(figure_eight):
     """RK4 with 10 ms steps agrees to 1e-6 m with an integrator that limits its error to 1e-10."""
     paths = []
@@ -102,7 +102,7 @@ def test_vehicles_with_a_time_step_and_with_a_continuous_state_agree_on_a_figure
     assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_asymmetric_vehicles_with_a_time_step_and_with_a_continuous_state_agree_in_wind(asymmetric):
     """The scenario has no rotor failure, since a failure occurs in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
@@ -272,6 +272,7 @@ def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
     np.testing.assert_allclose(link_input, command + injected, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_signals_of_a_network_are_exported(asymmetric):
     """The weights have one row for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
@@ -345,7 +346,7 @@ IMPERFECT_LABORATORY = [
 CALM_LABORATORY = [f"laboratory.wind=[{REMOTE_FAN}]"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("overrides", "n"), [(IMPERFECT_LABORATORY, 1), (IMPERFECT_LABORATORY, 2), (CALM_LABORATORY, 2)]
 )

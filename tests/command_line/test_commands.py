@@ -33,7 +33,7 @@ def without_figures(monkeypatch):
     monkeypatch.setattr("drake_quad.command_line.design.plot_steps", lambda loop: Figure())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
     result = run("fly", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -204,7 +204,7 @@ def test_an_unwritable_output_folder_is_refused_before_the_flight(run, tmp_path)
     assert "cannot write to the output folder" in result.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--loop", "position.bandwidth=0.5", "--output", tmp_path)
@@ -250,7 +250,7 @@ ATTITUDE_RESPONSE = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_extend(run, tmp_path, monkeypatch):
     monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
@@ -267,7 +267,7 @@ def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_e
     assert load_scenario(mine).control.kind == "lqg"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, checks=2, steps=4))
@@ -286,7 +286,7 @@ def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, 
     assert gains.k_d[0] == gains.k_d[1] != gains.k_d[2]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     few = ["--family", "laboratory", "--only", "pd", "--only", "pd_t2fnn"]
@@ -300,7 +300,7 @@ def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path):
     result = run("design", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
@@ -319,7 +319,7 @@ def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path)
     assert after.control.attitude is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path):
     result = run("design", ONBOARD, *ATTITUDE_RESPONSE, "--output", tmp_path)
@@ -328,7 +328,7 @@ def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path
     assert "attitude:" not in (tmp_path / "gains.yaml").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
     vehicle = (
@@ -362,7 +362,7 @@ def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
     assert (tmp_path / "attitude_map.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_map_varies_the_gains_on_board_if_an_autopilot_controls_the_attitude(run, tmp_path):
     result = run(
@@ -556,7 +556,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
     assert "are correlated" not in monte_carlo(run, tmp_path / "none").stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
@@ -594,7 +594,7 @@ def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
     assert all(re.fullmatch(r"\d+\.\d cm", end) for end in ends[len(crashed) :])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
@@ -637,7 +637,7 @@ def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, 
     assert [path.name for path in tmp_path.iterdir()] == ["controllers.yaml"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures", "without_figures")
 def test_a_study_reports_altered_rows_that_it_flew_again(run, tmp_path):
     monte_carlo(run, tmp_path)
@@ -677,7 +677,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
     assert not (tmp_path / "folder").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("unrendered_figures")
 def test_a_study_in_which_all_samples_crash_is_printed(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
@@ -698,7 +698,7 @@ def test_fly_shows_the_flight_live(run, tmp_path):
     assert (result.returncode, result.stderr) == (2, "error: --rate is -1, but must be between 0 and 1e+06\n")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
@@ -738,7 +738,7 @@ def forked(monkeypatch):
         monkeypatch.setattr(multiprocessing, "get_context", lambda method: fork)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("forked")
 def test_installed_simulators_are_compared(run):
     result = run("compare_simulators.py", "--quick")
@@ -751,7 +751,7 @@ def test_installed_simulators_are_compared(run):
         assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("forked")
 def test_installed_environments_are_compared(run):
     result = run("compare_environments.py", "--quick")
@@ -860,7 +860,7 @@ def second_flight(task):
     return {1: [synthetic_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path, monkeypatch):
     path, short = tmp_path / "autopilot.csv", ("--set", "duration=14")
     result = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
@@ -965,7 +965,7 @@ def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_pa
     assert not (tmp_path / "mine.yaml").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_parameter(run, tmp_path):
     over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]

@@ -205,6 +205,7 @@ def load_error_without_registered_kinds(scenario, path):
     return str(caught.value)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("own_folder")
 def test_a_saved_scenario_with_kinds_in_python_is_refused_with_the_command_that_flies_it(run, mine, root) -> None:
     """The command in the message is complete: it flies the saved scenario."""
@@ -355,7 +356,7 @@ def test_judged_controllers_need_different_names(mine) -> None:
         user_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine, tmp_path) -> None:
     command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
     result = run(*command_line, "--output", tmp_path)
@@ -364,7 +365,7 @@ def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine,
     assert "| Mine |" in (tmp_path / "report.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_worst_samples_of_a_study_can_be_flown_as_printed(run, mine, tmp_path) -> None:
     result = run("study", "hover", "--controller", f"{mine}:Mine", "--samples", 2, "--workers", 1,
                  "--set", "duration=0.5", "--set", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}",

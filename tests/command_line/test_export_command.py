@@ -9,7 +9,7 @@ from drake_quad.files import read_table
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_exported_code_is_a_controller_of_every_command(run, tmp_path):
     exported = tmp_path / "exported"
     result = run("export", "laboratory:nominal", "--output", exported)

@@ -67,7 +67,7 @@ def test_every_module_with_options_is_a_command():
     assert all(callable(command_module(command).main) for command in COMMANDS)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_command_runs_in_a_new_process_from_any_folder(tmp_path):
     command = [sys.executable, "-m", "drake_quad", "fly", "hover", "--set", "duration=1"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
@@ -154,7 +154,7 @@ main()
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "module",
     [

@@ -14,7 +14,7 @@ def files(result):
     return [line.strip().rpartition("/")[2] for line in result.stdout.partition("\nwrote\n")[2].splitlines()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_risk_prints_the_probability_and_writes_scenarios_that_fly(run, tmp_path):
     options = ["--event", "peak_error > 0.005", "--population", "500", "--to", "900%", "--output", tmp_path]
     result = run("risk", *HOVER, *options)
@@ -69,7 +69,7 @@ def test_a_search_is_continued_only_if_it_is_asked_for(run, tmp_path):
     assert again.stdout.splitlines()[1:] == first.stdout.splitlines()[1:]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
     options = ["--samples", "64", "--draws", "sobol", "--workers", "1", "--output", tmp_path]
     result = run("study", *HOVER, *options)
@@ -81,7 +81,7 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
     assert refused.returncode == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
     late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
     result = run("certify", "hover", *late, "--output", tmp_path)

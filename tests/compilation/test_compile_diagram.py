@@ -75,7 +75,7 @@ COMPLETE_SCENARIOS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "n", "overrides"), COMPLETE_SCENARIOS)
 def test_state_and_outputs_agree_with_the_original_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
     wired = build_tracking_diagram(asymmetric(name, *overrides), n)
@@ -117,7 +117,7 @@ def make_of(builder):
     return next(make for function, make in DIAGRAMS if function is builder)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
     """The logs of both diagrams are equal, including the initial wind."""
     logs = []

@@ -50,7 +50,7 @@ def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(
     assert_flown_alike(Batch.draw(study, range(3, 3 + n)), plan=plan)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_flights_of_a_vehicle_alone_and_in_a_compiled_fleet_are_bitwise_equal(study, plan):
     fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
     for sample in (0, 8):

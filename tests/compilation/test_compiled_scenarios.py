@@ -56,6 +56,7 @@ def features_of(batch, plan):
     return features
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("cached_results")
 def test_every_system_of_the_shipped_scenarios_has_the_same_flight_when_compiled():
     """The test flies a subset of the scenarios that covers all systems, with each value of their structural arguments.
@@ -75,6 +76,7 @@ def test_every_system_of_the_shipped_scenarios_has_the_same_flight_when_compiled
         assert len(flight.time) == round(0.6 / flight.scenario.laboratory.command_link.period) + 1, spec
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(NUM_STRUCTURES))
 def test_random_scenarios_have_the_same_flights_when_compiled(number, tmp_path):
     rng = np.random.default_rng([number, 1])
@@ -96,6 +98,7 @@ OBSTACLES = {
 }
 
 
+@pytest.mark.long
 def test_compiled_fleets_uncompiled_fleets_and_single_vehicles_hit_the_same_obstacles():
     scenario = load_scenario(f"{ROOT}/diagrams/robustness.yaml", {"space": {"obstacles": OBSTACLES}, "duration": 12.0})
     fleet = assert_flown_alike(Batch.draw(scenario, range(8)))

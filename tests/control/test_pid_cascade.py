@@ -229,7 +229,7 @@ def test_the_attitude_target_is_held_between_the_ticks_of_the_loops():
     np.testing.assert_array_equal(changed, [5, 10])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "layers", "overrides"),
     [
@@ -246,7 +246,7 @@ def test_flights_of_cascades_agree_compiled_uncompiled_and_in_fleets(scenario, l
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
     """The integral of the velocity loop balances the trim force F. The error is F / (m k_1 k_2) without an integral."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}

@@ -34,7 +34,7 @@ def poles_at(numbers):
     return np.abs(closed_loop(symmetric_hover(at_rest(scenario))).system.poles())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_bounds_enclose_the_critical_scale_within_ten_per_cent(certificate):
     assert 0.9 * certificate.unstable.scale < certificate.stable_scale < certificate.unstable.scale < math.inf
     assert certificate.gap < 0.1
@@ -50,7 +50,7 @@ def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
         assert distance <= spread * certificate.unstable.scale + 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_loop_of_a_grid_within_the_certified_scale_is_unstable(certificate):
     resting = symmetric_hover(at_rest(late()))
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 25)]), axis=-1).reshape(-1, 2)
@@ -59,7 +59,7 @@ def test_no_loop_of_a_grid_within_the_certified_scale_is_unstable(certificate):
     assert spectral_radii(loops).max() < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
     found = certify_hover(late(LAG))
     low, high = 0.05, 0.05 + 0.015 * 8.0
@@ -72,7 +72,7 @@ def test_one_parameter_has_the_scale_at_which_its_loop_becomes_unstable():
     assert found.unstable.scale == pytest.approx(critical, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_loops_without_an_equilibrium_are_not_unstable():
     # The commanded thrust is 0.3 to 1.8 times the nominal weight. At scale 2.33 the vehicle is lighter, and all loops
     # with an equilibrium are stable.
@@ -84,7 +84,7 @@ def test_loops_without_an_equilibrium_are_not_unstable():
     assert found.gap < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_certificate_depends_only_on_the_seed():
     first, second = (certify_hover(late(LAG)) for _ in range(2))
     assert first == second
@@ -126,7 +126,7 @@ def test_a_scenario_without_a_range_that_acts_on_hover_is_refused():
         certify_hover(load_scenario("hover", ["laboratory.command_link.delay_ticks={choice: [1, 2]}"]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_that_learns_cannot_be_certified(diagrams):
     learning = load_scenario("hover", [LAG], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
     with pytest.raises(InputError, match="has poles at 1 in hover"):

@@ -294,7 +294,7 @@ def with_delay(scenario, ticks):
     return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"command_link": longer})})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_simulated_loop_tolerates_its_margins(shipped):
     """All displacements still decay with 6 dB more gain in pitch, or with two more ticks of delay.
 
@@ -307,7 +307,7 @@ def test_the_simulated_loop_tolerates_its_margins(shipped):
         assert peaks(with_delay(resting, 2), displacement, 12.0)[-1] < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("block", "axes", "row", "duration"),
     [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 40.0)],

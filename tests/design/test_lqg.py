@@ -263,7 +263,7 @@ def test_a_design_uses_the_delay_of_minimum_cost_and_limits_the_command_of_each_
     assert {each.chain_limits for each in searches} == {limits}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     """The whole loop observes the limits, although the axis models do not include the tilt due to drag."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
@@ -417,7 +417,7 @@ def test_the_yaw_pd_is_designed_as_in_a_cascade(diagrams):
     assert yaw.k_p > 1.2 * yaw.k_d
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
     """The scenario has no autopilot, and no design violates the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)

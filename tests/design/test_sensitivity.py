@@ -36,7 +36,7 @@ def windy():
     return load_scenario(ROOT / "diagrams" / "laboratory.yaml:low_wind", ["duration=3"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_derivatives_match_differences_of_whole_flights(windy):
     sensitivities = flight_sensitivities(windy, DIFFERENTIATED_FIELDS, sample=2)
     nominal = simulate(windy, sample=2)
@@ -86,7 +86,7 @@ def test_a_crash_before_the_first_tick_of_the_metrics_is_reported():
         flight_sensitivities(scenario, ["vehicle.mass"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_derivatives_include_the_learning_of_a_network(windy):
     """The flight includes a reset of the covariance after the rise of 2.3 s."""
     learning = {
@@ -110,7 +110,7 @@ def test_derivatives_include_the_learning_of_a_network(windy):
         assert sensitivities.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )

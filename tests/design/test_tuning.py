@@ -104,7 +104,7 @@ def narrow(diagrams):
     return load_scenario(diagrams / "laboratory.yaml:low_wind", overrides, layers=layers)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
     def crashes(extra_latency):
         return fly_samples(with_extra_latency(narrow, extra_latency), range(2)).crashed.any()

@@ -83,7 +83,7 @@ def copied(diagrams, tmp_path):
     return folder, LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
     """The search and the flights are real; the linear models, which take most of the time, are replaced."""
     monkeypatch.setattr(LoopLimit, "limit_fractions", lambda limit, scenario: np.ones(1))
@@ -108,7 +108,7 @@ def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkey
     assert tuned.rmse.mean() < middle.rmse.mean()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
@@ -122,7 +122,7 @@ def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     assert single_vehicle_time(scenario) > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
     entries = entries_of(on_board=False, maps=True)

@@ -35,7 +35,7 @@ def asymmetric(name):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn", "lqg", "lqg_on_board"])
 def test_double_precision_has_the_bits_of_the_simulation(name, tmp_path):
     expected, found = commands(asymmetric(name), tmp_path)
@@ -56,7 +56,7 @@ def test_random_controllers_have_the_bits_of_the_simulation(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_trained_policy_has_the_bits_of_the_simulation(tmp_path):
     scenario = load_scenario("hover", layers=["controllers/raptor:raptor"])
     expected, found = commands(scenario, tmp_path, num_steps=10)
@@ -75,7 +75,7 @@ def test_single_precision_differs_by_its_rounding(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
 def test_compilers_and_their_options_do_not_change_a_bit(compiler, level, tmp_path):
@@ -107,7 +107,7 @@ def test_a_flight_of_the_code_is_the_flight_of_the_controller(tmp_path):
 
 @needs_compiler
 @needs_board
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("core", CORES)
 def test_an_emulated_microcontroller_has_the_bits_of_the_simulation(core, tmp_path):
     expected, found = commands(asymmetric("lqg"), tmp_path, machine=f"qemu-{core}", num_steps=8)
@@ -143,6 +143,7 @@ def test_parameters_can_be_changed_between_steps(tmp_path):
     assert "extern const controller_parameters_t controller_default_parameters;" in header
 
 
+@pytest.mark.long
 def test_code_has_neither_allocation_nor_global_variables(tmp_path):
     export_controller(asymmetric("pd_t2fnn"), tmp_path)
     source = (tmp_path / "controller.c").read_text()

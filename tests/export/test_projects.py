@@ -313,7 +313,7 @@ def ros2_inputs(measured, reference, jerk):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_ros2_project_commands_the_wrench_of_the_exported_code(precision, tmp_path):
     scenario, project = exported(tmp_path, "ros2", WITHOUT_JERK, precision)
@@ -324,7 +324,7 @@ def test_the_ros2_project_commands_the_wrench_of_the_exported_code(precision, tm
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_ros2_project_commands_the_attitude_of_the_exported_code(tmp_path):
     scenario, project = exported(tmp_path, "ros2", ATTITUDE_WITHOUT_JERK)
     nominal = nominal_parameters(scenario)
@@ -339,7 +339,7 @@ def test_the_ros2_project_commands_the_attitude_of_the_exported_code(tmp_path):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
     _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
     library = ros2_library(project)
@@ -356,7 +356,7 @@ def test_the_ros2_project_commands_nothing_without_recent_odometry(tmp_path):
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_ros2_project_holds_its_first_place_until_a_reference_arrives(tmp_path):
     _, project = exported(tmp_path, "ros2", WITHOUT_JERK)
     library = ros2_library(project)

@@ -65,6 +65,7 @@ ESTIMATORS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("overrides", "controller"),
     [
@@ -97,6 +98,7 @@ def test_the_second_batch_of_a_fleet_has_the_flights_of_a_new_fleet(scenario, ov
             np.testing.assert_allclose(actual, desired, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_vehicles_with_overridden_parameters_have_the_flights_of_a_new_fleet(scenario):
     """The overridden parameters are gains, an element of a list, and an integer number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")

@@ -142,6 +142,7 @@ def error_quantile(flight, *, probability: float = 0.9):
 '''
 
 
+@pytest.mark.long
 def test_a_user_defined_metric_is_a_column_of_flights_and_studies(tmp_path, monkeypatch):
     (tmp_path / "own_metrics.py").write_text(USER_METRICS)
     monkeypatch.syspath_prepend(tmp_path)

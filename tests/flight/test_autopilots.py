@@ -50,7 +50,7 @@ def scenario(diagrams):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @for_each_autopilot
 def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
     """The flights are equal to the bit. Each vehicle has its own parameters, noise and delay."""
@@ -62,7 +62,7 @@ def test_compiled_uncompiled_and_single_flights_agree(scenario, kind):
             np.testing.assert_array_equal(values, flights[sample][name], err_msg=name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @for_each_autopilot
 def test_a_later_batch_has_the_same_results_as_a_first_batch(scenario, kind):
     study = scenario(kind, "duration=0.5")
@@ -129,7 +129,7 @@ class PlainHeightOnly(LeafSystem):
         output.SetFromVector(height_law(State(*measurement), Reference(*reference)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @for_each_autopilot
 def test_a_user_defined_control_can_command_the_autopilot(scenario, kind):
     """The vehicle pitches and flies along x, with the compiled FleetSystem and with the uncompiled LeafSystem."""

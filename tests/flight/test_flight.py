@@ -36,6 +36,7 @@ def test_rows_of_a_flight_signal_have_names(flight):
     np.testing.assert_allclose(flight.euclidean_error, distance, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_rows_of_network_signals_are_numbered(asymmetric):
     """Weights have a row for each rule, and traces of the covariance have one for each axis."""
     few_sets = "control.network.inputs.error={scale: 2.4, centres: [-1.0, 0.8], widths: [1.1, 1.0]}"
@@ -146,7 +147,7 @@ def final_positions(scenario, samples, seed):
     return diagram.GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1)[:3]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_repeated_sample_gives_the_same_flight_to_the_last_bit(imperfect):
     first, again = (simulate(imperfect, seed=3, sample=7) for _ in range(2))
     for name in first.signals:
@@ -156,7 +157,7 @@ def test_a_repeated_sample_gives_the_same_flight_to_the_last_bit(imperfect):
     assert np.abs(simulate(imperfect, seed=4, sample=7)["state"] - first["state"])[-1, :3].max() > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_flight_of_a_sample_does_not_depend_on_the_fleet_or_its_index(imperfect):
     """The final positions agree to 1e-9 m."""
     alone = simulate(imperfect, seed=3, sample=7, compiled=False)["state"][-1, :3]
@@ -189,7 +190,7 @@ def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
         np.testing.assert_allclose(flights[1][name], alone[name], atol=1e-7, err_msg=name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams):
     fixed = draw_sample(imperfect, 5)
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
@@ -242,7 +243,7 @@ def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, 
     assert np.isfinite(flight["state"]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("unrendered_figures")
 def test_a_flight_that_diverged_can_be_plotted(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))

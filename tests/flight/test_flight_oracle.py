@@ -243,7 +243,7 @@ def assert_equal_flights(flight, signals, metrics):
         assert flight_metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_flight_equals_an_independent_implementation(flight_named, name):
     flight = flight_named(name)
@@ -275,7 +275,7 @@ FLEET_DISTRIBUTIONS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric):
     """Each vehicle has its own parameters, delays, wind and noise."""
     flights = simulate_samples(asymmetric("pd_t2fnn", *FLEET_DISTRIBUTIONS), [5, 0, 9])

@@ -92,7 +92,7 @@ def rotated(states, angle):
     return rotated_states
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
     """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
 

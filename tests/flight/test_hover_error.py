@@ -43,7 +43,7 @@ def root_mean_square(metrics):
     return np.sqrt([np.mean(getattr(metrics, f"rmse_{axis}") ** 2) for axis in AXES])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
 def test_the_predicted_error_agrees_with_independent_flights(layer):
     """The error on each axis agrees to 10 % with later flights that use different random numbers."""
@@ -53,7 +53,7 @@ def test_the_predicted_error_agrees_with_independent_flights(layer):
     assert np.all(half_widths(error) < 0.05 * axis_errors(error))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_error_of_a_learning_controller_is_predicted_for_the_same_time_span():
     error = hover_error(in_laboratory("designed/laboratory.yaml:pd_t2fnn"))
     fleet = StudyFleet(
@@ -64,7 +64,7 @@ def test_the_error_of_a_learning_controller_is_predicted_for_the_same_time_span(
     np.testing.assert_allclose(root_mean_square(fleet.fly(range(192))), axis_errors(error), rtol=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_model_predictive_control_has_the_hover_error_of_its_regulator():
     metrics = [
         StudyFleet(
@@ -77,7 +77,7 @@ def test_model_predictive_control_has_the_hover_error_of_its_regulator():
     np.testing.assert_allclose(*map(root_mean_square, metrics), rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_hover_error_is_the_root_mean_square_of_recorded_position_errors():
     layer = "designed/laboratory.yaml:lqg"
     error = hover_error(in_laboratory(layer), seed=7)
@@ -208,7 +208,7 @@ def test_a_hover_that_crashes_has_no_predicted_error():
         hover_error(scenario)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_nominal_tracking_error_is_the_error_of_the_nominal_vehicle_in_the_strongest_wind():
     def error(*overrides):
         return nominal_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms

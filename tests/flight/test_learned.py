@@ -23,7 +23,7 @@ def simulated_flight(asymmetric, *overrides):
     return simulate(asymmetric("pd_t2fnn", *SHORT_FLIGHT, *overrides), sample=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [[FEW_RULES], [FEW_RULES, ADAPTIVE_SETS]])
 def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric, tmp_path, settings):
     """Each axis and each vehicle of a fleet starts with the saved parameters. A saved scenario contains them."""
@@ -39,7 +39,7 @@ def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric
     assert load_scenario(tmp_path / "again.yaml").control == again.control
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_learned_sets_are_used_even_if_only_the_weights_learn_further(asymmetric, tmp_path):
     """The first corrections are the same whether or not the sets learn further."""
     file = save_network(simulated_flight(asymmetric, FEW_RULES, ADAPTIVE_SETS), tmp_path / "learned.yaml")

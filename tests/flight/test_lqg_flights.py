@@ -36,7 +36,7 @@ def mean_rmse(scenario, num_samples=4):
     return np.mean([each.rmse for each in metrics])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("controller", "spec"),
     [
@@ -81,7 +81,7 @@ PHASE_CENTRES = np.arange(16) / 16
 FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {PHASE_CENTRES.tolist()}, widths: {[0.1] * 16}}}"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("controller", "override"), [("lqg_map", FEWER_POSITION_SETS), ("lqg_schedule", FEWER_PHASE_SETS)]
 )

@@ -37,7 +37,7 @@ def test_mpc_equals_the_regulator_far_from_limits():
         np.testing.assert_allclose(flight[name], expected[name], atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_mpc_stays_above_a_floor_that_the_regulator_violates():
     """MPC predicts that the thrust is too small to follow the reference, and starts to climb earlier."""
     mpc = load(f"{MPC}:mpc_short_of_thrust", "duration=8")
@@ -50,7 +50,7 @@ def test_mpc_stays_above_a_floor_that_the_regulator_violates():
     assert predictive.record("wrench").thrust.max() <= 1.2 * weight + 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_mpc_flights_are_equal_compiled_uncompiled_and_in_a_fleet():
     """The limits are active, and there is noise."""
     scenario = load(f"{MPC}:mpc_short_of_thrust", *SHORT_FLIGHT)
@@ -61,7 +61,7 @@ def test_mpc_flights_are_equal_compiled_uncompiled_and_in_a_fleet():
         assert_metrics_alike(flight.metrics, alone.metrics)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_mpc_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
     """The vehicle leaves the corridor immediately, and the correction of a network is added."""
     network = (

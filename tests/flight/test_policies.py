@@ -89,6 +89,7 @@ def random_policy(action, folder):
     return with_policy(scenario, arrays, folder, action=action_fields, observation=observation)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
 def test_a_policy_has_the_same_flight_compiled_and_uncompiled(action, tmp_path):
     assert_flown_alike(Batch.draw(random_policy(action, tmp_path), range(10)))

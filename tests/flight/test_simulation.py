@@ -64,7 +64,7 @@ def test_a_scenario_with_distributions_needs_a_sample(diagrams):
         simulate(load_scenario(diagrams / "robustness.yaml"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_continuous_state_is_exact_to_a_tenth_of_a_nanometre(diagrams):
     """The expected state is computed with Runge-Kutta steps of 0.625 ms."""
     continuous, fine = (

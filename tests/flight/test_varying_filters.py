@@ -16,7 +16,7 @@ OBSERVER_OVERRIDES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_vehicle_of_a_fleet_has_a_filter_for_its_own_statistics(diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:high_wind", OBSERVER_OVERRIDES)
     varying = {

@@ -184,7 +184,7 @@ def expressions_of(inside):
     return one | two
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(st.recursive(LEAF_EXPRESSIONS, expressions_of, max_leaves=12), st.integers(0, 2**32 - 1))
 def test_random_expressions_agree_with_numpy(text, seed):
@@ -472,7 +472,7 @@ def test_machine_code_is_cached_and_recompiled_when_a_module_that_it_uses_change
     assert len([*cache.iterdir()]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_damaged_machine_code_is_recompiled(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     cache = tmp_path / "cache"

@@ -61,6 +61,7 @@ def test_results_are_cached_separately_for_each_program_function_and_arguments(m
     assert len(COMPUTED_CALLS) == 5
 
 
+@pytest.mark.long
 def test_equal_scenarios_have_the_same_key_in_every_process():
     """Pydantic pickles a scenario with a set of names, whose order differs between processes."""
     statement = (

@@ -23,6 +23,7 @@ def made(num_vehicles):
     return FunctionPolicy(task(), act, num_vehicles)
 
 
+@pytest.mark.long
 def test_a_function_policy_has_the_same_flights_in_environments_and_studies():
     scenario = task()
     envs = QuadrotorVectorEnv(scenario, num_envs=3)

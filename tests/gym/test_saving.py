@@ -36,6 +36,7 @@ def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
     assert sorted(each.name for each in path.parent.iterdir()) == ["linear.npz", "linear.yaml"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("action", ["acceleration", "attitude", "rates"])
 def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
     env = gymnasium.make("drake_quad/Track-v0", scenario="onboard", action=action)

@@ -56,6 +56,7 @@ def flips():
     return fly_flips(0.01)
 
 
+@pytest.mark.long
 def test_a_flip_with_the_default_time_step_agrees_with_one_with_an_eighth_of_it(flips):
     _, _, steps = flips
     _, _, finer = fly_flips(0.00125)

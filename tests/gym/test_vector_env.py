@@ -51,6 +51,7 @@ def columns(steps, place):
     return np.array([step[place] for step in steps])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("action", ACTION_TYPES)
 def test_each_vehicle_flies_as_in_drakes_simulator(action):
     """State and reference agree within 1e-9 at every tick of every episode, and observations within 1e-6."""
@@ -141,6 +142,7 @@ def test_vehicles_can_have_individual_seeds_and_resets():
     assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
 
 
+@pytest.mark.long
 def test_episodes_without_a_seed_get_a_random_seed():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
@@ -214,6 +216,7 @@ def test_vehicles_reset_according_to_the_autoreset_mode(mode):
     assert cuts
 
 
+@pytest.mark.long
 def test_the_number_of_episodes_is_unlimited():
     """The test flies many more episodes than are computed in advance."""
     scenario = load_scenario("robustness", {"duration": 0.04})
@@ -310,6 +313,7 @@ def test_the_task_does_not_depend_on_the_heading_if_observations_are_along_it(ac
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_observation_and_action_spaces_match_the_scenario():
     envs = envs_of(3, action={"kind": "acceleration", "max_acceleration": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
@@ -376,6 +380,7 @@ def test_later_steps_do_not_change_a_transition(n, mode):
     assert any((one.state.z != other.state.z).any() for one, other in itertools.pairwise(transitions))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mask", [None, [False, True, True]])
 def test_a_reset_clears_the_list_of_ended_episodes(mask):
     envs = envs_of(3, action="rotor_speeds")

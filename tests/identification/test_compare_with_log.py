@@ -21,7 +21,7 @@ def compare(run):
     return lambda *arguments: run("compare-log", *arguments)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
     """The flown error would be far outside if the scenario had no errors of the velocity estimate."""
     log, scenario = LOGS / "log100.xz", f"{SCENARIO_FILE}:log100"
@@ -49,7 +49,7 @@ def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
     """The rotors of the data sheet are too slow for the gains of the flight."""
     status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIO_FILE}:sheet_08", "--samples", 1, "--output", tmp_path)

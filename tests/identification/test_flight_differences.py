@@ -333,7 +333,7 @@ def test_the_error_of_the_mean_trim_force_combines_all_flights() -> None:
     np.testing.assert_array_equal(np.isfinite(np.diag(found.variation.covariance)), [True] * 3 + [False] * 2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_changes_of_a_vehicle_between_its_flights_are_estimated(root) -> None:
     """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
     known = SYNTHETIC_FLIGHTS["calm"]

@@ -67,7 +67,7 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
     assert np.mean(wrong**2) > 2.0 * np.mean(errors**2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["calm", "autopilot"])
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
     """At most two of about fifteen 95 % intervals miss the true value, and none by more than its half-width."""
@@ -82,7 +82,7 @@ def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
     assert abs(found.delay.value - true) < 1.5 * found.delay.half_width
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagrams: Path) -> None:
     """The thrust at the voltage in flight is smaller by at least 1.4 %."""
     record, scenario, begun = flown("battery", diagrams, "duration=12")
@@ -94,7 +94,7 @@ def test_a_thrust_curve_is_identified_for_the_voltage_of_the_full_battery(diagra
     assert thrust == pytest.approx(true, rel=0.003)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["hover", "figure_eight", "crazyswarm2:sheet_100", "crazyswarm2:log145"])
 def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Path) -> None:
     """The log is the flight.csv that was saved; true values are in the intervals of the parameters."""
@@ -106,7 +106,7 @@ def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Pat
     assert not outside(found, flight.scenario)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
     """The vehicle climbs and descends, and the log has neither attitudes nor velocities."""
     route = (
@@ -124,7 +124,7 @@ def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
     assert "inertia[0]" not in found.estimates.names
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     """A log in Neural-Fly's format determines the thrust curve, and drag along x, the direction of flight."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
@@ -137,7 +137,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
     assert "autopilot.damping[2]" in found.estimates.not_identified
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
     """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
@@ -169,7 +169,7 @@ def crazyflie() -> Scenario:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_published_crazyflie_is_identified() -> None:
     """Lag, inertia about x and y, and thrust curve agree with arXiv 2404.07837, which used the same logs."""
     logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))[:2]

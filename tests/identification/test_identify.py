@@ -136,7 +136,7 @@ def test_logs_with_different_sample_rates_are_refused(rotors):
         identify([record(20.0, *POSE_SIGNALS), slow], rotors)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
     """Nothing is divided by a variance of zero; a NumPy warning would fail the test."""
     vehicle = rotors.vehicle
@@ -194,7 +194,7 @@ def climbing(vehicle, seconds):
     return FlightRecord("climbing", PERIOD * np.arange(count), position=position, rotor_speed_command=speeds)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
     """The log is from an independent simulation of one axis; the 95 % intervals contain its parameters."""
     calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])

@@ -112,7 +112,7 @@ def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
             assert lost or data[place - 1 : place] == b"\n"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("fill", FILL_BYTES)
 @pytest.mark.parametrize("file", ["px4/sample_px4_events.ulg.xz", "crazyflie/crazyswarm2/log100.xz"])
 def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):

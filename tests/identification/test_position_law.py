@@ -99,7 +99,7 @@ def assert_in_interval(spread, true):
     assert spread.value == pytest.approx(true, abs=spread.half_width)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
     law = identify_position_law([flown(vehicle)], vehicle)
     assert law.form == "acceleration"
@@ -112,7 +112,7 @@ def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
         assert axis.gains["velocity"].half_width < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_limit_of_the_error_is_found_and_the_fraction_of_samples_at_it_reported(vehicle):
     record = flown(vehicle, filter_time=0.0, limit=0.12)
     law = identify_position_law([record], vehicle)
@@ -292,7 +292,7 @@ def test_logs_without_a_moving_reference_or_a_required_signal_are_refused(vehicl
         identify_position_law([], vehicle)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_commands_that_no_position_law_explains_are_refused(vehicle):
     record = flown(vehicle)
     turned = replace(record, attitude_command=record.attitude_command[::-1], thrust_command=record.thrust_command[::-1])
@@ -395,7 +395,7 @@ ATTITUDE_CONTROLLER_ON_BOARD = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("overrides", "form", "true"),
     [
@@ -424,7 +424,7 @@ def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true)
         assert_in_interval(vertical.gains[name], value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_gains_of_a_real_flight_are_those_of_its_firmware(root):
     """The firmware's Lee controller had k_p = 10, k_d = 7 and k_i = 5 (info08.yaml of crazyswarm2-tools)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log08.xz")

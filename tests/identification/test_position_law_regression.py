@@ -432,7 +432,7 @@ def scaled(piece, *factors, noise=0.0):
     return piece._replace(command=piece.command * factors + np.outer(unrelated, [0.0, 0.0, 1.0]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("factors", "groups", "forms"),
     [

@@ -119,7 +119,7 @@ def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, 
             assert velocity == pytest.approx(expected[quantity](horizon), rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
     """The remaining error is the error of the initial state, which is the end of a parabola through 50 ms of motion
     with jerk."""
@@ -131,7 +131,7 @@ def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
     assert predictions.losses("right") == ""
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_prediction_with_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
     """Position noise affects a velocity from a few samples much more than the velocity of a filter."""
     random = np.random.default_rng(1)
@@ -428,7 +428,7 @@ def test_a_short_log_is_refused(record, scenario):
         predict(record.subset(record.time < 0.3), {"right": scenario})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_height_of_a_flight_without_attitude_is_predicted(root):
     """The vehicle is fitted to one flight, and predicts another one."""
     base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))

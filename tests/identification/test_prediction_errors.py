@@ -334,7 +334,7 @@ def test_several_sets_of_noise_parameters_are_linearised_together(scenario, log,
             assert np.linalg.norm(change - expected) < 0.01 * np.linalg.norm(expected)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_maximum_likelihood_noise_is_the_noise_of_the_log(scenario, values):
     """The search starts with noise that is wrong by a factor of two. The log of a few seconds limits the accuracy."""
     random = np.random.default_rng(8)

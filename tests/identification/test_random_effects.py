@@ -222,6 +222,7 @@ def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None
     np.testing.assert_allclose(mean.degrees_of_freedom, [30.0, by_stretches.degrees_of_freedom[1]])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("deviation", [0.3, 3.0])
 def test_intervals_cover_the_estimates_from_held_out_stretches(deviation) -> None:
     """The coverage is 95 % for small and for large variation, to within three standard errors."""

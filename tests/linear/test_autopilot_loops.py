@@ -163,7 +163,7 @@ def designed(onboard):
     return design_cascade(onboard(), on_board=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_loops_on_board_are_designed_within_their_margins_rate_loops_first(onboard, designed):
     angles = ("roll", "pitch", "yaw")
     assert list(designed.on_board) == [loop for angle in angles for loop in (f"{angle} rate", angle)]
@@ -222,7 +222,7 @@ def with_position_scaled(scenario, factor, axes):
     return with_gains(scenario, {"position": gains})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "row", "axes", "duration"), [("attitude", "z", (2,), 8.0), ("response", "x", (0, 1), 12.0)]
 )
@@ -309,7 +309,7 @@ def test_the_stability_limit_of_the_attitude_on_board_agrees_with_routh(onboard)
         np.testing.assert_array_equal(gain_map.stable[:, 0], [True, False])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_point_of_the_simulated_map_on_board_is_a_separate_flight(onboard):
     short = ["duration=2", "crash.position_error=0.5"]
     k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])

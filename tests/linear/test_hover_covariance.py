@@ -36,7 +36,7 @@ def hover_statistics(scenario, samples=24, settling_time=15.0):
     return mean, deviation, *(each / np.sqrt(samples) for each in scatter)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "layer", "overrides"),
     [

@@ -29,12 +29,14 @@ def test_the_loops_of_a_fleet_are_those_of_their_scenarios(resting):
     assert len(fleet.states) == loops.shape[1]
 
 
+@pytest.mark.long
 def test_a_vehicle_that_is_too_heavy_to_hover_has_no_loop(resting):
     loops = HoverFleet(resting, ["vehicle.mass"])(np.array([[0.68], [50.0]]))
     assert np.isfinite(loops[0]).all()
     assert np.isnan(loops[1]).all()
 
 
+@pytest.mark.long
 def test_loops_have_an_equilibrium_exactly_within_the_limits_of_the_thrust(resting):
     # The commanded thrust is 0.3 to 1.8 times the nominal weight, so a mass of 0.204 kg to 1.224 kg can hover.
     mass = np.array([0.203, 0.205, 0.2465, 1.223, 1.225])

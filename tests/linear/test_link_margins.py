@@ -59,6 +59,7 @@ def test_the_joint_disk_margin_of_decoupled_loops_is_the_smallest_one(laboratory
     assert joint_disk_margin(scenario).disk == pytest.approx(smallest, rel=2e-3)
 
 
+@pytest.mark.long
 def test_the_joint_disk_margin_is_at_most_that_of_each_loop_and_is_tolerated(asymmetric_lqg):
     joint = joint_disk_margin(asymmetric_lqg)
     assert joint.disk <= 1.001 * min(margins.disk for margins in link_margins(asymmetric_lqg).values())

@@ -197,7 +197,7 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
     laboratory_plant(laboratory(*ALL_EFFECTS_OVERRIDES, PAYLOAD_OVERRIDE.format(1.0, "dropped")), vehicle=vehicle)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "load",
     [PAYLOAD_OVERRIDE.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],

@@ -108,6 +108,7 @@ def system():
     return A, generator.standard_normal((6, 3)), generator.standard_normal((3, 6)), generator.standard_normal((3, 3))
 
 
+@pytest.mark.long
 def test_the_bound_on_the_circle_holds_between_the_points_of_any_grid(system):
     A, B, C, D = system
     blocks = scalars("rrc")

@@ -18,7 +18,7 @@ for name, test in recorded.items():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(
     sys.version_info < (3, 12), reason="older versions of Python cannot record the lines that a test runs"
 )

@@ -48,6 +48,7 @@ TIMING_OVERRIDES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("timing", TIMING_OVERRIDES.values(), ids=TIMING_OVERRIDES)
 def test_plans_with_every_timing_keep_clearance_and_speed_and_acceleration_limits(room, timing):
     scenario = room(timing)
@@ -73,6 +74,7 @@ def test_the_yaw_equals_the_given_yaw_at_each_waypoint(room):
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
     waypoints = (
         "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.6, 0.8], max: [3, 3.4, 1.6]}},"
@@ -90,6 +92,7 @@ def test_a_plan_around_obstacles_passes_gates_and_stays_in_corridors(room):
     assert last_segment[1].max() <= 0.5 + 1e-6
 
 
+@pytest.mark.long
 def test_the_path_passes_a_gate_where_no_obstacle_covers_it(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
@@ -141,6 +144,7 @@ IMPOSSIBLE_PLANS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("overrides", "message"), IMPOSSIBLE_PLANS.values(), ids=IMPOSSIBLE_PLANS)
 def test_the_error_for_an_impossible_plan_gives_the_reason(room, overrides, message):
     with pytest.raises(InputError, match=message):
@@ -163,6 +167,7 @@ def test_a_smaller_margin_makes_the_flight_faster(room):
     assert approach.distance >= 0.17
 
 
+@pytest.mark.long
 def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room):
     """Wind and control determine the predicted error, and therefore also the plan."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
@@ -179,6 +184,7 @@ def test_the_clearance_includes_a_fraction_of_the_predicted_tracking_error(room)
     assert distances.min() >= windy.space.clearance
 
 
+@pytest.mark.long
 def test_the_planner_finds_a_path_through_the_shipped_forest():
     """Drake's search for a convex region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])

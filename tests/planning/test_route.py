@@ -42,7 +42,7 @@ def test_the_slalom_satisfies_all_its_constraints(slalom):
     assert (position <= np.array([9.0, 3.2, 2.5]) + 1e-5).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_yaw_profile_follows_the_heading_setting(slalom):
     yaws = {}
     for heading in ("constant", "along_path"):
@@ -62,7 +62,7 @@ def test_the_yaw_passes_through_waypoints_even_if_one_is_repeated(slalom):
     np.testing.assert_allclose(evaluate(plan.yaw, plan.path.times)[0], [0.0, 1.0, 4.0], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_saved_plan_gives_the_same_flight_as_the_original_plan(slalom, diagrams, tmp_path):
     plan = plan_route(slalom())
     save_plan(plan, tmp_path, name="slalom")

@@ -99,7 +99,7 @@ def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
     assert total(shortest) < total(heuristic)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_timing_satisfies_corridors_boxes_and_spheres():
     places = [
         Box.point(SQUARE_WAYPOINTS[0]),

@@ -105,6 +105,7 @@ def test_scenarios_whose_samples_do_not_correspond_cannot_be_compared_in_pairs()
         check_pairs({"first": scenario("sobol"), "second": scenario(None)})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", DESIGN_KINDS)
 def test_means_are_precise_and_their_intervals_contain_the_true_mean(kind):
     """The confidence interval of a smooth function's mean is at most a quarter as wide as with independent samples."""

@@ -341,7 +341,7 @@ def folder(tmp_path_factory):
     os.chdir(before)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @given(tree=st.one_of(varied_trees(), mutated_trees()))
 @fuzz_settings(0.5)
 def test_a_mutated_scenario_flies_or_is_refused_in_one_sentence(folder, tree):

@@ -91,7 +91,7 @@ def test_the_remark_on_an_inactive_setting_gives_the_reason(base, overrides, pat
     assert reason in remark
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("base", "overrides", "path", "value", "reason"), INACTIVE_CASES, ids=lambda each: str(each)[:40]
 )

@@ -117,7 +117,7 @@ def test_the_size_limit_includes_all_files_and_overrides(write):
     assert "two.yaml: is too large" in refusal(load_scenario, f"{path}:a")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )

@@ -93,6 +93,7 @@ def test_correlations_and_small_standard_deviations_are_not_questioned():
     assert questions(load_scenario("hover", {"vehicle.gravity": {"normal": normal}})) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spec", [each for each in shipped_scenarios() if "/" not in each or "vehicles/" in each])
 def test_no_shipped_scenario_or_vehicle_is_questioned(spec):
     if spec.startswith("controllers/"):
@@ -150,6 +151,7 @@ def test_values_of_shipped_scenarios_in_a_wrong_unit_are_questioned():
     }
 
 
+@pytest.mark.long
 def test_no_random_scenario_of_the_tests_is_questioned(tmp_path):
     rng = np.random.default_rng(3)
     for structure in structures(rng, 40):

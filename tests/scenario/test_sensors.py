@@ -92,7 +92,7 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     check_member(altimeter, "altimeter")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "scenario",
     [
@@ -131,7 +131,7 @@ def test_sensor_readings_of_wired_and_compiled_flights_are_bit_identical():
             np.testing.assert_array_equal(flight[name][1:], expected[name][1:], err_msg=name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sensors_do_not_change_the_flight(asymmetric):
     """Motion and random numbers are bit-identical. The file of a scenario without sensors does not mention them."""
     plain, sensing = (

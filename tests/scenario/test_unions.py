@@ -314,7 +314,7 @@ def test_a_user_s_kind_flies_like_the_kind_that_it_extends(union, kind, base, ch
     assert_flights_alike(*flights)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("blank_figures")
 def test_a_command_imports_a_user_s_position_controller(run, tmp_path):
     position = (

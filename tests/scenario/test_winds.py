@@ -116,6 +116,7 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
         np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
 
 
+@pytest.mark.long
 def test_checks_linear_models_and_hover_errors_include_a_user_s_wind(shear_wind):
     """A wind that is too strong is refused, linear models include the wind, and hover errors depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):

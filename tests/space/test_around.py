@@ -188,7 +188,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
         )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_path_passes_divided_gates_on_one_side_of_the_wall():
     """The shortest routes to and from the gate end on different sides of the wall, so the path leads around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
@@ -230,7 +230,7 @@ class RecordingRegions(Regions):
         return super().grow(seed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypatch):
     """A waypoint is the seed of a region only if no region contains it yet."""
     monkeypatch.setattr(around, "Regions", RecordingRegions)

@@ -51,7 +51,7 @@ def durations_of_restarts(room, problem, count):
     return actual
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_no_random_restart_finds_a_much_faster_path(seed):
     """The planned duration is at most 15 % above the best of all random restarts."""

@@ -36,7 +36,7 @@ def keeps_clear(room, path):
     return inside and least_distances(room.space, points).min() >= room.space.clearance
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_random_rooms_are_planned_unless_they_are_blocked(seed):
     room = random_room(seed)
@@ -105,6 +105,7 @@ def test_the_path_uses_the_same_opening_as_the_shortest_route(name, timing):
     assert least_distances(room.space, between).min() > 0.0
 
 
+@pytest.mark.long
 def test_a_room_has_the_same_plan_in_another_process():
     path = plan(random_room(2), HeuristicTiming())
     digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()

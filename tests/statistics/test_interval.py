@@ -90,7 +90,7 @@ sizes = st.tuples(st.floats(1.0, 10.0), st.integers(-9, 9)).map(lambda parts: pa
 gaps = st.one_of(st.just(0.0), st.floats(1.0, 10.0).flatmap(lambda f: st.integers(-5, 2).map(lambda k: f * 10.0**k)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=400, deadline=None)
 @given(sizes, st.sampled_from((-1.0, 0.0, 1.0)), gaps, gaps, st.sampled_from((1.0, 0.01, 1e-3)))
 @example(1e-3, 0.0, 0.0, 1e-3, 0.01)

@@ -35,6 +35,7 @@ def test_intervals_of_sequences_are_up_to_twice_as_long_as_ordinary_intervals():
     assert 1.2 < (sequence.high - sequence.low) / (interval.high - interval.low) < 1.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("probability", [1e-3, 0.01, 0.3, 0.97])
 def test_all_intervals_of_a_probability_contain_it_in_95_percent_of_studies(probability):
     """Ordinary intervals that are computed equally often do not."""

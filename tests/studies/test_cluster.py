@@ -127,7 +127,7 @@ def frozen(tmp_path_factory):
     cluster.end()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
     """The study is interrupted by Ctrl-C and resumed."""
     folder = tmp_path / "study"
@@ -148,7 +148,7 @@ def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_search_on_a_cluster_has_the_flights_of_a_local_search(cluster, tmp_path):
     searched = monte_carlo(cluster.address, tmp_path / "there", "--points", "8", "--workers", "2", command="sobol")
     stdout, stderr = searched.communicate()
@@ -193,7 +193,7 @@ def check_end(study, cluster, folder, words):
     assert (study.returncode, stderr) == (1, f"failed: the Dask scheduler at {cluster.address} {words}; {saved}\n")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_with_different_code_is_refused(tmp_path):
     """The worker has a copy of this package in which one value is changed."""
     copy = tmp_path / "copy" / "drake_quad"
@@ -215,7 +215,7 @@ def test_a_worker_with_different_code_is_refused(tmp_path):
     assert not (tmp_path / "study").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_unreachable_cluster_is_named_in_the_error(unreachable):
     folder, addresses, process = unreachable
     _, stderr = process.communicate()
@@ -288,12 +288,12 @@ def test_cancelled_futures_mean_that_the_connection_is_lost():
         pool_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_that_freezes_ends_a_study(frozen):
     check_end(*frozen, "does not reply")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
     """This is the last test, since the others need the scheduler."""
     folder = tmp_path / "study"

@@ -12,7 +12,7 @@ from drake_quad.studies.monte_carlo import run_monte_carlo
 OVERRIDES = ["duration=0.5", "crash.position_error=0.05"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["diagrams/robustness.yaml", "diagrams/laboratory.yaml:low_wind"])
 def test_drake_and_our_monte_carlo_studies_agree(path):
     """The distributions are compared by the Kolmogorov–Smirnov test and, for crashes, by Fisher's test."""

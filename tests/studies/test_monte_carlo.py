@@ -73,6 +73,7 @@ def whole(tmp_path_factory):
     return folder, found
 
 
+@pytest.mark.long
 def test_some_samples_crash_and_others_do_not(whole):
     assert 3 < whole[1].metrics.crashed.sum() < NUM_SAMPLES - 3
     crashes = whole[1].metrics.crashed.sum()
@@ -80,7 +81,7 @@ def test_some_samples_crash_and_others_do_not(whole):
     assert repr(whole[1]).startswith(words)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])
 def test_results_do_not_depend_on_batches_and_workers(whole, options, tmp_path):
     assert_same(run(tmp_path, **options), whole[1])
@@ -162,7 +163,7 @@ def dies_at(folder, count):
     return progress
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
 def test_a_killed_study_can_be_resumed_at_any_row(whole, tmp_path):
     """No sample is flown twice, no worker remains, and the file equals that of an undisturbed study."""
@@ -589,7 +590,7 @@ def test_a_trial_reports_invalid_input_but_not_other_failures():
         trial(3, [1.0, 1.0, 1.0], reason="mine.py:3: KeyError: 'gain'", in_user_code=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, monkeypatch):
     """No fleet is built before a fork for other executors, user systems, or complete studies."""
     prepared, fleets = [], vars(flying._thread_data)
@@ -612,7 +613,7 @@ def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, 
     assert prepared == [5]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_given_seed_replaces_the_seed_of_the_scenario():
     scenario = study("seed=8").model_copy(update={"sample": 4})
     options = {"num_workers": 1, "batch_size": 2}
@@ -660,6 +661,7 @@ def broken(num_vehicles):
     raise ArithmeticError("broken")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["latin_hypercube", "sobol"])
 def test_designed_draws_do_not_depend_on_batches_workers_or_interruptions(kind, tmp_path):
     options = {"num_samples": 40, "draws": kind}

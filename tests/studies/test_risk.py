@@ -22,7 +22,7 @@ def risk(scenario):
     return estimate_risk(scenario, f"peak_error > {PEAK_ERROR_BOUND}", size=500, half_width=10.0, noise_period=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_probability_agrees_with_plain_sampling(scenario, risk):
     plain = run_monte_carlo(scenario, 20_000, num_workers=1).metrics
     frequency = np.mean(plain.peak_error > PEAK_ERROR_BOUND)

@@ -17,6 +17,7 @@ def scenario():
     return load_scenario("robustness", [{"duration": 2.0, "requirements": REQUIREMENT}])
 
 
+@pytest.mark.long
 def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenario, tmp_path):
     rules = "rmse ± 3 %", "near ± 8 %"
     study = run_monte_carlo(scenario, 5000, num_workers=1, until=rules, folder=tmp_path)
@@ -36,6 +37,7 @@ def test_a_study_ends_at_the_first_checkpoint_at_which_its_rules_are_met(scenari
     assert len(read_study(tmp_path).samples) == end
 
 
+@pytest.mark.long
 def test_samples_that_failed_are_not_flown_again_at_the_next_checkpoint(scenario, monkeypatch):
     flown = []
     fly_batch = monte_carlo.fly_batch

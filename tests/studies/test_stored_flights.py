@@ -130,7 +130,7 @@ SEARCHES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SEARCHES)
 def test_results_are_equal_for_any_number_of_workers_and_after_an_interruption(scenario, name, tmp_path):
     search, folders, calls = SEARCHES[name], [tmp_path / each for each in ("here", "workers")], []

@@ -162,7 +162,7 @@ def LeafSystemOf(num_vehicles):
     return LeafSystem()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_system_exit_fails_a_batch_but_not_the_study():
     """The batches of four fail, but their halves fly."""
     found, expected = run(position_controller=Ends), run(position_controller=Own)
@@ -192,7 +192,7 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     assert len(read_study(folder).samples) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
     """The halves of the batch fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
     file = tmp_path / "hangs"

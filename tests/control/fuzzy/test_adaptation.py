@@ -185,7 +185,7 @@ def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
     np.testing.assert_array_equal(command(sets=adaptive), command())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
     """The network has few rules. The error with adaptive sets may be at most 2 % larger than with constant sets."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]

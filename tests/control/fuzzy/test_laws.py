@@ -176,7 +176,7 @@ def test_one_long_tick_with_constant_inputs_equals_many_short_ticks(initial):
     np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-8, atol=1e-9 * initial)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
     rng = np.random.default_rng(2)
     ticks, n = 2000, 60

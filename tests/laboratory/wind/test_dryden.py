@@ -117,7 +117,7 @@ def test_turbulence_is_along_and_across_the_heading_and_upwards():
         np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
     turbulence = Turbulence(PerDirection(1.0, 2.0, 3.0), PerDirection(6.0, 6.0, 4.0), 10.0)
     period, count, ticks = 0.01, 200, 2**15
