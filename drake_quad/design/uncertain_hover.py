@@ -183,15 +183,26 @@ class UncertainHover:
         unstable or have no equilibrium are remembered.
         """
         values = self._with_rigid_bodies(z)
-        radii = spectral_radii(self._loops(values, combinations, step))
+        loops = self._loops(values, combinations, step)
+        radii = np.max([spectral_radii(loops[:, states][:, :, states]) for states, _ in self._groups], axis=0)
         scales = np.abs(z).max(axis=1)
-        paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
         for name, mask in (("unstable", is_unstable(radii)), ("lost", np.isnan(radii))):
             if mask.any() and (smallest := scales[mask].min()) < getattr(self, name).scale:
                 row = int(np.flatnonzero(mask & (scales == smallest))[0])
-                numbers = map(float, [*values[row], *self.combinations[combinations[row]]])
-                setattr(self, name, Failure(float(smallest), dict(zip(paths, numbers, strict=True))))
+                setattr(self, name, self.combined(z[row], combinations[row]))
         return radii
+
+    def combined(self, z: np.ndarray, combination: int) -> Failure:
+        """Return the values of all parameters at scaled parameters (k,) and a combination of choices, by path."""
+        paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
+        numbers = [*self._with_rigid_bodies(z[np.newaxis])[0], *self.combinations[combination]]
+        return Failure(float(np.abs(z).max()), dict(zip(paths, map(float, numbers), strict=True)))
+
+    def scaled(self, values: dict[str, float]) -> tuple[np.ndarray, int]:
+        """Return the scaled parameters (k,) and the index of the combination of choices of values by path."""
+        z = np.array([each.scaled(np.array(values[each.path])) for each in self.ranges])
+        chosen = np.array([values[each.path] for each in self.choices])
+        return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
     def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return each of the parameters (K, k) with each combination of choices."""
@@ -290,10 +301,12 @@ class UncertainHover:
         used = [moment for moment in moments if moment in columns]
         if not used:
             return values
-        ends = self._values(np.abs(z).max(initial=0.0) * np.array([[-1.0], [1.0]]) * np.ones(len(self.ranges)))
+        # Each combination stays in the box of its own scale.
+        sizes = np.abs(z).max(axis=1, keepdims=True) * np.ones_like(z)
+        ends = (self._values(-sizes), self._values(sizes))
         fixed = dict(zip(moments, self._fleet.resting.vehicle.inertia, strict=True))
         drawn = [values[:, columns[each]] if each in used else np.full(len(values), fixed[each]) for each in moments]
-        low, high = ([end[columns[each]] if each in used else fixed[each] for each in moments] for end in ends)
+        low, high = ([end[:, columns[each]] if each in used else fixed[each] for each in moments] for end in ends)
         rigid = nearest_rigid_inertia(drawn, low, high)
         for each in used:
             values[:, columns[each]] = rigid[moments.index(each)]
