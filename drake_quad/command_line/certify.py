@@ -18,10 +18,11 @@ from drake_quad.command_line.output import (
     print_columns,
     print_files,
     print_joint_disk_margin,
+    print_scales,
     remark,
 )
 from drake_quad.command_line.progress import new_bar
-from drake_quad.design.certificate import MAX_SCALE, Certificate, certify_hover
+from drake_quad.design.certificate import Certificate, certify_hover
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_table
 from drake_quad.linear.link_margins import joint_disk_margin
@@ -174,16 +175,8 @@ def _flight_seconds(growth_time: float) -> float:
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
     """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
-    print(f"{scenario.name}: hover in still air, with the ranges of {len(found.ranges)} parameters scaled at once")
-    print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
-    print(f"  stable up to scale       {found.stable_scale:.3g}")
+    print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
-    for name, failure in failures.items():
-        if failure.values:
-            print(f"  {f'{name} at scale':24s} {failure.scale:.3g}")
-        elif name == "unstable":
-            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
-    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
     rows = []
     for path in found.parameters if columns else ():

@@ -30,7 +30,6 @@ from drake_quad.design.uncertain_hover import (
     UncertainHover,
     is_unstable,
 )
-from drake_quad.errors import InputError
 from drake_quad.linear.fractional_model import fit_fractional_model, fitting_points, spectral_radii
 from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.models import Scenario
@@ -38,7 +37,7 @@ from drake_quad.scenario.models import Scenario
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
 _GOAL = 0.95  # ratio of both bounds at which the division into cells ends
-_BELOW = 0.99  # size of the box of the bound, relative to the smallest scale of a failure
+_BELOW = 0.96  # size of the box of the bound, relative to the smallest scale of a failure; larger boxes need more cells
 _MAX_CELLS = 150  # largest number of cells
 _MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
 _NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
@@ -125,28 +124,19 @@ def certify_hover(
         InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
             at 1 at the centre of the ranges.
     """
-    with single_threaded_blas():
-        return _certificate(scenario, UncertainHover(scenario, own, progress or (lambda count, step: None)))
-
-
-def _certificate(scenario: Scenario, hover: UncertainHover) -> Certificate:
-    centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
-    if np.isnan(centre).any():
-        raise InputError(f"the loop of {scenario.name} has no equilibrium near hover at the centre of the ranges")
-    if (np.abs(centre - 1.0) <= MIN_DECAY).any():
-        raise InputError(
-            f"the loop of {scenario.name} has poles at 1 in hover, as the weights of a network that learns, so it is"
-            " not asymptotically stable and cannot be certified"
-        )
     stable_scale, num_cells = 0.0, 0
-    if not is_unstable(centre).any():
-        _search(hover)
-        stable_scale, num_cells = _certified_scale(hover)
+    with single_threaded_blas():
+        hover = UncertainHover(scenario, own, progress or (lambda count, step: None))
+        centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
+        if not is_unstable(centre).any():
+            _search(hover)
+            stable_scale, num_cells = _certified_scale(hover)
+        growth = _growth(hover) if hover.unstable.values else None
     return Certificate(
         stable_scale,
         hover.unstable,
         hover.lost,
-        _growth(hover) if hover.unstable.values else None,
+        growth,
         hover.ranges,
         hover.choices,
         hover.left_out,
@@ -275,7 +265,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
                 heapq.heappush(unproved, (max(parent, scale), next(numbers), axis, cell))
         num_cells += len(new)
         new, parents = [], []
-        goal = _GOAL * min(hover.reach, size)
+        goal = _GOAL * min(hover.reach, MAX_SCALE)
         while unproved and unproved[0][0] < goal and len(new) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
             scale, _, axis, cell = heapq.heappop(unproved)
             new += cell.halves(axis)

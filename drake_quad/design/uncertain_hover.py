@@ -125,7 +125,8 @@ class UncertainHover:
         generator: source of all random choices.
 
     Raises:
-        InputError: if no distribution acts on hover, or the loop has no linear model.
+        InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
+            at 1 at the centre of the ranges.
     """
 
     def __init__(self, scenario: Scenario, own: UserSystems, progress: Callable[[int, str], None]) -> None:
@@ -148,6 +149,7 @@ class UncertainHover:
                 f" {_MAX_CHOICES} can be certified"
             )
         self._fleet = self._fleet_of(hovering, own)
+        self._check_centre(scenario.name)
         loops = self._probes()
         sizes = np.abs(loops).max(axis=-1, keepdims=True)
         changes = np.abs(loops[:, :, 1:] - loops[:, :, :1]) > _MIN_EFFECT * (sizes[:, :, 1:] + sizes[:, :, :1])
@@ -244,9 +246,16 @@ class UncertainHover:
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
         for (part, low, high), each, rows in zip(cells, points, z, strict=True):
             rows[:, part.ranges] = self._from_cell(part, low, high, each)
-        loops = self._loops(self._values(np.concatenate(z)), combinations, "bound")
-        found = np.split(loops, np.cumsum([len(each) for each in points])[:-1])
-        parts = [each[:, part.states][:, :, part.states] for (part, *_), each in zip(cells, found, strict=True)]
+        values, rows = self._values(np.concatenate(z)), np.cumsum([0, *map(len, points)])
+        parts: list[np.ndarray] = [np.empty(0)] * len(cells)
+        for states in {tuple(part.states): part.states for part, *_ in cells}.values():
+            members = [i for i, (part, *_) in enumerate(cells) if np.array_equal(part.states, states)]
+            chosen = np.concatenate([np.arange(rows[i], rows[i + 1]) for i in members])
+            loops = self._loops(values[chosen], combinations[chosen], "bound", states)
+            for i, each in zip(
+                members, np.split(loops, np.cumsum([len(points[i]) for i in members])[:-1]), strict=True
+            ):
+                parts[i] = each
         radii = np.concatenate([spectral_radii(each) for each in parts])
         failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
         everything = np.concatenate(z)
@@ -281,14 +290,19 @@ class UncertainHover:
         """Return the values (K, k) of the parameters with a range."""
         return np.stack([each.at(column) for each, column in zip(self.ranges, z.T, strict=True)], axis=1)
 
-    def _loops(self, values: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
-        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices."""
+    def _loops(
+        self, values: np.ndarray, combinations: np.ndarray, step: str, states: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices.
+
+        If states are given, the matrices contain only their rows and columns.
+        """
         rows = np.hstack([values, self.combinations[combinations]])
         # The delay lines of a fleet are as long as its longest delay, so each fleet contains the largest choices.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
-            loops.append(self._fleet(np.vstack([rows[first : first + _MAX_LOOPS], longest]))[:-1])
+            loops.append(self._fleet(np.vstack([rows[first : first + _MAX_LOOPS], longest]), states)[:-1])
             self.num_loops += len(loops[-1])
             self._progress(len(loops[-1]), step)
         return np.concatenate(loops)
@@ -311,6 +325,17 @@ class UncertainHover:
         for each in used:
             values[:, columns[each]] = rigid[moments.index(each)]
         return values
+
+    def _check_centre(self, name: str) -> None:
+        """Raise InputError if a loop at the centre of the ranges cannot be certified."""
+        loops = self._loops(*self.everywhere(self._values(np.zeros((1, len(self.ranges))))), "centre")
+        if np.isnan(loops).any():
+            raise InputError(f"the loop of {name} has no equilibrium near hover at the centre of the ranges")
+        if (np.abs(spectral_radii(loops) - 1.0) <= MIN_DECAY).any():
+            raise InputError(
+                f"the loop of {name} has poles at 1 in hover, as the weights of a network that learns, so it is not"
+                " asymptotically stable and cannot be certified"
+            )
 
     def _probes(self) -> np.ndarray:
         """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.
