@@ -197,8 +197,12 @@ class UncertainHover:
     def combined(self, z: np.ndarray, combination: int) -> Failure:
         """Return the values of all parameters at scaled parameters (k,) and a combination of choices, by path."""
         paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
-        numbers = [*self._with_rigid_bodies(z[np.newaxis])[0], *self.combinations[combination]]
+        numbers = self.all_values(z[np.newaxis], np.array([combination]))[0]
         return Failure(float(np.abs(z).max()), dict(zip(paths, map(float, numbers), strict=True)))
+
+    def all_values(self, z: np.ndarray, combinations: np.ndarray) -> np.ndarray:
+        """Return the values (K, k + choices) of all parameters at scaled parameters (K, k) and combinations (K,)."""
+        return np.hstack([self._with_rigid_bodies(z), self.combinations[combinations]])
 
     def scaled(self, values: dict[str, float]) -> tuple[np.ndarray, int]:
         """Return the scaled parameters (k,) and the index of the combination of choices of values by path."""
