@@ -250,16 +250,17 @@ class UncertainHover:
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
         for (part, low, high), each, rows in zip(cells, points, z, strict=True):
             rows[:, part.ranges] = self._from_cell(part, low, high, each)
-        values, rows = self._values(np.concatenate(z)), np.cumsum([0, *map(len, points)])
-        parts: list[np.ndarray] = [np.empty(0)] * len(cells)
+        values, ends = self._values(np.concatenate(z)), np.cumsum([len(each) for each in points])
+        samples = np.split(np.arange(len(values)), ends[:-1])
+        found: dict[int, np.ndarray] = {}
+        # Loops of cells with the same states are computed together, without the other states.
         for states in {tuple(part.states): part.states for part, *_ in cells}.values():
             members = [i for i, (part, *_) in enumerate(cells) if np.array_equal(part.states, states)]
-            chosen = np.concatenate([np.arange(rows[i], rows[i + 1]) for i in members])
+            chosen = np.concatenate([samples[i] for i in members])
             loops = self._loops(values[chosen], combinations[chosen], "bound", states)
-            for i, each in zip(
-                members, np.split(loops, np.cumsum([len(points[i]) for i in members])[:-1]), strict=True
-            ):
-                parts[i] = each
+            pieces = np.split(loops, np.cumsum([len(samples[i]) for i in members])[:-1])
+            found.update(zip(members, pieces, strict=True))
+        parts = [found[i] for i in range(len(cells))]
         radii = np.concatenate([spectral_radii(each) for each in parts])
         failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
         everything = np.concatenate(z)

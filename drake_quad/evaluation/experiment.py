@@ -232,7 +232,14 @@ def fly_controller(
     yield (
         name,
         controller.name,
-        Traits(*margins, delay, single_vehicle_time(windy, compiled=not uncompiled), time_in_fleet, *certificate),
+        Traits(
+            *margins,
+            delay,
+            single_vehicle_time(windy, compiled=not uncompiled),
+            time_in_fleet,
+            *certificate[:2],
+            not_certified=certificate[2],
+        ),
     )
 
 

@@ -65,11 +65,10 @@ def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagr
 
 
 def test_limits_apply_to_the_medians_of_distributions():
-    scenario = load_scenario("robustness")
-    assert LoopLimit().limit_fractions(scenario) == pytest.approx(
-        LoopLimit().limit_fractions(median_scenario(scenario))
-    )
-    assert LoopLimit().limit_fractions(scenario).all()
+    scenario = load_scenario("robustness", layers=["controllers/designed/robustness:pid"])
+    fractions = LoopLimit().limit_fractions(scenario)
+    assert fractions == pytest.approx(LoopLimit().limit_fractions(median_scenario(scenario)))
+    assert fractions.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
 
 
 @pytest.mark.slow
