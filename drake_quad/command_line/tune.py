@@ -16,14 +16,13 @@ from drake_quad.command_line.options import (
     parser,
     scenario_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, print_margins, print_scales, remark
-from drake_quad.design.certified_tuning import tune_certified
+from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.saving import save_scenario
-from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import values_without_crashes
 
@@ -33,13 +32,7 @@ _DEFAULT_RANGE_FACTOR = 4.0
 # Number of held-out samples on which the tuned controller is tested. They follow the training samples.
 _NUM_TEST_SAMPLES = 32
 # Smallest and largest value of each option; the delay margin is in s.
-_RANGES = {
-    "sensitivity": (1.1, 100.0),
-    "delay-margin": (1e-3, 10.0),
-    "certified-scale": (0.01, 5.0),
-    "samples": (1, 1000),
-    "rounds": (1, 200),
-}
+_RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 200)}
 
 
 def options() -> argparse.ArgumentParser:
@@ -62,13 +55,6 @@ def options() -> argparse.ArgumentParser:
     limit, budget = LoopLimit(), Budget()
     add_stability_limits(result, limit.sensitivity, limit.delay)
     result.add_argument(
-        "--certified-scale",
-        type=float,
-        metavar="SCALE",
-        help="smallest scale of the scenario's random parameters up to which hover must be certified to be stable, as"
-        " by certify; this takes several times as long (default: no such limit)",
-    )
-    result.add_argument(
         "--samples", type=int, default=budget.samples, help="number of training samples (default: %(default)s)"
     )
     result.add_argument(
@@ -80,21 +66,13 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments)
-    if arguments.certified_scale is not None and not distributions_in(scenario):
-        raise InputError(f"--certified-scale: {scenario.name} contains no distribution, so there is nothing to certify")
     print_flight_remarks([scenario])
     specs = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in specs]
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(folder_of(arguments, scenario))
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
-    certificate = None
-    if arguments.certified_scale is None:
-        result = tune([scenario], knobs, limit.limit_fractions, budget=budget)
-    else:
-        result, certificate, _ = tune_certified(
-            scenario, knobs, limit.limit_fractions, arguments.certified_scale, budget=budget
-        )
+    result = tune([scenario], knobs, limit.limit_fractions, budget=budget)
     tuned = with_numbers(scenario, knobs, result.values)
     file = write_atomically(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
@@ -112,14 +90,6 @@ def main(arguments: argparse.Namespace) -> None:
     print_columns(("", "before", "tuned"), rows)
     print()
     print_margins(link_margins(median_scenario(tuned)))
-    if certificate is not None:
-        print()
-        print_scales(tuned.name, certificate)
-        if certificate.stable_scale < arguments.certified_scale:
-            remark(
-                f"no result is certified up to scale {arguments.certified_scale:g}; this one has the largest certified"
-                " scale"
-            )
     if result.limit_fraction < 1.0:
         print(
             f"\nno candidate meets the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"

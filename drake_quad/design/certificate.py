@@ -36,8 +36,7 @@ from drake_quad.scenario.models import Scenario
 
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
-GAP_GOAL = 0.95
-"""Ratio of both bounds at which the division into cells ends."""
+_GOAL = 0.95  # ratio of both bounds at which the division into cells ends
 _BELOW = 0.96  # size of the box of the bound, relative to the smallest scale of a failure; larger boxes need more cells
 _MAX_CELLS = 150  # largest number of cells
 _MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
@@ -266,7 +265,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
                 heapq.heappush(unproved, (max(parent, scale), next(numbers), axis, cell))
         num_cells += len(new)
         new, parents = [], []
-        goal = GAP_GOAL * min(hover.reach, MAX_SCALE)
+        goal = _GOAL * min(hover.reach, MAX_SCALE)
         while unproved and unproved[0][0] < goal and len(new) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
             scale, _, axis, cell = heapq.heappop(unproved)
             new += cell.halves(axis)

@@ -234,30 +234,6 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
         tune.knob_of("control.position.k_i.0", integral)
 
 
-def test_a_controller_is_tuned_to_a_certified_scale(run, replaced, tmp_path):
-    tuned = SimpleNamespace(values=(1.5, 2.5), limit_fraction=1.0)
-    unstable = SimpleNamespace(values={"vehicle.mass": 0.6}, scale=1.25)
-    lost = SimpleNamespace(values={}, scale=math.inf)
-    found = SimpleNamespace(ranges=[1, 2], stable_scale=1.19, unstable=unstable, lost=lost, gap=0.048, num_cells=3)
-    calls = replaced(
-        "tune", tune_certified=(tuned, found, 2), fly_samples=metrics_of(4), link_margins={}, print_margins=None
-    )
-    drawn = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
-    result = run("tune", "hover", "--set", drawn, "--certified-scale", 1.2, "--rounds", 5, "--output", tmp_path)
-    assert result.returncode == 0
-    (((scenario, knobs, _, scale), named),) = calls["tune_certified"]
-    assert (scenario.name, len(knobs), scale) == ("hover", 2, 1.2)
-    assert named == {"budget": Budget()._replace(rounds=5)}
-    assert "stable up to scale       1.19" in result.stdout
-    assert "no result is certified up to scale 1.2" in result.stderr
-    found.stable_scale = 1.2
-    again = run("tune", "hover", "--set", drawn, "--certified-scale", 1.2, "--output", tmp_path)
-    assert "no result is certified" not in again.stderr
-    refused = run("tune", "hover", "--certified-scale", 1.2, "--output", tmp_path)
-    assert refused.returncode == 2
-    assert "--certified-scale: hover contains no distribution, so there is nothing to certify" in refused.stderr
-
-
 def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
     tuned = SimpleNamespace(values=(1.5, 2.5), limit_fraction=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
