@@ -18,10 +18,11 @@ from drake_quad.command_line.output import (
     print_columns,
     print_files,
     print_joint_disk_margin,
+    print_scales,
     remark,
 )
 from drake_quad.command_line.progress import new_bar
-from drake_quad.design.certificate import MAX_SCALE, Certificate, certify_hover
+from drake_quad.design.certificate import Certificate, certify_hover
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_table
 from drake_quad.linear.link_margins import joint_disk_margin
@@ -30,11 +31,18 @@ from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.description import unit_at
 from drake_quad.scenario.distributions import Uniform
 from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.hovering import at_rest, symmetric_hover
+from drake_quad.scenario.initial import InitialState
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at
 from drake_quad.scenario.paths import distributions_in, map_leaves
 
 _MAX_GAP = 0.1  # larger gaps between the bounds deserve a remark
+_OFFSET = 0.1  # m and rad, initial error of the flight that shows an instability
+_NUM_GROWTH_TIMES = 5.0  # duration of this flight, in times of growth by a factor of e
+_MIN_FLIGHT_SECONDS = 20.0
+_MAX_FLIGHT_SECONDS = 300.0
+_LOST_FLIGHT_SECONDS = 10.0
 
 
 def options() -> argparse.ArgumentParser:
@@ -76,15 +84,43 @@ def main(arguments: argparse.Namespace) -> None:
     if found.stable_scale > 0.0:
         print_joint_disk_margin(joint_disk_margin(median))
     print(f"computed from {found.num_loops:,} exact loops in {seconds:.0f} s")
-    files = [write_values(folder / "certificate.csv", median, found)]
-    for name, failure in (("unstable", found.unstable), ("no_equilibrium", found.lost)):
-        if failure.values:
-            files.append(folder / f"{name}.yaml")
-            failing = _with_numbers(median, failure.values)
-            save_scenario(failing, files[-1])
-            print(f"fly with the parameters of {files[-1].name}")
-            print(f"  {flying_command('fly', failing, files[-1])}")
+    files = write_tables(folder, median, found)
+    for name, failing, sentences in failing_flights(median, found):
+        files.append(folder / name)
+        save_scenario(failing, files[-1])
+        print(f"\n{sentences[0]}\n  {flying_command('fly', failing, files[-1])}", *sentences[1:], sep="\n")
     print_files(files)
+
+
+def failing_flights(median: Scenario, found: Certificate) -> list[tuple[str, Scenario, list[str]]]:
+    """Return flights that show how hover fails: name of the file, scenario, and sentences about what to expect."""
+    flights = []
+    if found.growth is not None:
+        loop, time_constant = found.growth
+        flights.append(
+            (
+                "unstable.yaml",
+                hovering_at(median, loop.values, duration=_flight_seconds(time_constant), offset=_OFFSET),
+                [
+                    f"to see the instability, fly in hover with the parameters at scale {loop.scale:.3g}:",
+                    f"the vehicle starts {100.0 * _OFFSET:.0f} cm beside its reference along each axis,",
+                    f"and an oscillation grows by a factor of e in {time_constant:.1f} s, until commands saturate or it"
+                    " crashes",
+                ],
+            )
+        )
+    if found.lost.values:
+        flights.append(
+            (
+                "no_equilibrium.yaml",
+                hovering_at(median, found.lost.values, duration=_LOST_FLIGHT_SECONDS),
+                [
+                    f"to see a loop without an equilibrium, fly in hover at scale {found.lost.scale:.3g}:",
+                    "a command or the rotors saturate, and the vehicle cannot stay at its reference",
+                ],
+            )
+        )
+    return flights
 
 
 def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
@@ -116,26 +152,34 @@ def with_ranges(scenario: Scenario, texts: list[str]) -> Scenario:
     return map_leaves(median, lambda path, value: ranges.get(path, value))
 
 
-def _with_numbers(scenario: Scenario, numbers: dict[str, float]) -> Scenario:
-    """Return the scenario with other numbers, by path."""
-    return map_leaves(scenario, lambda path, value: numbers.get(path, value))
+def hovering_at(median: Scenario, values: dict[str, float], *, duration: float, offset: float = 0.0) -> Scenario:
+    """Return the scenario in hover in still air with other values of parameters, as it is certified.
+
+    Args:
+        median: scenario without distributions.
+        values: values of parameters, by path.
+        duration: duration of the flight, s.
+        offset: initial deviation from the reference along each axis, m, and in yaw, rad.
+    """
+    failing = map_leaves(median, lambda path, value: values.get(path, value))
+    initial = InitialState(position=(offset, offset, offset), attitude=(0.0, 0.0, offset))
+    settings = {"crash": median.crash, "duration": duration, "initial": initial}
+    return symmetric_hover(at_rest(failing)).model_copy(update=settings)
+
+
+def _flight_seconds(growth_time: float) -> float:
+    """Return the duration of a flight in which an instability becomes obvious, s."""
+    seconds = 10.0 * math.ceil(0.1 * _NUM_GROWTH_TIMES * growth_time)
+    return min(max(seconds, _MIN_FLIGHT_SECONDS), _MAX_FLIGHT_SECONDS)
 
 
 def print_certificate(scenario: Scenario, found: Certificate) -> None:
     """Print the bounds of the scale, the failing parameters, and what the certificate leaves out."""
-    print(f"{scenario.name}: hover in still air, with the ranges of {len(found.parameters)} parameters scaled at once")
-    print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
-    print(f"  stable up to scale       {found.stable_scale:.3g}")
+    print_scales(scenario.name, found)
     failures = {"unstable": found.unstable, "no equilibrium": found.lost}
-    for name, failure in failures.items():
-        if failure.values:
-            print(f"  {f'{name} at scale':24s} {failure.scale:.3g}")
-        elif name == "unstable":
-            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
-    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
     median, columns = median_scenario(scenario), {name: each for name, each in failures.items() if each.values}
     rows = []
-    for path in (*found.parameters, *found.choices) if columns else ():
+    for path in found.parameters if columns else ():
         unit = unit_at(median, path)
         numbers = [number_at(median, path), *(each.values[path] for each in columns.values())]
         rows.append((path, *(f"{number:.4g}" for number in numbers), "" if unit == "1" else unit))
@@ -154,18 +198,24 @@ def print_certificate(scenario: Scenario, found: Certificate) -> None:
         remark(f"these distributions do not act on hover in still air and are left out: {', '.join(found.left_out)}")
 
 
-def write_values(path: Path, median: Scenario, found: Certificate) -> Path:
-    """Write a table with the bounds of the scale, and with the values of the parameters at which hover fails."""
-    paths = (*found.parameters, *found.choices)
-    failures = {"unstable": found.unstable, "no_equilibrium": found.lost}
-    return write_table(
-        path,
-        {
-            "parameter": ["stable_scale", "failing_scale", *paths],
-            "median": ["", "", *(number_at(median, each) for each in paths)],
-            **{
-                name: [found.stable_scale, each.scale, *(each.values.get(path, math.nan) for path in paths)]
-                for name, each in failures.items()
-            },
-        },
-    )
+def write_tables(folder: Path, median: Scenario, found: Certificate) -> list[Path]:
+    """Write the scales, and for each parameter its certified range and its values where hover fails."""
+    scales = {
+        "stable_up_to_scale": found.stable_scale,
+        "unstable_at_scale": found.unstable.scale,
+        "no_equilibrium_at_scale": found.lost.scale,
+    }
+    box = found.certified_box
+    parameters: dict[str, list[float | str]] = {
+        "parameter": [*found.parameters],
+        "unit": [unit_at(median, path) for path in found.parameters],
+        "median": [number_at(median, path) for path in found.parameters],
+        "certified_from": [box[path][0] for path in found.parameters],
+        "certified_to": [box[path][1] for path in found.parameters],
+        "value_of_unstable_loop": [found.unstable.values.get(path, math.nan) for path in found.parameters],
+        "value_without_equilibrium": [found.lost.values.get(path, math.nan) for path in found.parameters],
+    }
+    return [
+        write_table(folder / "scales.csv", {name: [scale] for name, scale in scales.items()}),
+        write_table(folder / "parameters.csv", parameters),
+    ]

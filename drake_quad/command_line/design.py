@@ -24,7 +24,14 @@ from drake_quad.command_line.options import (
     resolve_output_folder,
     scenario_from_arguments,
 )
-from drake_quad.command_line.output import flying_command, print_columns, print_files, print_joint_disk_margin, remark
+from drake_quad.command_line.output import (
+    flying_command,
+    print_columns,
+    print_files,
+    print_joint_disk_margin,
+    print_scales,
+    remark,
+)
 from drake_quad.design.cascade import (
     CascadeDesign,
     LoopOptions,
@@ -36,6 +43,7 @@ from drake_quad.design.cascade import (
     with_gains,
     with_integrals,
 )
+from drake_quad.design.certificate import certify_hover
 from drake_quad.design.gains import SLOWER_POLE, PolePair, RegulatorRequirements
 from drake_quad.errors import join_names
 from drake_quad.files import output_folder, write_atomically
@@ -116,6 +124,9 @@ def main(arguments: argparse.Namespace) -> None:
         write_firmware_controller(arguments)
         return
     scenario = scenario_from_arguments(arguments, load=load_undesigned)
+    has_distributions = bool(distributions_in(scenario))
+    if arguments.certify and not has_distributions:
+        raise InputError(f"--certify: {scenario.name} contains no distribution, so there is nothing to certify")
     print_flight_remarks([scenario])
     loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
@@ -124,7 +135,6 @@ def main(arguments: argparse.Namespace) -> None:
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
         integral = _DEFAULT_INTEGRAL_FRACTION
-    has_distributions = bool(distributions_in(scenario))
     if has_distributions:
         remark("the gains are designed for the median of each distribution")
     design = design_cascade(median_scenario(scenario), loop_options, on_board=arguments.on_board, integral=integral)
@@ -144,6 +154,8 @@ def main(arguments: argparse.Namespace) -> None:
     print_design(design)
     print_modes(loop)
     print_joint_disk_margin(joint_disk_margin(nominal_hover(median_scenario(designed))))
+    if arguments.certify:
+        print_scales(designed.name, certify_hover(designed))
     print(f"\nto use the gains in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed scenario:")
     command = ("study", designed, files[1], "--samples 32") if has_distributions else ("fly", designed, files[1])
     print(f"  {flying_command(*command)}")
@@ -230,6 +242,12 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         " Fields are bandwidth (rad/s, default: the largest bandwidth with the required margins) and damping (default:"
         " 0.8) of the pole pair; with --method lqr, the field is rate_time (s), the weight of the rate in the cost"
         " relative to the weight of the value",
+    )
+    options.add_argument(
+        "--certify",
+        action="store_true",
+        help="print the scale of the scenario's random parameters up to which hover is certified to be stable, as"
+        " certify does; this takes one or more minutes",
     )
 
 

@@ -1,5 +1,7 @@
 """Fly all designed controllers in all laboratories, and write a report that compares their performance.
 
+In laboratories with random parameters, controllers are also certified, which takes a minute for each of them.
+
 The option --tune designs the controllers for families of laboratories by one protocol instead, and writes them into
 diagrams/controllers/designed. A second run without --tune then writes the report.
 """

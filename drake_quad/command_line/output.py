@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from drake_quad import Scenario
+    from drake_quad.design.certificate import Certificate
     from drake_quad.identification.validation.prediction import Predictions
 
 # Display factor and unit of each predicted quantity.
@@ -65,6 +66,26 @@ def print_joint_disk_margin(margin: Any) -> None:
         f"all loops at the command link at once: disk margin {margin.disk:.2f}, which tolerates ±{margin.gain:.1f} dB"
         f" and ±{margin.phase:.0f}° in every signal"
     )
+
+
+def print_scales(name: str, found: "Certificate") -> None:
+    """Print the scale of all random parameters up to which hover is stable, and the scales at which it fails.
+
+    Args:
+        name: name of the scenario.
+        found: certificate of the scenario.
+    """
+    from drake_quad.design.certificate import MAX_SCALE
+
+    print(f"{name}: hover in still air, with the ranges of {len(found.ranges)} parameters scaled at once")
+    print("  scale 1                  the ranges in the scenario; three standard deviations if there are no limits")
+    print(f"  stable up to scale       {found.stable_scale:.3g}")
+    for kind, failure in {"unstable": found.unstable, "no equilibrium": found.lost}.items():
+        if failure.values:
+            print(f"  {f'{kind} at scale':24s} {failure.scale:.3g}")
+        elif kind == "unstable":
+            print(f"  no unstable loop was found up to scale {min(found.lost.scale, MAX_SCALE):.3g}")
+    print(f"  gap between the bounds   {100.0 * found.gap:.1f} %, with {found.num_cells} models")
 
 
 def remark(sentence: str) -> None:

@@ -20,6 +20,7 @@ from drake_quad.command_line.output import print_columns, print_files, print_mar
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
@@ -88,7 +89,7 @@ def main(arguments: argparse.Namespace) -> None:
     )
     print_columns(("", "before", "tuned"), rows)
     print()
-    print_margins(link_margins(tuned))
+    print_margins(link_margins(median_scenario(tuned)))
     if result.limit_fraction < 1.0:
         print(
             f"\nno candidate meets the limits; the best candidate meets {100.0 * result.limit_fraction:.0f} % of them"

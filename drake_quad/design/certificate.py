@@ -21,15 +21,23 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.design.uncertain_hover import MIN_DECAY, Failure, Part, UncertainHover, is_unstable
-from drake_quad.errors import InputError
+from drake_quad.design.uncertain_hover import (
+    MIN_DECAY,
+    Choice,
+    Failure,
+    Part,
+    Range,
+    UncertainHover,
+    is_unstable,
+)
 from drake_quad.linear.fractional_model import fit_fractional_model, fitting_points, spectral_radii
+from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario.models import Scenario
 
 MAX_SCALE = 8.0
 """Largest scale at which the search looks for unstable loops."""
 _GOAL = 0.95  # ratio of both bounds at which the division into cells ends
-_BELOW = 0.99  # size of the box of the bound, relative to the smallest scale of a failure
+_BELOW = 0.96  # size of the box of the bound, relative to the smallest scale of a failure; larger boxes need more cells
 _MAX_CELLS = 150  # largest number of cells
 _MAX_BOUND = 1.02  # a cell away from the centre with a larger bound is divided without an exact bound
 _NUM_CELLS_AT_ONCE = 16  # cells that are divided at the same time
@@ -39,6 +47,20 @@ _NUM_ROUNDS = 4  # rounds of the search around the most unstable loop
 _NUM_BISECTIONS = 7
 _MIN_SCALE = 1e-3  # smallest scale of the search
 _SHORTER = 0.97  # scale of a round, relative to the smallest scale of a failure so far
+_GROWTH_FACTORS = (1.0, 1.1, 1.2, 1.3, 1.5, 2.0)  # scales at which growth is computed, relative to the unstable scale
+_MAX_GROWTH_TIME = 10.0  # s, longest growth time that is obvious in a flight of a minute
+
+
+class Growth(NamedTuple):
+    """Unstable loop whose oscillation grows fast enough to be visible in a flight.
+
+    Attributes:
+        loop: scale and values of the parameters.
+        time: time in which the deviation from hover grows by a factor of e, s.
+    """
+
+    loop: Failure
+    time: float
 
 
 @dataclass(frozen=True)
@@ -50,8 +72,9 @@ class Certificate:
         unstable: unstable loop of the smallest scale; its scale is infinite if none was found up to `MAX_SCALE`.
         lost: combination of the smallest scale at which no equilibrium was found, since a command saturates; its scale
             is infinite if all loops had one.
-        parameters: paths of the parameters with a range that act on the loop.
-        choices: paths of the parameters with discrete values.
+        growth: loop beyond `unstable` whose instability is visible in a flight; None if no unstable loop was found.
+        ranges: parameters with a range that act on the loop.
+        choices: parameters with discrete values.
         left_out: paths of distributions that do not act on hover in still air.
         num_loops: number of exact loops.
         num_cells: number of cells with a model.
@@ -60,11 +83,25 @@ class Certificate:
     stable_scale: float
     unstable: Failure
     lost: Failure
-    parameters: tuple[str, ...]
-    choices: tuple[str, ...]
+    growth: Growth | None
+    ranges: tuple[Range, ...]
+    choices: tuple[Choice, ...]
     left_out: tuple[str, ...]
     num_loops: int
     num_cells: int
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Paths of all parameters that act on the loop: those with a range, then those with discrete values."""
+        return (*(each.path for each in self.ranges), *(each.path for each in self.choices))
+
+    @property
+    def certified_box(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest value of each parameter up to which all combinations are stable, by path."""
+        ends = np.array([-self.stable_scale, self.stable_scale])
+        box = {each.path: each.at(ends) for each in self.ranges}
+        box |= {each.path: np.array([min(each.values), max(each.values)]) for each in self.choices}
+        return {path: (float(low), float(high)) for path, (low, high) in box.items()}
 
     @property
     def gap(self) -> float:
@@ -87,25 +124,21 @@ def certify_hover(
         InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
             at 1 at the centre of the ranges.
     """
-    hover = UncertainHover(scenario, own, progress or (lambda count, step: None))
-    centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
-    if np.isnan(centre).any():
-        raise InputError(f"the loop of {scenario.name} has no equilibrium near hover at the centre of the ranges")
-    if (np.abs(centre - 1.0) <= MIN_DECAY).any():
-        raise InputError(
-            f"the loop of {scenario.name} has poles at 1 in hover, as the weights of a network that learns, so it is"
-            " not asymptotically stable and cannot be certified"
-        )
     stable_scale, num_cells = 0.0, 0
-    if not is_unstable(centre).any():
-        _search(hover)
-        stable_scale, num_cells = _certified_scale(hover)
+    with single_threaded_blas():
+        hover = UncertainHover(scenario, own, progress or (lambda count, step: None))
+        centre = hover.radii(*hover.everywhere(np.zeros((1, len(hover.ranges)))), "centre")
+        if not is_unstable(centre).any():
+            _search(hover)
+            stable_scale, num_cells = _certified_scale(hover)
+        growth = _growth(hover) if hover.unstable.values else None
     return Certificate(
         stable_scale,
         hover.unstable,
         hover.lost,
-        tuple(each.path for each in hover.ranges),
-        tuple(each.path for each in hover.choices),
+        growth,
+        hover.ranges,
+        hover.choices,
         hover.left_out,
         hover.num_loops,
         num_cells,
@@ -174,6 +207,20 @@ def _bisect(
     return directions[0], int(combinations[0]), failing
 
 
+def _growth(hover: UncertainHover) -> Growth:
+    """Return the first loop beyond the unstable loop that diverges within `_MAX_GROWTH_TIME`, or else the fastest one.
+
+    The parameters move away from the centre of the ranges, in the direction of the unstable loop.
+    """
+    z, combination = hover.scaled(hover.unstable.values)
+    candidates = np.outer(_GROWTH_FACTORS, z)
+    radii = hover.radii(candidates, np.full(len(candidates), combination), "growth")
+    times = hover.period / np.log(np.where(is_unstable(radii), radii, 1.0 + MIN_DECAY))
+    visible = np.flatnonzero(times <= _MAX_GROWTH_TIME)
+    index = int(visible[0] if len(visible) else np.argmin(times))
+    return Growth(hover.combined(candidates[index], combination), float(times[index]))
+
+
 class _Cell(NamedTuple):
     """Cell of the box of the parameters that act on a part of the loop.
 
@@ -218,7 +265,7 @@ def _certified_scale(hover: UncertainHover) -> tuple[float, int]:
                 heapq.heappush(unproved, (max(parent, scale), next(numbers), axis, cell))
         num_cells += len(new)
         new, parents = [], []
-        goal = _GOAL * min(hover.reach, size)
+        goal = _GOAL * min(hover.reach, MAX_SCALE)
         while unproved and unproved[0][0] < goal and len(new) < 2 * _NUM_CELLS_AT_ONCE and num_cells < _MAX_CELLS:
             scale, _, axis, cell = heapq.heappop(unproved)
             new += cell.halves(axis)

@@ -20,7 +20,7 @@ from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.link_margins import fast_link_margins
-from drake_quad.scenario.batch import Batch
+from drake_quad.scenario.batch import Batch, median_scenario
 from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import map_leaves
@@ -97,10 +97,11 @@ class LoopLimit(NamedTuple):
     def limit_fractions(self, scenario: Scenario) -> np.ndarray:
         """Return how well the loops of a scenario meet the limits, as ratios; a single 0 if a loop is unstable.
 
-        Each ratio compares a margin with its limit. A ratio of 1 or more means that the limit is met.
+        Each ratio compares a margin with its limit. A ratio of 1 or more means that the limit is met. Distributions are
+        replaced by their medians.
         """
         try:
-            margins = fast_link_margins(scenario)
+            margins = fast_link_margins(median_scenario(scenario))
         except InputError:
             return np.zeros(1)
         return np.concatenate([self.sensitivity / margins.sensitivity, margins.delay / self.delay])

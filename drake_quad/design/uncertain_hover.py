@@ -125,7 +125,8 @@ class UncertainHover:
         generator: source of all random choices.
 
     Raises:
-        InputError: if no distribution acts on hover, or the loop has no linear model.
+        InputError: if no distribution acts on hover, the loop has no linear model, or it has no equilibrium or a pole
+            at 1 at the centre of the ranges.
     """
 
     def __init__(self, scenario: Scenario, own: UserSystems, progress: Callable[[int, str], None]) -> None:
@@ -148,6 +149,7 @@ class UncertainHover:
                 f" {_MAX_CHOICES} can be certified"
             )
         self._fleet = self._fleet_of(hovering, own)
+        self._check_centre(scenario.name)
         loops = self._probes()
         sizes = np.abs(loops).max(axis=-1, keepdims=True)
         changes = np.abs(loops[:, :, 1:] - loops[:, :, :1]) > _MIN_EFFECT * (sizes[:, :, 1:] + sizes[:, :, :1])
@@ -183,15 +185,30 @@ class UncertainHover:
         unstable or have no equilibrium are remembered.
         """
         values = self._with_rigid_bodies(z)
-        radii = spectral_radii(self._loops(values, combinations, step))
+        loops = self._loops(values, combinations, step)
+        radii = np.max([spectral_radii(loops[:, states][:, :, states]) for states, _ in self._groups], axis=0)
         scales = np.abs(z).max(axis=1)
-        paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
         for name, mask in (("unstable", is_unstable(radii)), ("lost", np.isnan(radii))):
             if mask.any() and (smallest := scales[mask].min()) < getattr(self, name).scale:
                 row = int(np.flatnonzero(mask & (scales == smallest))[0])
-                numbers = map(float, [*values[row], *self.combinations[combinations[row]]])
-                setattr(self, name, Failure(float(smallest), dict(zip(paths, numbers, strict=True))))
+                setattr(self, name, self.combined(z[row], combinations[row]))
         return radii
+
+    def combined(self, z: np.ndarray, combination: int) -> Failure:
+        """Return the values of all parameters at scaled parameters (k,) and a combination of choices, by path."""
+        paths = [*(each.path for each in self.ranges), *(each.path for each in self.choices)]
+        numbers = self.all_values(z[np.newaxis], np.array([combination]))[0]
+        return Failure(float(np.abs(z).max()), dict(zip(paths, map(float, numbers), strict=True)))
+
+    def all_values(self, z: np.ndarray, combinations: np.ndarray) -> np.ndarray:
+        """Return the values (K, k + choices) of all parameters at scaled parameters (K, k) and combinations (K,)."""
+        return np.hstack([self._with_rigid_bodies(z), self.combinations[combinations]])
+
+    def scaled(self, values: dict[str, float]) -> tuple[np.ndarray, int]:
+        """Return the scaled parameters (k,) and the index of the combination of choices of values by path."""
+        z = np.array([each.scaled(np.array(values[each.path])) for each in self.ranges])
+        chosen = np.array([values[each.path] for each in self.choices])
+        return z, int(np.flatnonzero((self.combinations == chosen).all(axis=1))[0])
 
     def everywhere(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return each of the parameters (K, k) with each combination of choices."""
@@ -233,9 +250,17 @@ class UncertainHover:
         combinations = np.concatenate([np.full(len(p), part.combination) for (part, *_), p in zip(cells, points)])
         for (part, low, high), each, rows in zip(cells, points, z, strict=True):
             rows[:, part.ranges] = self._from_cell(part, low, high, each)
-        loops = self._loops(self._values(np.concatenate(z)), combinations, "bound")
-        found = np.split(loops, np.cumsum([len(each) for each in points])[:-1])
-        parts = [each[:, part.states][:, :, part.states] for (part, *_), each in zip(cells, found, strict=True)]
+        values, ends = self._values(np.concatenate(z)), np.cumsum([len(each) for each in points])
+        samples = np.split(np.arange(len(values)), ends[:-1])
+        found: dict[int, np.ndarray] = {}
+        # Loops of cells with the same states are computed together, without the other states.
+        for states in {tuple(part.states): part.states for part, *_ in cells}.values():
+            members = [i for i, (part, *_) in enumerate(cells) if np.array_equal(part.states, states)]
+            chosen = np.concatenate([samples[i] for i in members])
+            loops = self._loops(values[chosen], combinations[chosen], "bound", states)
+            pieces = np.split(loops, np.cumsum([len(samples[i]) for i in members])[:-1])
+            found.update(zip(members, pieces, strict=True))
+        parts = [found[i] for i in range(len(cells))]
         radii = np.concatenate([spectral_radii(each) for each in parts])
         failing = np.flatnonzero(~(radii < 1.0 + MIN_DECAY))
         everything = np.concatenate(z)
@@ -270,14 +295,19 @@ class UncertainHover:
         """Return the values (K, k) of the parameters with a range."""
         return np.stack([each.at(column) for each, column in zip(self.ranges, z.T, strict=True)], axis=1)
 
-    def _loops(self, values: np.ndarray, combinations: np.ndarray, step: str) -> np.ndarray:
-        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices."""
+    def _loops(
+        self, values: np.ndarray, combinations: np.ndarray, step: str, states: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the system matrices (K, n, n) for values (K, k) of ranges, with combinations (K,) of choices.
+
+        If states are given, the matrices contain only their rows and columns.
+        """
         rows = np.hstack([values, self.combinations[combinations]])
         # The delay lines of a fleet are as long as its longest delay, so each fleet contains the largest choices.
         longest = np.hstack([values[:1], self.combinations.max(axis=0, keepdims=True)])
         loops = []
         for first in range(0, len(rows), _MAX_LOOPS):
-            loops.append(self._fleet(np.vstack([rows[first : first + _MAX_LOOPS], longest]))[:-1])
+            loops.append(self._fleet(np.vstack([rows[first : first + _MAX_LOOPS], longest]), states)[:-1])
             self.num_loops += len(loops[-1])
             self._progress(len(loops[-1]), step)
         return np.concatenate(loops)
@@ -290,14 +320,27 @@ class UncertainHover:
         used = [moment for moment in moments if moment in columns]
         if not used:
             return values
-        ends = self._values(np.abs(z).max(initial=0.0) * np.array([[-1.0], [1.0]]) * np.ones(len(self.ranges)))
+        # Each combination stays in the box of its own scale.
+        sizes = np.abs(z).max(axis=1, keepdims=True) * np.ones_like(z)
+        ends = (self._values(-sizes), self._values(sizes))
         fixed = dict(zip(moments, self._fleet.resting.vehicle.inertia, strict=True))
         drawn = [values[:, columns[each]] if each in used else np.full(len(values), fixed[each]) for each in moments]
-        low, high = ([end[columns[each]] if each in used else fixed[each] for each in moments] for end in ends)
+        low, high = ([end[:, columns[each]] if each in used else fixed[each] for each in moments] for end in ends)
         rigid = nearest_rigid_inertia(drawn, low, high)
         for each in used:
             values[:, columns[each]] = rigid[moments.index(each)]
         return values
+
+    def _check_centre(self, name: str) -> None:
+        """Raise InputError if a loop at the centre of the ranges cannot be certified."""
+        loops = self._loops(*self.everywhere(self._values(np.zeros((1, len(self.ranges))))), "centre")
+        if np.isnan(loops).any():
+            raise InputError(f"the loop of {name} has no equilibrium near hover at the centre of the ranges")
+        if (np.abs(spectral_radii(loops) - 1.0) <= MIN_DECAY).any():
+            raise InputError(
+                f"the loop of {name} has poles at 1 in hover, as the weights of a network that learns, so it is not"
+                " asymptotically stable and cannot be certified"
+            )
 
     def _probes(self) -> np.ndarray:
         """Return the loops (probes, combinations, 1 + k, n, n) at random points, and with each parameter changed there.

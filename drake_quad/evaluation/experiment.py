@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.design.certificate import certify_hover
 from drake_quad.design.tuning import LATENCY
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in
@@ -31,6 +32,7 @@ from drake_quad.evaluation.results import (
 from drake_quad.fleets.fleet_simulation import simulate_fleet
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.planning.duration import flight_duration
@@ -67,6 +69,7 @@ class EvaluationSizes(NamedTuple):
         delayed: number of samples for each additional delay.
         max_delay_frames: largest additional delay, in camera frames.
         duration: duration of a flight, s; None for the whole route.
+        certifies: True to certify the controllers, which takes minutes for each of them.
     """
 
     samples: int = 256
@@ -76,6 +79,7 @@ class EvaluationSizes(NamedTuple):
     delayed: int = 16
     max_delay_frames: int = 40
     duration: float | None = None
+    certifies: bool = True
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -83,7 +87,9 @@ class EvaluationSizes(NamedTuple):
         return () if self.duration is None else (f"duration={self.duration!r}",)
 
 
-QUICK = EvaluationSizes(samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0)
+QUICK = EvaluationSizes(
+    samples=4, uncompiled=2, laps=2, max_laps=2, delayed=2, max_delay_frames=4, duration=1.0, certifies=False
+)
 # A result consists of laboratory, controller and metrics, or of family, controller and traits.
 Result = tuple[str, str, Metrics | Traits]
 
@@ -216,12 +222,24 @@ def fly_controller(
         time_in_fleet = cpu_time if laboratory == family.windiest_laboratory else time_in_fleet
         yield laboratory, controller.name, metrics
     margins = worst_margins(scenario(family.training_laboratories[0], base or controller))
+    certificate = (
+        certified_scales(scenario(family.training_laboratories[0]), compiled=not uncompiled)
+        if sizes.certifies
+        else NOT_CERTIFIED
+    )
     windy = scenario(family.windiest_laboratory, overrides=sizes.overrides)
     delay = math.nan if uncompiled else delay_flown(windy, sizes)
     yield (
         name,
         controller.name,
-        Traits(*margins, delay, single_vehicle_time(windy, compiled=not uncompiled), time_in_fleet),
+        Traits(
+            *margins,
+            delay,
+            single_vehicle_time(windy, compiled=not uncompiled),
+            time_in_fleet,
+            *certificate[:2],
+            not_certified=certificate[2],
+        ),
     )
 
 
@@ -334,6 +352,35 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
     except InputError:
         return math.nan, math.nan
     return max(each.sensitivity for each in margins), min(each.delay for each in margins)
+
+
+class CertifiedScales(NamedTuple):
+    """Scales of a certificate, the last fields of `Traits`."""
+
+    stable_scale: float
+    unstable_scale: float
+    not_certified: str
+
+
+NOT_CERTIFIED = CertifiedScales(math.nan, math.nan, "certificates are left out in a quick test")
+
+
+def certified_scales(scenario: Scenario, *, compiled: bool = True) -> CertifiedScales:
+    """Return the scales between which hover becomes unstable, or the reason why there is no certificate.
+
+    Certificates are cached on the disk, since each takes minutes.
+
+    Args:
+        scenario: scenario with the controller.
+        compiled: False for a controller that cannot be compiled, for which a certificate would take hours.
+    """
+    if not compiled:
+        return NOT_CERTIFIED._replace(not_certified="a controller that cannot be compiled would take hours to certify")
+    try:
+        found = cached_on_disk(certify_hover, scenario)
+    except InputError as error:
+        return NOT_CERTIFIED._replace(not_certified=str(error))
+    return CertifiedScales(found.stable_scale, found.unstable.scale, "")
 
 
 def missing_designs(diagrams: Path, name: str) -> list[str]:

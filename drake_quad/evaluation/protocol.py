@@ -2,11 +2,9 @@
 
 import itertools
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from drake_quad.design.lqg import LqgLimits, design_lqg
 from drake_quad.design.tuning import Budget, LoopLimit, TuningResult, tolerated_delay, tune
@@ -21,7 +19,6 @@ from drake_quad.evaluation.results import (
     SENSITIVITY_LIMITS,
     priced_name,
 )
-from drake_quad.scenario.batch import median_scenario
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
@@ -85,7 +82,7 @@ def design_family(
     path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
         scenarios = _scenarios_before_tuning(diagrams, family, path, controller, entry)
-        fractions = None if entry.base else _limit_fractions(limit)
+        fractions = None if entry.base else limit.limit_fractions
         before = previous_numbers(diagrams, family, path, controller, entry)
         extra_latency = 0.0
         if entry.base:
@@ -166,7 +163,7 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
         name = priced_name(controller, sensitivity)
         if entry.knobs:
             scenarios = _scenarios_before_tuning(diagrams, family, path, name, entry)
-            result = tune(scenarios, entry.knobs, _limit_fractions(limit), budget=budget)
+            result = tune(scenarios, entry.knobs, limit.limit_fractions, budget=budget)
             tree, description = entry.tree(result.values), _description(entry, result, budget)
         else:
             scenario = load_undesigned(diagrams / family.laboratories[PRICED_LABORATORY])
@@ -175,11 +172,6 @@ def design_priced(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
             tree, description = {"control": control}, "designed from Riccati equations"
         write_designs(path, {name: tree}, comments={name: description}, header=_PRICED_HEADER)
         yield DesignResult(name, description)
-
-
-def _limit_fractions(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
-    """Return a function that computes the fractions of a limit that the loops of a scenario's median plant meet."""
-    return lambda scenario: limit.limit_fractions(median_scenario(scenario))
 
 
 def _description(entry: ControllerEntry, result: TuningResult, budget: Budget, extra_latency: float = 0.0) -> str:

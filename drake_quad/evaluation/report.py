@@ -156,7 +156,7 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
     traits = evaluation.traits.get(name, {})
     if not traits:
         return f"### {name}\n\nNo controller was flown here."
-    rows = []
+    rows, certified = [], any(np.isfinite(each.stable_scale) for each in traits.values())
     for controller, each in traits.items():
         results = [evaluation.flights[laboratory][controller] for laboratory in family.laboratories]
         windy = evaluation.flights[family.windiest_laboratory][controller]
@@ -171,6 +171,7 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
                 mean_interval(values_without_crashes(windy, "peak_error")).text(size=0.01),
                 f"{sum(float(values.mean()) for values in effort):.2f}" if len(effort[0]) else "–",
                 *_trait_texts(each),
+                *([_certificate_text(each)] if certified else []),
             )
         )
     laboratories = [f"{laboratory} (cm)" for laboratory in family.laboratories]
@@ -181,9 +182,11 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         f"peak in {family.windiest_laboratory} (cm)",
         "effort (m²/s⁴)",
         *_TRAIT_HEADINGS,
+        *(["certified scale"] if certified else []),
     )
     fractions = _crash_probabilities(evaluation, family, traits)
-    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {fractions}." if fractions else "")
+    paragraphs = [f"### {name}", table(header, rows), *([f"Crash probabilities: {fractions}."] if fractions else [])]
+    return "\n\n".join([*paragraphs, *(_reasons_without_certificate(traits) if certified else [])])
 
 
 _TRAIT_HEADINGS = (
@@ -203,6 +206,23 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
         _number(1e6 * each.lone, ".0f"),
         _number(1e6 * each.fleet, ".2f"),
     )
+
+
+def _certificate_text(each: Traits) -> str:
+    """Return the certified scale and the smallest scale of an unstable loop, if one was found."""
+    if not np.isfinite(each.stable_scale):
+        return "not certified"
+    unstable = f" (unstable at {each.unstable_scale:.2f})" if np.isfinite(each.unstable_scale) else ""
+    return f"{each.stable_scale:.2f}{unstable}"
+
+
+def _reasons_without_certificate(traits: Mapping[str, Traits]) -> list[str]:
+    """Return, for each reason, a sentence that names the controllers that are not certified."""
+    names: dict[str, list[str]] = {}
+    for controller, each in traits.items():
+        if each.not_certified:
+            names.setdefault(each.not_certified, []).append(CONTROLLER_NAMES[controller])
+    return [f"Not certified: {', '.join(each)}. Reason: {reason}." for reason, each in names.items()]
 
 
 def _crash_probabilities(evaluation: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:

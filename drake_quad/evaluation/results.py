@@ -1,5 +1,6 @@
 """Results of the evaluation, and the files that store them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,9 @@ class Traits(NamedTuple):
             delay, and negative if a sample crashes without additional delay.
         lone: CPU time per tick of the whole loop for a single vehicle, s.
         fleet: CPU time per tick and vehicle of the whole loop in a fleet of all samples, s.
+        stable_scale: scale of the ranges of all random parameters up to which hover is certified to be stable.
+        unstable_scale: smallest scale with an unstable loop.
+        not_certified: reason why there is no certificate; empty if there is one.
     """
 
     sensitivity: float
@@ -39,6 +43,9 @@ class Traits(NamedTuple):
     delay_flown: float
     lone: float
     fleet: float
+    stable_scale: float = math.nan
+    unstable_scale: float = math.nan
+    not_certified: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,5 +109,12 @@ def read_evaluation(folder: Path) -> Evaluation:
         flights.setdefault(laboratory, {})[name] = Metrics(*(columns[field] for field in Metrics._fields))
     traits: dict[str, dict[str, Traits]] = {}
     for (family, name), columns in read_groups(folder / "traits.csv", _TRAIT_KEYS, Traits._fields).items():
-        traits.setdefault(family, {})[name] = Traits(*(float(columns[field][0]) for field in Traits._fields))
+        traits.setdefault(family, {})[name] = _traits_of({field: columns[field][0] for field in Traits._fields})
     return Evaluation(flights, traits)
+
+
+def _traits_of(cells: Mapping[str, Any]) -> Traits:
+    """Return the traits of a row, in which an empty text is NaN."""
+    numbers = {field: float(cell) for field, cell in cells.items() if field != "not_certified"}
+    reason = cells["not_certified"]
+    return Traits(**numbers, not_certified=str(reason) if isinstance(reason, str) else "")

@@ -56,11 +56,13 @@ class HoverFleet:
         self._plan, self.own = plan_route(resting), own
         self._pattern = wrench_of_rotors(resting)
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
+    def __call__(self, values: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
         """Return the system matrices (N, n, n) of the loops, NaN for loops without an equilibrium near hover.
 
         Args:
             values: (N, k) values of the fields of each loop.
+            states: indices of the n states whose rows and columns are returned; all by default. Few states take less
+                time.
         """
         N = len(values)
         varying = {field: values[:, i].copy() for i, field in enumerate(self.fields)}
@@ -71,13 +73,15 @@ class HoverFleet:
         # Saturated and diverging loops overflow, and are then reported as NaN.
         with np.errstate(all="ignore"), single_threaded_blas():
             x, unsettled = _equilibria(period_map)
-            A = period_map.jacobian(x, 4)
+            rows, kept = rotor_rows(self.states), np.arange(len(x)) if states is None else states
+            # Thrust and torques depend on the speeds of all rotors.
+            columns = {*kept} | ({*rows} if {*rows} & {*kept} else set())
+            A = period_map.jacobian(x, 4, sorted(columns))
         A[unsettled] = np.nan
-        rows = rotor_rows(self.states)
         if len(rows) == len(self._pattern):
             A[:, rows] = self._pattern @ A[:, rows]
             A[:, :, rows] = A[:, :, rows] @ np.linalg.inv(self._pattern)
-        return A
+        return A if states is None else A[:, kept][:, :, kept]
 
 
 def _equilibria(period_map: "_PeriodMap") -> tuple[np.ndarray, np.ndarray]:
@@ -144,11 +148,18 @@ class _PeriodMap:
         self._simulator.AdvanceTo(self._next)
         return self._read(self._diagram, self._context)
 
-    def jacobian(self, x: np.ndarray, order: int) -> np.ndarray:
-        """Return the derivatives (N, n, n) of the map, by central differences of order 2 or 4."""
+    def jacobian(self, x: np.ndarray, order: int, columns: Sequence[int] | None = None) -> np.ndarray:
+        """Return the derivatives (N, n, n) of the map, by central differences of order 2 or 4.
+
+        Args:
+            x: (n, N) states.
+            order: order of the differences.
+            columns: indices of the states with respect to which the map is differentiated; the derivatives with respect
+                to other states are zero.
+        """
         n, N = x.shape
-        A = np.empty((N, n, n))
-        for j in range(n):
+        A = np.zeros((N, n, n))
+        for j in range(n) if columns is None else columns:
             step = _STEP * np.maximum(1.0, np.abs(x[j]))
             slopes = []
             for factor in (1.0, 2.0)[: order // 2]:

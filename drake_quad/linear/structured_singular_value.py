@@ -16,6 +16,7 @@ eigenvalues of a pencil, so that the whole unit circle can be covered without a 
 Dooren, "A fast algorithm for the computation of an upper bound on the μ-norm", 2000).
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -90,22 +91,19 @@ def mu_bound(
     r = len(M)
     if M.shape != (r, r) or sum(block.size for block in blocks) != r:
         raise ValueError(f"blocks of {sum(block.size for block in blocks)} rows do not match a matrix {M.shape}")
-    basis_D, basis_G = _bases(tuple(blocks))
-    # F(x) = β² D - Mᴴ D M - j (G M - Mᴴ G) must be positive definite.
-    of_G = -1j * (basis_G @ M - M.conj().T @ basis_G)
-    of_D = -M.conj().T @ basis_D @ M
     if r == 0:
         return MuBound(_MIN_BOUND, np.zeros((0, 0)), np.zeros((0, 0)))
+    basis = _basis(tuple(blocks))
     scalings = [(np.eye(r, dtype=complex), np.zeros((r, r), dtype=complex)), *((each.D, each.G) for each in starts)]
     squares = [_smallest_square(M, D, G) for D, G in scalings]
     square = min(squares)
     best = MuBound(_value(square), *scalings[squares.index(square)])
-    x = np.concatenate([_coordinates(best.D, basis_D), _coordinates(best.G, basis_G)])
+    x = np.concatenate([_coordinates(best.D, basis.D), _coordinates(best.G, basis.G)])
     lowest = max(stop, _MIN_BOUND) ** 2
     level = max(1.05 * square, lowest)
     for _ in range(_MAX_CENTERS):
-        x = _center(x, np.concatenate([level * basis_D + of_D, of_G]), basis_D, level)
-        D, G = (np.tensordot(part, basis, 1) for part, basis in zip(np.split(x, [len(basis_D)]), (basis_D, basis_G)))
+        x = _center(x, M, basis, level)
+        D, G = basis.scalings(x)
         square = _smallest_square(M, D, G)
         found = MuBound(_value(square), D, G)
         if level == lowest:
@@ -121,67 +119,78 @@ def mu_bound(
 
 def _smallest_square(M: np.ndarray, D: np.ndarray, G: np.ndarray) -> float:
     """Return the smallest β² that the scalings prove; negative if they prove any bound."""
-    needed = M.conj().T @ D @ M + 1j * (G @ M - M.conj().T @ G)
-    return float(scipy.linalg.eigh(needed, D, eigvals_only=True)[-1])
+    return float(scipy.linalg.eigh(-_form(M, D, G, 0.0), D, eigvals_only=True)[-1])
+
+
+def _form(M: np.ndarray, D: np.ndarray, G: np.ndarray, level: float) -> np.ndarray:
+    """Return F = β² D - Mᴴ D M - j (G M - Mᴴ G) for the level β², which proves β if it is positive definite."""
+    GM = 1j * (G @ M)
+    return level * D - M.conj().T @ D @ M - GM - GM.conj().T
 
 
 def _value(square: float) -> float:
     return max(math.sqrt(max(square, 0.0)), _MIN_BOUND)
 
 
-def _center(x: np.ndarray, F_basis: np.ndarray, D_basis: np.ndarray, level: float) -> np.ndarray:
-    """Return the analytic center of F(x) > 0 and D(x) > 0 with a given sum of the traces of D and F / level.
+class _Terms(NamedTuple):
+    """Terms of a basis of Hermitian matrices: each element of the basis is a sum of c E + (c E)ᴴ.
 
-    The sum keeps G bounded, even if scalings prove any bound.
+    A matrix E has a single entry 1 at (i, j). Derivatives of log det then need products of numbers instead of matrices.
 
-    Args:
-        x: (k,) strictly feasible coordinates.
-        F_basis: (k, r, r) derivatives of F.
-        D_basis: (m, r, r) derivatives of D; D depends on the first m coordinates.
-        level: β², the weight of D in F.
+    Attributes:
+        i: (t,) rows of the entries.
+        j: (t,) columns of the entries.
+        c: (t,) coefficients.
+        sums: (k, t) sparse matrix that adds the terms of each element.
     """
-    m, k = len(D_basis), len(x)
-    traces = np.trace(F_basis, axis1=1, axis2=2).real / level
-    traces[:m] += np.trace(D_basis, axis1=1, axis2=2).real
-    x = x * (F_basis.shape[1] / (traces @ x))
 
-    def barrier(point: np.ndarray) -> float:
-        total = 0.0
-        for matrix in (np.tensordot(point, F_basis, 1), np.tensordot(point[:m], D_basis, 1)):
-            try:
-                total -= 2.0 * float(np.log(np.diag(np.linalg.cholesky(matrix)).real).sum())
-            except np.linalg.LinAlgError:
-                return math.inf
-        return total
+    i: np.ndarray
+    j: np.ndarray
+    c: np.ndarray
+    sums: scipy.sparse.csr_matrix
 
-    value = barrier(x)
-    for _ in range(_MAX_NEWTON_STEPS):
-        gradient, hessian = np.zeros(k), np.zeros((k, k))
-        for basis, point in ((F_basis, x), (D_basis, x[:m])):
-            scaled = np.linalg.solve(np.tensordot(point, basis, 1), basis)
-            size = len(basis)
-            gradient[:size] -= np.trace(scaled, axis1=1, axis2=2).real
-            flat = scaled.reshape(size, -1)
-            hessian[:size, :size] += (flat @ scaled.transpose(0, 2, 1).reshape(size, -1).T).real
-        # The equality constraint fixes the sum of the traces. A tiny regularisation allows directions without effect.
-        system = np.zeros((k + 1, k + 1))
-        system[:k, :k] = hessian + 1e-12 * np.trace(hessian) / k * np.eye(k)
-        system[k, :k] = system[:k, k] = traces
-        step = np.linalg.solve(system, np.append(-gradient, 0.0))[:k]
-        decrement = float(-gradient @ step)
-        if not decrement > _CENTER_TOLERANCE:
-            break
-        length = 1.0 / (1.0 + math.sqrt(decrement)) if decrement > 0.25 else 1.0
-        while (new := barrier(x + length * step)) > value and length > 1e-6:
-            length *= 0.5
-        if length <= 1e-6:
-            break
-        x, value = x + length * step, new
-    return x
+    @staticmethod
+    def of(elements: np.ndarray) -> "_Terms":
+        """Return the terms of the elements (k, r, r) of a basis."""
+        owners, i, j = np.nonzero(np.triu(elements))
+        count = len(owners)
+        sums = scipy.sparse.csr_matrix((np.ones(count), (owners, range(count))), (len(elements), count))
+        return _Terms(i, j, elements[owners, i, j] / np.where(i == j, 2.0, 1.0), sums)
+
+    def derivatives(self, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return tr(Y B) (k,) and tr(Y B Y B') (k, k) for all elements B and B' of the basis.
+
+        If Y is the inverse of a positive definite matrix, they are derivatives of the log det of this matrix.
+        """
+        left, right = Y.T[self.i] * self.c[:, np.newaxis], Y[self.j]
+        products = (left[:, self.j] * self.c) * right[:, self.i] + (left[:, self.i] * self.c.conj()) * right[:, self.j]
+        return 2.0 * (self.sums @ (self.c * Y[self.j, self.i]).real), 2.0 * (self.sums @ (self.sums @ products.real).T)
 
 
-def _bases(blocks: tuple[Block, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return bases of the Hermitian matrices D (m, r, r) and G (k, r, r) that commute with the blocks."""
+class _Basis(NamedTuple):
+    """Basis of the scalings that commute with some blocks.
+
+    Attributes:
+        D: (m, r, r) basis of the Hermitian matrices D.
+        G: (k, r, r) basis of the Hermitian matrices G.
+        D_terms: terms of D.
+        form_terms: terms of the matrices (2r, 2r) [-D, jG; -jG, D], which have the basis of D and then that of G.
+    """
+
+    D: np.ndarray
+    G: np.ndarray
+    D_terms: _Terms
+    form_terms: _Terms
+
+    def scalings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the scalings D and G (r, r) at coordinates (m + k,)."""
+        m = len(self.D)
+        return np.tensordot(x[:m], self.D, 1), np.tensordot(x[m:], self.G, 1)
+
+
+@functools.cache
+def _basis(blocks: tuple[Block, ...]) -> _Basis:
+    """Return the basis of the scalings that commute with the blocks."""
     r = sum(block.size for block in blocks)
     D: list[np.ndarray] = []
     G: list[np.ndarray] = []
@@ -199,7 +208,64 @@ def _bases(blocks: tuple[Block, ...]) -> tuple[np.ndarray, np.ndarray]:
                     D.append(matrix)
                     G.append(matrix)
         first += size
-    return np.array(D).reshape(-1, r, r), np.array(G).reshape(-1, r, r)
+    all_D, all_G = (np.array(each).reshape(-1, r, r) for each in (D, G))
+    forms = np.zeros((len(D) + len(G), 2 * r, 2 * r), dtype=complex)
+    forms[: len(D), :r, :r], forms[: len(D), r:, r:] = -all_D, all_D
+    forms[len(D) :, :r, r:], forms[len(D) :, r:, :r] = 1j * all_G, -1j * all_G
+    return _Basis(all_D, all_G, _Terms.of(all_D), _Terms.of(forms))
+
+
+def _center(x: np.ndarray, M: np.ndarray, basis: _Basis, level: float) -> np.ndarray:
+    """Return the analytic center of F > 0 and D > 0 with a given sum of the traces of D and F / level.
+
+    The sum keeps G bounded, even if scalings prove any bound.
+
+    Args:
+        x: (k,) strictly feasible coordinates of D and G.
+        M: (r, r) matrix.
+        basis: basis of D and G.
+        level: β², the weight of D in F.
+    """
+    m, k, r = len(basis.D), len(x), len(M)
+    # F = Xᴴ [-D, jG / β; -jG / β, D] X, so that derivatives of its log det follow from those of the matrix inside.
+    X = np.vstack([M, math.sqrt(level) * np.eye(r)])
+    weights = np.where(np.arange(k) < m, 1.0, 1.0 / math.sqrt(level))
+    traces = weights * basis.form_terms.derivatives(X @ X.conj().T)[0] / level
+    traces[:m] += basis.D_terms.derivatives(np.eye(r, dtype=complex))[0]
+    x = x * (r / (traces @ x))
+
+    def barrier(point: np.ndarray) -> float:
+        D, G = basis.scalings(point)
+        try:
+            factors = [np.linalg.cholesky(_form(M, D, G, level)), np.linalg.cholesky(D)]
+        except np.linalg.LinAlgError:
+            return math.inf
+        return -2.0 * float(sum(np.log(np.diag(factor).real).sum() for factor in factors))
+
+    value = barrier(x)
+    for _ in range(_MAX_NEWTON_STEPS):
+        D, G = basis.scalings(x)
+        Y = X @ np.linalg.solve(_form(M, D, G, level), X.conj().T)
+        slopes, curvature = basis.form_terms.derivatives(Y)
+        gradient, hessian = -weights * slopes, weights[:, np.newaxis] * curvature * weights
+        slopes, curvature = basis.D_terms.derivatives(np.linalg.inv(D))
+        gradient[:m] -= slopes
+        hessian[:m, :m] += curvature
+        # The equality constraint fixes the sum of the traces. A tiny regularisation allows directions without effect.
+        system = np.zeros((k + 1, k + 1))
+        system[:k, :k] = hessian + 1e-12 * np.trace(hessian) / k * np.eye(k)
+        system[k, :k] = system[:k, k] = traces
+        step = np.linalg.solve(system, np.append(-gradient, 0.0))[:k]
+        decrement = float(-gradient @ step)
+        if not decrement > _CENTER_TOLERANCE:
+            break
+        length = 1.0 / (1.0 + math.sqrt(decrement)) if decrement > 0.25 else 1.0
+        while (new := barrier(x + length * step)) > value and length > 1e-6:
+            length *= 0.5
+        if length <= 1e-6:
+            break
+        x, value = x + length * step, new
+    return x
 
 
 def _coordinates(matrix: np.ndarray, basis: np.ndarray) -> np.ndarray:

@@ -31,8 +31,8 @@ def explain_invalid_inertia(moments: Sequence[float]) -> str:
 
 def nearest_rigid_inertia(
     moments: Sequence[ArrayLike],
-    lowest: Sequence[float] = (0.0, 0.0, 0.0),
-    highest: Sequence[float] | None = None,
+    lowest: Sequence[ArrayLike] = (0.0, 0.0, 0.0),
+    highest: Sequence[ArrayLike] | None = None,
 ) -> np.ndarray:
     """Return the nearest moments of inertia, within bounds, that a rigid body can have.
 
@@ -41,16 +41,15 @@ def nearest_rigid_inertia(
 
     Args:
         moments: I_xx, I_yy, I_zz, each a number or an (N,) array, kg m².
-        lowest: lower bounds, kg m²; equal lower and upper bounds fix a moment.
-        highest: upper bounds, kg m²; unbounded if not given.
+        lowest: lower bounds, each a number or an (N,) array, kg m²; equal lower and upper bounds fix a moment.
+        highest: upper bounds, each a number or an (N,) array, kg m²; unbounded if not given.
 
     Returns:
         (3,) or (3, N) moments, kg m².
     """
     nearest = np.array(np.broadcast_arrays(*moments), dtype=float)
-    columns = (-1, *[1] * (nearest.ndim - 1))
-    low = np.reshape(lowest, columns)
-    high = np.full_like(low, np.inf) if highest is None else np.reshape(highest, columns)
+    ends = (lowest, [np.inf] * len(nearest) if highest is None else highest)
+    low, high = (np.array([np.broadcast_to(each, nearest.shape[1:]) for each in end], dtype=float) for end in ends)
     # Each pass either removes the excess or moves one more moment to its bound, so three passes suffice.
     for _ in _MOMENT_NAMES:
         largest = nearest == nearest.max(axis=0)

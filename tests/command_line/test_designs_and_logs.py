@@ -82,6 +82,29 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
     ]
 
 
+def test_the_designed_gains_are_certified_on_request(run, designed, monkeypatch, tmp_path):
+    monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
+    found = SimpleNamespace(
+        ranges=["mass"], stable_scale=1.234, unstable=SimpleNamespace(values={"mass": 1.0}, scale=1.3),
+        lost=SimpleNamespace(values={}, scale=float("inf")), gap=0.05, num_cells=7,
+    )  # fmt: skip
+    certified = []
+    monkeypatch.setattr(
+        "drake_quad.command_line.design.certify_hover", lambda scenario: certified.append(scenario) or found
+    )
+    drawn = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
+    result = run("design", "hover", "--set", drawn, "--certify", "--output", tmp_path)
+    assert result.returncode == 0
+    assert certified[0].control.position.k_p == (1.0, 2.0, 3.0)
+    assert "stable up to scale       1.23" in result.stdout
+    assert "unstable at scale        1.3" in result.stdout
+    refused = run("design", "hover", "--certify", "--output", tmp_path)
+    assert (refused.returncode, len(certified)) == (2, 1)
+    assert "--certify: hover contains no distribution, so there is nothing to certify" in refused.stderr
+    assert run("design", "hover", "--set", drawn, "--output", tmp_path).returncode == 0
+    assert len(certified) == 1
+
+
 def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
     monkeypatch.setattr("drake_quad.command_line.design.DESIGN_PLOTS", {})
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [1, 1, 1]}"

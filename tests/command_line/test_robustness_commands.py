@@ -1,10 +1,12 @@
 """Commands that estimate risks, search for worst cases, and attribute variances."""
 
+import numpy as np
 import pytest
 
-from drake_quad import load_scenario
+from drake_quad import load_scenario, simulate
 from drake_quad.command_line import risk
 from drake_quad.command_line.main import command_module
+from drake_quad.files import read_table
 
 MASS_DISTRIBUTION = "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.5}}"
 HOVER = ("hover", "--set", "duration=0.3", "--set", MASS_DISTRIBUTION)
@@ -82,7 +84,7 @@ def test_studies_with_designed_draws_state_their_replicates(run, tmp_path):
 
 
 @pytest.mark.long
-def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
+def test_certify_prints_both_bounds_and_writes_a_flight_that_diverges(run, tmp_path):
     late = ["--set", "laboratory.command_link.delay_ticks=8", "--vary", "vehicle.rotor_time_constant=30%"]
     result = run("certify", "hover", *late, "--output", tmp_path)
     assert result.returncode == 0
@@ -90,8 +92,15 @@ def test_certify_prints_both_bounds_and_writes_the_unstable_loop(run, tmp_path):
     assert "unstable at scale" in result.stdout
     assert "gap between the bounds" in result.stdout
     assert "all loops at the command link at once: disk margin" in result.stdout
-    assert files(result) == ["certificate.csv", "unstable.yaml"]
-    assert load_scenario(tmp_path / "unstable.yaml").vehicle.rotor_time_constant > 0.065
+    assert files(result) == ["scales.csv", "parameters.csv", "unstable.yaml"]
+    scales, parameters = (read_table(tmp_path / f"{name}.csv") for name in ("scales", "parameters"))
+    assert scales["stable_up_to_scale"][0] < scales["unstable_at_scale"][0]
+    assert 0.065 < parameters["certified_to"][0] < parameters["value_of_unstable_loop"][0]
+    # The suggested flight shows the instability.
+    flight = simulate(load_scenario(tmp_path / "unstable.yaml"))
+    errors = np.linalg.norm(flight["state"][:, :3] - flight["reference"][:, :3], axis=1)
+    half = len(errors) // 2
+    assert errors[half:].max() > max(errors[0], 1.5 * errors[half // 2 : half].max())
 
 
 @pytest.mark.parametrize(

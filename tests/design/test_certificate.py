@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.design.certificate import certify_hover
-from drake_quad.design.uncertain_hover import Range, parameters_in_hover
+from drake_quad.design.uncertain_hover import Range, UncertainHover, parameters_in_hover
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.fractional_model import spectral_radii
 from drake_quad.linear.hover_fleet import HoverFleet
@@ -48,6 +49,34 @@ def test_the_exact_loop_at_the_found_parameters_is_barely_unstable(certificate):
     for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
         distance = abs(certificate.unstable.values[path] / centre - 1.0)
         assert distance <= spread * certificate.unstable.scale + 1e-9
+
+
+@pytest.mark.slow
+def test_the_loop_that_is_flown_grows_as_stated(certificate):
+    loop, time = certificate.growth
+    period = 0.02
+    assert poles_at(loop.values).max() == pytest.approx(math.exp(period / time), rel=1e-6)
+    assert certificate.unstable.scale <= loop.scale <= 2.0 * certificate.unstable.scale
+    assert time < 10.0
+
+
+@pytest.mark.slow
+def test_the_certified_box_has_the_ranges_at_the_stable_scale(certificate):
+    for (path, centre), spread in zip(FIELDS.items(), SPREADS, strict=True):
+        half = centre * spread * certificate.stable_scale
+        assert certificate.certified_box[path] == pytest.approx((centre - half, centre + half))
+
+
+@pytest.mark.slow
+def test_moments_of_inertia_stay_in_the_box_of_their_own_combination():
+    moments = [(0, 0.005, 0.0055), (1, 0.005, 0.0055), (2, 0.0105, 0.0125)]
+    overrides = [f"vehicle.inertia.{axis}={{uniform: {{min: {low}, max: {high}}}}}" for axis, low, high in moments]
+    hover = UncertainHover(load_scenario("hover", overrides), UserSystems(), lambda count, step: None)
+    # No rigid body has a moment above the sum of the others, which are at their upper bounds here.
+    z = np.array([[0.9], [1.4]]) * np.ones(3)
+    together = hover.radii(z, np.zeros(2, dtype=int), "test")
+    alone = [hover.radii(row[np.newaxis], np.zeros(1, dtype=int), "test")[0] for row in z]
+    assert together == pytest.approx(alone, rel=1e-9)
 
 
 @pytest.mark.long

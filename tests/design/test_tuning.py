@@ -8,6 +8,7 @@ import pytest
 from drake_quad import load_scenario
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tolerated_delay, tune, with_extra_latency, with_numbers
 from drake_quad.linear.link_margins import link_margins
+from drake_quad.scenario.batch import median_scenario
 from drake_quad.studies.comparison import fly_samples
 
 K_P_KNOB = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
@@ -61,6 +62,13 @@ def test_the_smallest_limit_fraction_is_that_of_the_worst_loop(laboratory, diagr
     assert LoopLimit(50.0, 1.6 * delay).limit_fractions(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
     stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
     assert LoopLimit().limit_fractions(stiff).max() == 0.0
+
+
+def test_limits_apply_to_the_medians_of_distributions():
+    scenario = load_scenario("robustness", layers=["controllers/designed/robustness:pid"])
+    fractions = LoopLimit().limit_fractions(scenario)
+    assert fractions == pytest.approx(LoopLimit().limit_fractions(median_scenario(scenario)))
+    assert fractions.min() == pytest.approx(1.0, abs=0.01)  # the design meets the limits exactly
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 from invented_flights import NUM_FLIGHTS, flights
 
 from drake_quad import InputError, load_scenario
+from drake_quad.design.certificate import certify_hover
 from drake_quad.design.tuning import Budget, LoopLimit, TuningResult
 from drake_quad.evaluation import experiment, protocol
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
@@ -48,6 +49,9 @@ def replaced_flights(monkeypatch):
     monkeypatch.setattr(experiment, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
     monkeypatch.setattr(experiment, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
     monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
+    monkeypatch.setattr(
+        experiment, "certified_scales", lambda of, compiled=True: (f"stable {of}", f"unstable {of}", compiled)
+    )
 
 
 def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
@@ -62,12 +66,36 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
         base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
         tolerated = last[2].delay_flown
+        times, calm = (f"lone {windy} {not uncompiled}", "time gale"), ("calm", name)
+        certificate = (f"stable {calm}", f"unstable {calm}", not uncompiled)
         assert last == (
             "mine",
             name,
-            Traits(f"peak {base}", f"delay {base}", tolerated, f"lone {windy} {not uncompiled}", "time gale"),
+            Traits(f"peak {base}", f"delay {base}", tolerated, *times, *certificate),
         )
         assert math.isnan(tolerated) if uncompiled else tolerated == f"stood {windy} 4"
+
+
+@pytest.mark.slow
+def test_controllers_are_certified_by_the_command_s_function_or_have_a_reason(diagrams):
+    lag = "vehicle.rotor_time_constant={uniform: {min: 0.035, max: 0.065}}"
+    late = load_scenario("hover", [lag, "laboratory.command_link.delay_ticks=8"])
+    found, expected = experiment.certified_scales(late), certify_hover(late)
+    assert found == (expected.stable_scale, expected.unstable.scale, "")
+    learning = load_scenario("hover", [lag], layers=[f"{diagrams}/controllers/paper.yaml:pd_t2fnn"])
+    for scenario, compiled, reason in (
+        (learning, True, "has poles at 1 in hover, as the weights of a network that learns"),
+        (load_scenario("hover"), True, "there is nothing to certify"),
+        (late, False, "cannot be compiled"),
+    ):
+        missing = experiment.certified_scales(scenario, compiled=compiled)
+        assert math.isnan(missing.stable_scale)
+        assert reason in missing.not_certified
+
+
+def test_quick_evaluations_certify_nothing(replaced_flights, diagrams):
+    *_, last = fly_family(diagrams, "outdoor", FAMILIES["outdoor"], "pd", QUICK)
+    assert last[2].not_certified == "certificates are left out in a quick test"
 
 
 def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams):

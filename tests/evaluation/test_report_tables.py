@@ -20,7 +20,13 @@ from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE
 from drake_quad.evaluation.report import CAPTIONS, machine, report_markdown, write_summary
-from drake_quad.evaluation.results import SENSITIVITY_LIMITS, Traits, laboratory_with_laps
+from drake_quad.evaluation.results import (
+    SENSITIVITY_LIMITS,
+    Traits,
+    laboratory_with_laps,
+    read_evaluation,
+    write_evaluation,
+)
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction, verdict_counts
 from drake_quad.statistics.estimates import mean_interval, proportion_interval
@@ -69,7 +75,8 @@ def test_the_committed_report_has_the_default_sizes(root):
         assert words in flowing
     assert list(SENSITIVITY_LIMITS) == sorted(SENSITIVITY_LIMITS)
     # All sizes of a quick run are smaller.
-    assert all(few < many for few, many in zip(QUICK[:-1], whole[:-1], strict=True))
+    assert all(few < many for few, many in zip(QUICK[:-2], whole[:-2], strict=True))
+    assert not QUICK.certifies
     found = evaluation()
     for place in FAMILIES["laboratory"].laboratories:
         found.flights[place] |= {"pd_t2fnn_adaptive": flights(0.1, own=3), "pd_t2fnn_map": flights(0.1, own=4)}
@@ -168,6 +175,25 @@ def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     assert f"Crash probabilities: PD + type 2 (outdoor): {proportion_interval(8, NUM_FLIGHTS).percent()}." in text
     assert text.count("Crash probabilities: ") == 1
     assert "### robustness\n\nNo controller was flown here." in text
+
+
+def test_certified_scales_are_a_column_where_a_controller_has_one(tmp_path):
+    found = evaluation()
+    found.traits["outdoor"] = {
+        "pd": Traits(2.2, 0.06, 0.09, 8e-5, 1e-6, 1.184, 1.25),
+        "indi": Traits(2.2, 0.06, 0.09, 8e-5, 1e-6, 0.5, float("inf")),
+        "pd_t2fnn": Traits(2.2, 0.06, 0.09, 8e-5, 1e-6, not_certified="it learns"),
+    }
+    write_evaluation(tmp_path, found)
+    text = report_markdown(read_evaluation(tmp_path), [], [])
+    outdoor = text.partition("### outdoor")[2].partition("### ")[0]
+    assert [row[-1].removesuffix(" |") for row in rows_of(outdoor)][2:] == [
+        "1.18 (unstable at 1.25)",
+        "0.50",
+        "not certified",
+    ]
+    assert "Not certified: PD + type 2. Reason: it learns." in outdoor
+    assert "certified scale |" not in text.partition("### laboratory")[2].partition("### ")[0]
 
 
 def test_crashes_are_listed_laboratory_by_laboratory():
@@ -272,7 +298,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     assert summary["samples"][row] == NUM_FLIGHTS
     assert summary["peak"][row] == 3.25
     assert [summary[f"effort_{axis}"][row] for axis in "xyz"] == [4.25, 5.25, 6.25]
-    assert [summary[name][row] for name in Traits._fields] == [2.2, 0.06, 0.09, 80e-6, 1e-6]
+    assert [summary[name][row] for name in Traits._fields[:5]] == [2.2, 0.06, 0.09, 80e-6, 1e-6]
     flown = [(place, name) for place in ("no wind", "low wind", "high wind") for name in found.traits["laboratory"]]
     flown += [("outdoor", name) for name in found.traits["outdoor"]]
     assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown

@@ -29,6 +29,14 @@ def test_the_loops_of_a_fleet_are_those_of_their_scenarios(resting):
     assert len(fleet.states) == loops.shape[1]
 
 
+def test_chosen_states_have_the_rows_and_columns_of_the_whole_loop(resting):
+    fleet = HoverFleet(resting, FIELDS)
+    whole = fleet(VALUES)
+    rotors = [i for i, name in enumerate(fleet.states) if "rotor_speed" in name]
+    for states in (np.array([0, rotors[1]]), np.array([1, 4])):
+        np.testing.assert_allclose(fleet(VALUES, states), whole[:, states][:, :, states], rtol=0.0, atol=1e-12)
+
+
 @pytest.mark.long
 def test_a_vehicle_that_is_too_heavy_to_hover_has_no_loop(resting):
     loops = HoverFleet(resting, ["vehicle.mass"])(np.array([[0.68], [50.0]]))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.linear.structured_singular_value import Block, mu_bound, peak_mu_bound
+from drake_quad.linear.structured_singular_value import Block, _basis, mu_bound, peak_mu_bound
 
 
 def random_matrix(seed, n):
@@ -29,6 +29,17 @@ def scalars(kinds):
 )
 def test_bounds_are_those_of_slicot(seed, kinds, value):
     assert mu_bound(random_matrix(seed, 6), scalars(kinds), tolerance=1e-5).value == pytest.approx(value, rel=2e-5)
+
+
+def test_derivatives_from_the_terms_of_a_basis_are_traces_of_products():
+    basis, M = _basis((Block(2, is_real=True), Block(2, is_real=False), Block(1, is_real=True))), random_matrix(1, 10)
+    Y = M @ M.conj().T
+    left = np.concatenate([-basis.D, 0.0 * basis.G])
+    right = np.concatenate([0.0 * basis.D, 1j * basis.G])
+    products = Y @ np.block([[left, right], [-right, -left]])
+    first, second = basis.form_terms.derivatives(Y)
+    assert first == pytest.approx(np.trace(products, axis1=1, axis2=2).real)
+    np.testing.assert_allclose(second, np.einsum("pij,qji->pq", products, products).real, rtol=1e-9, atol=1e-9)
 
 
 def test_the_bound_of_one_complex_block_is_the_largest_singular_value():

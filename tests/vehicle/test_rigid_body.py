@@ -73,3 +73,11 @@ def test_moments_of_many_samples_agree_with_single_samples():
     nearest = nearest_rigid_inertia(moments, low, high)
     for i in range(50):
         np.testing.assert_array_equal(nearest[:, i], nearest_rigid_inertia(moments[:, i], low, high))
+
+
+def test_each_sample_can_have_its_own_bounds():
+    moments = np.array([[1.0, 1.0], [1.0, 1.0], [3.0, 3.0]])
+    high = np.array([[1.1, 2.0], [1.1, 2.0], [3.0, 3.0]])
+    nearest = nearest_rigid_inertia(moments, np.zeros((3, 2)), high)
+    assert nearest[:, 0] == pytest.approx([1.1, 1.1, 2.2])
+    assert nearest[:, 1] == pytest.approx([4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0])
