@@ -486,9 +486,8 @@ class ModelFlight:
         self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
         self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
         delay_steps = model.delays(parameters) / inputs.period
-        whole_steps = np.floor(delay_steps).astype(int)
-        pairs = list(zip(whole_steps.tolist(), (delay_steps - whole_steps).tolist(), strict=True))
-        self._lags = [(*pair, [k for k in range(count) if pairs[k] == pair]) for pair in dict.fromkeys(pairs)]
+        self._lags = np.floor(delay_steps).astype(int)
+        self._fractions = (delay_steps - self._lags)[:, None, None]
         self._inputs, self._step_index = inputs, 0
         self._rotors = np.empty(NUM_ROTORS * self._size)
         self._command = np.empty((inputs.commands.shape[1], count, windows))
@@ -506,11 +505,9 @@ class ModelFlight:
 
     def _read_inputs(self) -> None:
         """Read the commands, the wind and the duration of the current step."""
-        commands, now = self._inputs.commands, self._step_index + self._inputs.margin
-        for lag, fraction, parameter_indices in self._lags:
-            self._command[:, parameter_indices] = (
-                (1.0 - fraction) * commands[now - lag] + fraction * commands[now - lag - 1]
-            )[:, None, :]
+        commands, now = self._inputs.commands, self._step_index + self._inputs.margin - self._lags
+        delayed = (1.0 - self._fractions) * commands[now] + self._fractions * commands[now - 1]
+        self._command[:] = delayed.swapaxes(0, 1)
         step = min(self._step_index, len(self._inputs.spans) - 1)
         self._span[:], self._wind[:] = self._inputs.spans[step][:, None, :], self._inputs.wind[step][:, None, :]
 

@@ -192,6 +192,8 @@ class Predictor:
         )
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
+        # A specific force is not a row of the state. `_predicted` replaces the values of row 0.
+        self._output_rows = [STATE_ROWS.get(signal, 0) + column for signal, column in outputs]
         self.rows = _estimated_rows(signals, model.frame)
         self._deviations = _INITIAL_DEVIATIONS.copy()
         if "attitude" not in signals and all(record.attitude is not None for record in records):
@@ -266,13 +268,12 @@ class Predictor:
 
     def _predicted(self, flight: ModelFlight, state: np.ndarray) -> np.ndarray:
         """Return the predicted outputs (m, K, W) for a state."""
-        signals = {signal for signal, _ in self.outputs}
-        values = {signal: state[row : row + 3] for signal, row in STATE_ROWS.items() if signal in signals}
-        if FORCE in signals:
-            values[FORCE] = flight.specific_force(state)
-        if "attitude" in signals:
-            values["attitude"] = flight.measured_attitude(state)
-        return np.stack([values[signal][column] for signal, column in self.outputs])
+        predicted = state[self._output_rows]
+        for signal, law in ((FORCE, flight.specific_force), ("attitude", flight.measured_attitude)):
+            columns = [column for name, column in self.outputs if name == signal]
+            if columns:
+                predicted[[name == signal for name, _ in self.outputs]] = law(state)[columns]
+        return predicted
 
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
         """Return the errors (m, K, W) of the predicted outputs at measurement j, measured minus predicted."""
@@ -314,9 +315,10 @@ class Predictor:
             transition = (differences[rows] / steps[:, None]).transpose(2, 0, 1)
             covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + process_noise
             disturbance = np.where(rows[:, None] >= NUM_BODY, state[rows, 0], 0.0)
-            fields.append((gain, update.whitening, transition, output, errors, disturbance))
-        stacked = (np.stack(values) for values in zip(*fields, strict=True))
-        return Gains(*stacked, initial_covariance, final_covariance, noise)
+            fields.append((gain, update.error_covariance, transition, output, errors, disturbance))
+        gain, error_covariances, *others = (np.stack(values) for values in zip(*fields, strict=True))
+        whitening = np.linalg.inv(np.linalg.cholesky(error_covariances))
+        return Gains(gain, whitening, *others, initial_covariance, final_covariance, noise)
 
     def _first_covariance(self, noise: PredictionNoise) -> np.ndarray:
         """Return the covariance (W, n, n) of the state at the first measurement."""
@@ -504,7 +506,7 @@ class _OtherNoises:
         cross = _left_product(output, self._covariances)
         shifts = self._deviations @ output.swapaxes(-1, -2)
         covariance_changes = _right_product(cross, output) + self._measured_changes
-        white = (update.whitening.swapaxes(-1, -2) @ (update.whitening @ errors)).swapaxes(-1, -2)
+        white = np.linalg.solve(update.error_covariance, errors).swapaxes(-1, -2)
         changes_of_errors = shifts + _left_product(white, covariance_changes)[:, 0]
         self._deviations += _left_product(white, cross)[:, 0] - changes_of_errors @ update.gain.swapaxes(-1, -2)
         scaled = self._ratio[:, None] * transition
@@ -559,13 +561,11 @@ class _Update(NamedTuple):
         gain: (..., n, m) gain.
         covariance: (..., n, n) covariance of the state after the update.
         error_covariance: (..., m, m) covariance of the prediction errors.
-        whitening: (..., m, m) inverse Cholesky factor of `error_covariance`.
     """
 
     gain: np.ndarray
     covariance: np.ndarray
     error_covariance: np.ndarray
-    whitening: np.ndarray
 
 
 def _update(covariance: np.ndarray, output: np.ndarray, measurement_noise: np.ndarray) -> _Update:
@@ -574,12 +574,10 @@ def _update(covariance: np.ndarray, output: np.ndarray, measurement_noise: np.nd
     Args:
         covariance: (..., n, n) covariance of the state before the update.
         output: (..., m, n) output matrix.
-        measurement_noise: (m, m) or (..., m, m) covariance of the measurement noise.
+        measurement_noise: (m, m) covariance of the measurement noise.
     """
     cross = output @ covariance
     error_covariance = cross @ output.swapaxes(-1, -2) + measurement_noise
-    whitening = np.linalg.inv(np.linalg.cholesky(error_covariance))
-    half = whitening @ cross
-    gain = half.swapaxes(-1, -2) @ whitening
-    updated = covariance - half.swapaxes(-1, -2) @ half
-    return _Update(gain, 0.5 * (updated + updated.swapaxes(-1, -2)), error_covariance, whitening)
+    gain = np.linalg.solve(error_covariance, cross).swapaxes(-1, -2)
+    updated = covariance - gain @ cross
+    return _Update(gain, 0.5 * (updated + updated.swapaxes(-1, -2)), error_covariance)
