@@ -120,13 +120,6 @@ class ModelParameters(NamedTuple):
     response: AttitudeResponse | None
 
 
-class ModelStep(NamedTuple):
-    """Body and rotors at the end of a step."""
-
-    body: State
-    rotors: RotorSpeed
-
-
 def step(
     body: State,
     rotors: RotorSpeed,
@@ -137,8 +130,8 @@ def step(
     span: Span,
     model_parameters: ModelParameters,
     frame: DisturbanceFrame,
-) -> ModelStep:
-    """Return the vehicle at the end of a step, during which inputs and disturbance are constant.
+) -> tuple[State, RotorSpeed]:
+    """Return body and rotors at the end of a step, during which inputs and disturbance are constant.
 
     Each step starts at time 0, so a payload that is dropped later is present in every step. With an attitude response,
     the body rates in the state are the rates of the angles.
@@ -170,7 +163,7 @@ def step(
         q=undisturbed.q + h * disturbance.q,
         r=undisturbed.r + h * disturbance.r,
     )
-    return ModelStep(disturbed, after.rotors)
+    return disturbed, after.rotors
 
 
 def rotors_after(
@@ -305,11 +298,6 @@ def level_vehicle(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"laboratory": laboratory})
 
 
-def level_record(record: FlightRecord) -> FlightRecord:
-    """Return the record with the attitude commands of a vehicle that stays level."""
-    return replace(record, attitude_command=np.zeros((len(record.time), 3)))
-
-
 class LogModel:
     """Model of the vehicle as a function of p parameters.
 
@@ -392,10 +380,6 @@ class LogModel:
         """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
         if self.responds:
             state = np.stack(state_of(AttitudeResponseBody(*state), small_rotation))
-        return self._turned(state)
-
-    def _turned(self, state: np.ndarray) -> np.ndarray:
-        """Return the states (12, S) of the markers' frame for states of the body."""
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state

@@ -316,9 +316,20 @@ class Predictor:
             covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + process_noise
             disturbance = np.where(rows[:, None] >= NUM_BODY, state[rows, 0], 0.0)
             fields.append((gain, update.error_covariance, transition, output, errors, disturbance))
-        gain, error_covariances, *others = (np.stack(values) for values in zip(*fields, strict=True))
-        whitening = np.linalg.inv(np.linalg.cholesky(error_covariances))
-        return Gains(gain, whitening, *others, initial_covariance, final_covariance, noise)
+        gain, error_covariances, transition, output, errors, disturbance = (
+            np.stack(values) for values in zip(*fields, strict=True)
+        )
+        return Gains(
+            gain,
+            np.linalg.inv(np.linalg.cholesky(error_covariances)),
+            transition,
+            output,
+            errors,
+            disturbance,
+            initial_covariance,
+            final_covariance,
+            noise,
+        )
 
     def _first_covariance(self, noise: PredictionNoise) -> np.ndarray:
         """Return the covariance (W, n, n) of the state at the first measurement."""
@@ -477,6 +488,10 @@ class _OtherNoises:
         self._measured_changes = (
             self._variance_changes.T[:, :, None] * np.eye(measurement_variances.shape[1])[:, None, :]
         )
+        # Indices of the sets whose measurement noise differs from that of the first set, and of the sets whose
+        # correlation times differ.
+        self._with_other_measured = np.flatnonzero(self._variance_changes.any(axis=1))
+        self._with_other_correlation_time = np.flatnonzero(self._ratio_changes.any(axis=1))
         self._covariances = np.ascontiguousarray((covariances[1:] - covariances[0]).transpose(1, 2, 0, 3))
         w, n, c, _ = self._covariances.shape
         self._deviations = np.zeros((w, c, n))
@@ -514,12 +529,11 @@ class _OtherNoises:
         self._deviations += self._ratio_changes * disturbed.swapaxes(-1, -2)
         gain = scaled @ update.gain
         closed_loop = scaled - gain @ output
-        self._covariances = (
-            _right_product(_left_product(closed_loop, self._covariances), closed_loop)
-            + _right_product(gain[:, :, None, :] * self._variance_changes, gain)
-            + self._product_changes * propagated_covariance[:, :, None, :]
-            + self._process_changes
-        )
+        changes = _right_product(_left_product(closed_loop, self._covariances), closed_loop) + self._process_changes
+        measured, memory = self._with_other_measured, self._with_other_correlation_time
+        changes[:, :, measured] += _right_product(gain[:, :, None, :] * self._variance_changes[measured], gain)
+        changes[:, :, memory] += self._product_changes[:, memory] * propagated_covariance[:, :, None, :]
+        self._covariances = changes
         return shifts.swapaxes(0, 1), covariance_changes.transpose(2, 0, 1, 3)
 
 

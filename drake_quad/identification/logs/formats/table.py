@@ -56,7 +56,7 @@ def read_table(log: LogFile, user_mapping: NamedMapping | None) -> LogContent:
     return LogContent(
         [Table("", time, columns)],
         (name, mapping),
-        (*log.remarks, *unread, *remarks),
+        (*unread, *remarks),
         tuple(each for each in names if each),
     )
 
