@@ -477,15 +477,18 @@ class ModelFlight:
         self._command = np.empty((inputs.commands.shape[1], count, windows))
         self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
         self._read_inputs()
-        span = self._span.reshape(-1)
-        model.rotors_at_rest(self._size, 0.0, self._rotors, self._rotor_command, span, self._numbers)
+        self._run(model.rotors_at_rest, self._rotors, self._rotor_command, self._span)
         for _ in range(warm_up):
-            model.rotors_after(self._size, 0.0, self._rotors, self._rotors, self._rotor_command, span, self._numbers)
+            self._run(model.rotors_after, self._rotors, self._rotors, self._rotor_command, self._span)
             self._next()
 
     @property
     def _rotor_command(self) -> np.ndarray:
-        return self._command[:NUM_ROTORS].reshape(-1)
+        return self._command[:NUM_ROTORS]
+
+    def _run(self, formula: Any, *rows: np.ndarray) -> None:
+        """Run a formula of the model, given the rows of its results, and of its inputs before the parameters."""
+        formula(self._size, 0.0, *(each.reshape(-1) for each in rows), self._numbers)
 
     def _read_inputs(self) -> None:
         """Read the commands, the wind and the duration of the current step."""
@@ -501,21 +504,25 @@ class ModelFlight:
 
     def step(self, state: np.ndarray) -> None:
         """Advance a state by one step, with a constant disturbance."""
-        body = state[:NUM_BODY].reshape(-1)
-        attitude, wind = self._command[NUM_ROTORS:].reshape(-1), self._wind.reshape(-1)
-        disturbance, span = state[NUM_BODY:].reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, attitude, wind, disturbance, span, self._numbers
-        self.model.step(self._size, 0.0, body, self._rotors, *inputs)
+        body, disturbance = state[:NUM_BODY], state[NUM_BODY:]
+        inputs = (
+            body,
+            self._rotors,
+            self._rotor_command,
+            self._command[NUM_ROTORS:],
+            self._wind,
+            disturbance,
+            self._span,
+        )
+        self._run(self.model.step, body, self._rotors, *inputs)
         self._next()
 
     def specific_force(self, state: np.ndarray) -> np.ndarray:
         """Return the specific force (3, K, W) for a state, m/s²."""
-        force = np.empty(3 * self._size)
-        body, disturbance = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
-        wind, span = self._wind.reshape(-1), self._span.reshape(-1)
-        inputs = body, self._rotors, self._rotor_command, wind, disturbance, span, self._numbers
-        self.model.specific_force(self._size, 0.0, force, *inputs)
-        return force.reshape(3, *self.shape)
+        force = np.empty((3, *self.shape))
+        inputs = state[:NUM_BODY], self._rotors, self._rotor_command, self._wind, state[NUM_BODY:], self._span
+        self._run(self.model.specific_force, force, *inputs)
+        return force
 
     def measured_attitude(self, state: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K, W) of the markers' frame for a state."""

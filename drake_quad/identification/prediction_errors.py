@@ -73,8 +73,7 @@ class PredictionNoise(NamedTuple):
     @property
     def force(self) -> np.ndarray:
         """Standard deviations (3,) of the disturbing force over mass, m/s²."""
-        force, _ = np.split(self.disturbance, 2)
-        return force
+        return self.disturbance[:3]
 
     @property
     def stationary(self) -> np.ndarray:
@@ -88,8 +87,7 @@ class PredictionNoise(NamedTuple):
     @property
     def torque(self) -> np.ndarray:
         """Standard deviations (3,) of the disturbing torque over inertia, rad/s²."""
-        _, torque = np.split(self.disturbance, 2)
-        return torque
+        return self.disturbance[3:]
 
     def mean_force(self, duration: float) -> np.ndarray:
         """Return the standard deviations (3,), m/s², of the time-averaged disturbing force over mass.
@@ -177,19 +175,14 @@ class Predictor:
         self.inputs = WindowInputs.of(records, model, windows, sizes, split=split, max_delay=max_delay)
         offsets = np.arange(-sizes.settle, sizes.length)
         self.counted = offsets >= 0
-        self.measured = np.stack(
+        measured = [
             [
-                np.stack(
-                    [
-                        records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
-                        for record, start in windows
-                    ],
-                    axis=1,
-                )
-                for signal, column in outputs
-            ],
-            axis=1,
-        )
+                records[record].of(signal)[np.minimum(start + offsets, len(records[record].time) - 1), column]
+                for record, start in windows
+            ]
+            for signal, column in outputs
+        ]
+        self.measured = np.ascontiguousarray(np.transpose(measured, (2, 0, 1)))
         signals = {signal for signal, _ in outputs}
         self._angles = np.array([signal == "attitude" for signal, _ in outputs])
         # A specific force is not a row of the state. `_predicted` replaces the values of row 0.
