@@ -73,7 +73,8 @@ class PredictionNoise(NamedTuple):
     @property
     def force(self) -> np.ndarray:
         """Standard deviations (3,) of the disturbing force over mass, m/s²."""
-        return self.disturbance[:3]
+        force, _ = np.split(self.disturbance, 2)
+        return force
 
     @property
     def stationary(self) -> np.ndarray:
@@ -87,7 +88,8 @@ class PredictionNoise(NamedTuple):
     @property
     def torque(self) -> np.ndarray:
         """Standard deviations (3,) of the disturbing torque over inertia, rad/s²."""
-        return self.disturbance[3:]
+        _, torque = np.split(self.disturbance, 2)
+        return torque
 
     def mean_force(self, duration: float) -> np.ndarray:
         """Return the standard deviations (3,), m/s², of the time-averaged disturbing force over mass.

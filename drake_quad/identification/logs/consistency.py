@@ -216,16 +216,16 @@ class _Grid:
         return self.velocity is not None and float(np.std(self.velocity, axis=0).max()) > _MIN_SPEED
 
     @cached_property
-    def acceleration(self) -> np.ndarray:
-        """Mean acceleration (w, 3) minus the acceleration of gravity, along the world axes."""
+    def expected_force(self) -> np.ndarray:
+        """Mean specific force (w, 3) along the world axes that follows from the velocity."""
         assert self.velocity is not None
         return self.rate(self.velocity, self.samples(_TRANSLATION_WINDOW)) + np.array([0.0, 0.0, GRAVITY])
 
     @cached_property
-    def acceleration_in_body(self) -> np.ndarray:
-        """`acceleration` (w, 3) along the body axes in the middle of each window."""
+    def expected_force_in_body(self) -> np.ndarray:
+        """`expected_force` (w, 3) along the body axes in the middle of each window."""
         width = self.samples(_TRANSLATION_WINDOW)
-        in_body: np.ndarray = self.rotation[self.starts(width) + width // 2].inv().apply(self.acceleration)
+        in_body: np.ndarray = self.rotation[self.starts(width) + width // 2].inv().apply(self.expected_force)
         return in_body
 
     @cached_property
@@ -240,8 +240,8 @@ _SOURCES = {
     "turn": ("attitude",),
     "tangent": ("attitude",),
     "is_moving": _MOTION_SIGNALS,
-    "acceleration": _MOTION_SIGNALS,
-    "acceleration_in_body": ("attitude", *_MOTION_SIGNALS),
+    "expected_force": _MOTION_SIGNALS,
+    "expected_force_in_body": ("attitude", *_MOTION_SIGNALS),
     "force_in_world": ("attitude", "specific_force"),
 }
 
@@ -339,17 +339,17 @@ def _attitude_and_rates(grid: _Grid) -> _Pair:
 
 
 def _horizontal_force(grid: _Grid) -> _Pair:
-    expected, measured = grid.acceleration[:, :2], grid.force_in_world[:, :2]
+    expected, measured = grid.expected_force[:, :2], grid.force_in_world[:, :2]
     return _Pair("specific_force", "the acceleration and the tilt", expected, measured, 0.2, ("x", "y"))
 
 
 def _vertical_force(grid: _Grid) -> _Pair:
-    expected, measured = grid.acceleration[:, 2:], grid.force_in_world[:, 2:]
+    expected, measured = grid.expected_force[:, 2:], grid.force_in_world[:, 2:]
     return _Pair("specific_force", "the acceleration and gravity", expected, measured, 1.0, ("z",), centred=False)
 
 
 def _force_in_body(grid: _Grid) -> _Pair:
-    expected = grid.acceleration_in_body[:, :2]
+    expected = grid.expected_force_in_body[:, :2]
     measured = grid.mean(grid.signals["specific_force"], grid.samples(_TRANSLATION_WINDOW))[:, :2]
     # The force along x and y is only the drag of the rotors, which is smaller than the error of the tilt. Expected and
     # measured values therefore often differ in correct logs, but never have opposite signs.
@@ -368,7 +368,7 @@ def _size_of_force(grid: _Grid) -> _Pair:
 
 def _tilt(grid: _Grid) -> _Pair:
     """Return the pair that compares the horizontal acceleration with the one that a thrust along body z would cause."""
-    expected, measured = grid.acceleration[:, :2], grid.tangent * np.maximum(grid.acceleration[:, 2:], 0.0)
+    expected, measured = grid.expected_force[:, :2], grid.tangent * np.maximum(grid.expected_force[:, 2:], 0.0)
     return _Pair("attitude", "the horizontal acceleration", expected, measured, 0.2, ("x", "y"), is_exact=False)
 
 
